@@ -91,9 +91,3 @@ def test_products_are_in_the_chosen_precision(precision, dtype):
 def test_frames_fit_a_card_that_has_twice_their_bytes_free(machine):
     machine(cuda=True, free=200)
     assert [Compute(CUDA, "float32").fits(size) for size in (99, 100, 101)] == [True, True, False]
-
-
-def test_frames_are_in_float32_in_channels_last_order():
-    batch = Compute(CPU, "bfloat16").frames(torch.arange(24.0).view(2, 3, 4))
-    assert batch.dtype == torch.float32 and batch.is_contiguous(memory_format=torch.channels_last)
-    assert batch[1, 0].tolist() == torch.arange(12.0, 24.0).view(3, 4).tolist() and batch.shape == (2, 1, 3, 4)

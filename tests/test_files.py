@@ -113,14 +113,6 @@ def test_only_a_file_is_replaced_by_a_file_and_a_folder_by_a_folder(tmp_path, wr
     assert sorted(file.name for file in tmp_path.iterdir()) == ["file", "folder", "link", "pipe"]
 
 
-def test_files_of_the_user_are_never_in_the_way(tmp_path):
-    for name in ("runs.part", "runs.old", "runs.csv"):
-        (tmp_path / name).mkdir()
-    with atomic_write(tmp_path / "runs", folder=True) as part:
-        (part / "a").write_text("1")
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["runs", "runs.csv", "runs.old", "runs.part"]
-
-
 @pytest.mark.parametrize("old, kept", [("", False), ("<p>old", False), ("<", True), ("PK", True)], ids=repr)
 def test_a_file_of_another_kind_is_not_replaced(tmp_path, old, kept):
     (path := tmp_path / "page.html").write_text(old)

@@ -24,15 +24,6 @@ def test_the_grouped_mean_by_hand():
     torch.testing.assert_close(grouped_mean(features, scores, 1), features.mean(dim=1))
 
 
-def test_the_scores_gradient_is_that_of_the_groups_weights():
-    scores = torch.tensor([[0.2, 0.4, 0.9]], dtype=torch.float64, requires_grad=True)
-    features = torch.tensor([[[1.0], [3], [5]]], dtype=torch.float64)
-    grouped_mean(features, scores, 2).sum().backward()
-    # (2a + 5b) / (a + b) with a = (s1 + s2) / 2 = 0.3 and b = s3 = 0.9: slopes -3b / (a + b)² and 3a / (a + b)²
-    expected = [[-1.35 / 1.44, -1.35 / 1.44, 0.9 / 1.44]]
-    torch.testing.assert_close(scores.grad, torch.tensor(expected, dtype=torch.float64))
-
-
 def test_gvcnn_scores_the_maps_and_averages_them_by_hand():
     system = only_leaky(head_of(GVCNN, places=LINE[:2], features=(1, 1, 2), classes=1))
     fill(system.score.weight, [1, -1])

@@ -27,13 +27,13 @@ def same_partition(one, other):
     return np.array_equal(one[:, None] == one, other[:, None] == other)
 
 
-@given(st.lists(st.tuples(*(st.integers(0, most) for most in (2, 1, 2, 2, 2))), min_size=1, max_size=30))
+@given(st.lists(st.tuples(*(st.integers(0, most) for most in (2, 1, 2, 2))), min_size=1, max_size=30))
 @settings(max_examples=25, deadline=None)
 def test_pools_are_those_of_a_loop(frames):
     columns = np.array(frames).T
-    of_frames = SimpleNamespace(**dict(zip(("side", "label", "recording", "group", "grasp"), columns, strict=True)))
+    of_frames = SimpleNamespace(**dict(zip(("side", "label", "recording", "group"), columns, strict=True)))
     index = np.arange(len(frames))[::2]
-    for scope, length in (("object", 2), ("recording", 4), ("grasp", 5)):
+    for scope, length in (("object", 2), ("recording", 4)):
         keys = [frames[i][:length] for i in index]
         numbers = {key: number for number, key in enumerate(sorted(set(keys)))}
         assert pool_ids(of_frames, index, scope).tolist() == [numbers[key] for key in keys]
