@@ -29,12 +29,3 @@ def torch_generator(seed: int, purpose: str, device: "torch.device | str" = "cpu
     import torch
 
     return torch.Generator(device).manual_seed(torch_seed(seed, purpose))
-
-
-def by_turns(label: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Indices (n,) of labels (n,), cycling through the classes, at random within each class."""
-    order = rng.permutation(len(label))
-    turn = np.empty(len(label), dtype=np.int64)
-    for one in np.unique(label):
-        turn[order[label[order] == one]] = np.arange((label == one).sum())
-    return order[np.argsort(turn[order], kind="stable")]

@@ -2,9 +2,7 @@
 
 from itertools import combinations
 
-import numpy as np
-
-from tactile_viewgcn.randomness import by_turns, stream, torch_seed
+from tactile_viewgcn.randomness import stream, torch_seed
 
 
 def test_a_stream_repeats_and_no_two_are_alike():
@@ -18,13 +16,3 @@ def test_a_stream_repeats_and_no_two_are_alike():
 def test_torch_s_seeds_differ_by_purpose_and_seed():
     seeds = {torch_seed(seed, purpose) for seed in range(3) for purpose in ("order", "noise", "weights")}
     assert len(seeds) == 9 and all(0 <= seed < 2**63 for seed in seeds)
-
-
-def test_classes_take_turns():
-    order = by_turns(np.array([0, 0, 0, 0, 1, 1, 2]), np.random.default_rng(0))
-    assert sorted(order.tolist()) == list(range(7))
-    assert [sorted(part) for part in np.split(np.array([0, 0, 0, 0, 1, 1, 2])[order], [3, 5])] == [
-        [0, 1, 2],
-        [0, 1],
-        [0, 0],
-    ]

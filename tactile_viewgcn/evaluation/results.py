@@ -115,9 +115,9 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
     """The number of tests, the error in per cent under each protocol with its interval, and the costs."""
     latency, ((side, groups),) = timing["latency_ms"], metrics["groups"].items()
     lines = [
-        f"evaluate: {several(metrics['frames'][side], 'view set')} of {metrics['views']}, "
+        f"evaluate on the {side} side: {several(metrics['frames'][side], 'view set')} of {metrics['views']}, "
         f"{several(metrics['classes'], 'class', 'classes')}, {several(metrics['trials'], 'trial')}, "
-        f"{several(groups, 'group')}" + (" of the validation side" if side == "validation" else "")
+        f"{several(groups, 'group')}"
     ]
     for protocol in PROTOCOLS:
         score = metrics[protocol]

@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recognition.calibration import recording_answer
+from tactile_viewgcn.recognition.calibration import recording_answers
 from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.frames import SIDES, Frames
 from tactile_viewgcn.views.clustering import cluster_pools, pool_ids, pool_scores
@@ -99,12 +99,3 @@ def run_trials(
     best = np.stack(top)  # (T, A, 3)
     of_fewer, right = {size: np.stack(correct) for size, correct in fewer.items()}, best == truth[:, None]
     return Trials(best[..., 0], right[..., 0], right.any(axis=-1), of_fewer, frames, whole)
-
-
-def recording_answers(classifier: Classifier, temperature: float | None, values: Any, pool: np.ndarray) -> np.ndarray:
-    """Logarithms of the class probabilities (P, classes) of each recording; its frames have its number in `pool`."""
-
-    def answer(frames: np.ndarray) -> np.ndarray:
-        return recording_answer(classifier, temperature, lambda index: values[frames[index]], len(frames))[0]
-
-    return np.stack([answer(np.flatnonzero(pool == number)) for number in range(pool.max() + 1)])

@@ -40,6 +40,19 @@ def recording_answer(
     return log_softmax(logits.astype(np.float64) / (temperature or 1)), len(np.unique(index))
 
 
+def recording_answers(classifier: Classifier, temperature: float | None, values: Any, pool: np.ndarray) -> np.ndarray:
+    """The `recording_answer` (P, classes) to each recording, by the values (n, ...) of all frames.
+
+    Args:
+        pool: (n,) recording of each frame, 0 to P - 1.
+    """
+
+    def answer(frames: np.ndarray) -> np.ndarray:
+        return recording_answer(classifier, temperature, lambda index: values[frames[index]], len(frames))[0]
+
+    return np.stack([answer(np.flatnonzero(pool == number)) for number in range(pool.max() + 1)])
+
+
 def fit_temperature(logits: np.ndarray, labels: np.ndarray, recordings: int) -> float:
     """Temperature whose softmax(logits / temperature) fits labels (n,) best, logits (n, Y), at least two classes.
 
@@ -65,12 +78,11 @@ def network_temperature(network: ViewNetwork, table: Frames, compute: Compute) -
     """The temperature of a network by its answers to the recordings of the table's validation side."""
     index = table.on(VALIDATION)
     columns = np.stack([table.label[index], table.recording[index], table.group[index]])
-    recording = np.unique(columns, axis=1, return_inverse=True)[1].ravel()
-    members = [np.flatnonzero(recording == number) for number in range(recording.max() + 1)]
-    sets = np.stack([frames[network.frames_of(len(frames))] for frames in members])
+    recordings, recording = np.unique(columns, axis=1, return_inverse=True)
     network.prepare(compute)
-    logits = network.view_sets(network.frame_values(Gathered(table.inputs, index)), sets)
-    return fit_temperature(logits, table.label[index[sets[:, 0]]].astype(np.int64), len(members))
+    values = network.frame_values(Gathered(table.inputs, index))
+    answers = recording_answers(network, None, values, recording.ravel())
+    return fit_temperature(answers, recordings[0].astype(np.int64), len(answers))
 
 
 def calibration_warning(temperature: float | None, groups: str, remedy: str) -> list[Note]:

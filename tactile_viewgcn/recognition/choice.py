@@ -50,19 +50,15 @@ class LeftOut:
     def _of_recordings(self, member: str) -> np.ndarray:
         """Probabilities (R, classes), means over a recording's points; 0 of recordings that were never left out."""
         if member not in self._shares:
-            examples, (points, recording), begin = (
-                self.examples,
-                self.examples.of_recordings(member),
-                time.perf_counter(),
-            )
+            examples, (points, recording) = self.examples, self.examples.of_recordings(member)
+            begin = time.perf_counter()
             shares, label = np.zeros((len(points), examples.classes), dtype=np.float32), examples.labels[recording]
             for rows in (left[recording] for left in self._folds):
                 estimator = examples.representation.estimator(member, quick=True)
                 estimator.fit(points[~rows], label[~rows], self._seed)
                 shares[rows] = probabilities(estimator, points[rows], examples.classes)
-            self._shares[member] = np.stack(
-                [shares[recording == each].mean(axis=0) for each in range(len(self.groups))]
-            )
+            means = [shares[recording == each].mean(axis=0) for each in range(len(self.groups))]
+            self._shares[member] = np.stack(means)
             self.seconds[member] = time.perf_counter() - begin
         return self._shares[member]
 
@@ -109,11 +105,8 @@ def standard_error(row: Candidate, best: Candidate) -> float:
     return float(more.std(ddof=1) / len(more) ** 0.5) if len(more) > 1 else 0.0
 
 
-def choose_members(left: LeftOut, candidates: list[list[str]], groups: int) -> tuple[list[str], list[Note]]:
+def choose_members(left: LeftOut, candidates: list[list[str]]) -> tuple[list[str], list[Note]]:
     """Compare the candidates, up to the first that errs nowhere.
-
-    Args:
-        groups: number of all training groups.
 
     Returns:
         The chosen members, and notes: the choice, then each candidate, the chosen one first and the others by their
@@ -132,7 +125,7 @@ def choose_members(left: LeftOut, candidates: list[list[str]], groups: int) -> t
     best, lowest = choose(rows), min(rows, key=lambda row: row.wrong.mean())
     text = (
         f"of {several(len(rows), 'candidate')} the first whose error is within a standard error of the lowest, on "
-        f"{len(best.wrong):,} of {groups:,} training groups, each left out of the fits that answer it"
+        f"{several(len(best.wrong), 'training group')}, each left out of the fits that answer it"
     )
     notes = [Note(text, "choice", "recogniser", key, best.members)]
     for row in sorted(rows, key=lambda row: (row is not best, row.wrong.mean())):

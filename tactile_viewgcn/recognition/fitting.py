@@ -13,7 +13,6 @@ from torch import Tensor
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import Member, Model, Params, on_sensors
-from tactile_viewgcn.randomness import by_turns, stream
 from tactile_viewgcn.recognition.calibration import calibration_warning, network_temperature
 from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, LeftOut, choose_members
 from tactile_viewgcn.sensors.convolutions import SAMPLE
@@ -28,9 +27,7 @@ from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.loop import OnEpoch, Progress
 from tactile_viewgcn.views.sampling import powers_of_two
 
-MOST_RECORDINGS = 4000  # of a fit on the sensors
 SCALE_FRAMES = 20_000  # by which readings are scaled
-THINNING_SEED = 0  # so that the same recordings are taken for every value of `seed`
 
 
 class Fitted(NamedTuple):
@@ -73,12 +70,11 @@ def _fit_sensors(table: Frames, viewpoints: np.ndarray, params: Params) -> Fitte
     candidates: list[list[str]] = auto if asked == "auto" else [[*asked]]
     views = len(viewpoints)
     sizes = powers_of_two(views) if params.finetune.num_views == "random" else (views,)
-    recordings = thinned(training_recordings(table), table.label, MOST_RECORDINGS)
-    groups = table.group[first_frames(recordings)]
+    recordings = training_recordings(table)
     examples = examples_of(table, recordings, chain(*candidates), sizes, seed)
-    left, members = LeftOut(examples, groups, seed), candidates[0]
+    left, members = LeftOut(examples, table.group[first_frames(recordings)], seed), candidates[0]
     if asked == "auto":
-        members, notes = choose_members(left, candidates, len(np.unique(groups)))
+        members, notes = choose_members(left, candidates)
     temperature = left.temperature(members)
     model = replace(params.model, members=cast(list[Member], members))
     classifier = load_system(model.system).SensorClassifier(members, viewpoints, len(table.classes))
@@ -101,14 +97,6 @@ def training_recordings(table: Frames) -> list[np.ndarray]:
 def first_frames(recordings: list[np.ndarray]) -> np.ndarray:
     """(R,) the first of each recording's frames, which has its label and its group."""
     return np.array([index[0] for index in recordings])
-
-
-def thinned(recordings: list[np.ndarray], label: np.ndarray, most: int) -> list[np.ndarray]:
-    """At most that many of the recordings, drawn at random, in turn from every class by `label` (n,) of the frames."""
-    if len(recordings) <= most:
-        return recordings
-    order = by_turns(label[first_frames(recordings)].astype(np.int64), stream(THINNING_SEED, "thinned"))
-    return [recordings[number] for number in np.sort(order[:most])]
 
 
 def examples_of(

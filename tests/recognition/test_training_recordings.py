@@ -1,10 +1,10 @@
-"""The training recordings that systems on the sensors are fitted to: one of each object, and fewer of very many."""
+"""The training recordings that systems on the sensors are fitted to: one of each object."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from tactile_viewgcn.recognition.fitting import examples_of, first_frames, thinned, training_recordings
+from tactile_viewgcn.recognition.fitting import examples_of, training_recordings
 from tactile_viewgcn.sensors import features
 from tactile_viewgcn.tables.frames import TRAIN
 from tests.glove_data import table
@@ -18,14 +18,6 @@ def test_a_recording_has_its_frames_in_order_and_one_object_and_split_group():
     for index in recordings:
         assert (np.diff(index) == 1).all() and len(index) == 6
         assert all(len(set(column[index])) == 1 for column in (split.recording, split.label, split.group))
-
-
-def test_of_too_many_recordings_some_of_every_class_are_taken():
-    labels = np.r_[np.zeros(90, int), np.ones(9, int), 2]
-    many = [np.array([each]) for each in range(100)]
-    few = first_frames(thinned(many, labels, 12))
-    assert np.bincount(labels[few]).tolist() == [6, 5, 1] and (np.diff(few) > 0).all()
-    assert thinned(many, labels, 100) is many
 
 
 def test_of_a_long_recording_every_second_or_further_frame_is_taken(monkeypatch):
