@@ -171,7 +171,7 @@ def _named(file: Path, arrays: Any, large: list[str], form: Form) -> dict[str, A
         names["pressure"] = large[0]
     if missing := [name for name in names.values() if name not in arrays]:
         raise no_array(missing[0], large, str(file))
-    values = {kind: np.asarray(arrays[name][:]) for kind, name in names.items()}
+    values = {kind: np.asarray(arrays[name]) for kind, name in names.items()}
     return {kind: array.ravel() if kind == "time" else array for kind, array in values.items()}
 
 

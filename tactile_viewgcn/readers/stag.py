@@ -6,7 +6,6 @@ Nature 569, 698-702 (2019). All indices are zero-based, per-frame fields are col
 arrays (1, K).
 """
 
-import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from tactile_viewgcn.messages import UserError, several
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.hdf5 import dataset, kind_of, open_hdf5
 from tactile_viewgcn.readers.source import (
@@ -113,36 +112,26 @@ def _values(fields: dict[str, Any], columns: Mapping[str, str], required: Sequen
     values, frames = {"pressure": fields["pressure"]}, fields["pressure"].shape[0]
     for name, column in columns.items():
         if name in fields:
-            if (size := math.prod(fields[name].shape)) != frames:
+            values[column] = np.ravel(fields[name])
+            if len(values[column]) != frames:
                 raise UserError(
-                    f"{path}: {name} has {several(size, 'value')} for {several(frames, 'frame')}; expected one for each"
+                    f"{path}: {name} has {len(values[column])} values; expected {frames}, one for each frame"
                 )
-            values[column] = np.ravel(fields[name][:])
     return values
-
-
-class _Reversed:
-    """A dataset of MATLAB 7.3 with MATLAB's axes, read when it is sliced by the first."""
-
-    def __init__(self, values: h5py.Dataset):
-        self._values, self.dtype, self.shape = values, values.dtype, values.shape[::-1]
-
-    def __getitem__(self, at: slice) -> np.ndarray:
-        return self._values[..., at].T
 
 
 def matlab_fields(path: Path, names: Collection[str] = ()) -> dict[str, Any]:
     """Those of the named fields that a MAT-file has: numbers with MATLAB's axes; a cell array as a list of its texts.
 
-    Without names all fields of numbers. A file of MATLAB 5 is read whole; numbers of MATLAB 7.3 when they are sliced.
+    Without names all fields of numbers.
 
     Raises:
         UserError: a named field is neither, or its values lie outside the file.
     """
     if h5py.is_hdf5(path):
-        file = open_hdf5(path)  # the fields keep it open
-        names = names or [name for name in file if _is_numbers(file.get(name))]
-        return {name: _of_hdf5(file, name) for name in file if name in names}
+        with open_hdf5(path) as file:
+            names = names or [name for name in file if _is_numbers(file.get(name))]
+            return {name: _of_hdf5(file, name) for name in file if name in names}
     from scipy import io  # here, since it loads slowly
 
     fields = io.loadmat(path, variable_names=names or None)
@@ -171,7 +160,7 @@ def _of_hdf5(file: h5py.File, name: str) -> Any:
     """Numbers, or the texts of a cell array, which holds references to arrays of character codes."""
     values = dataset(file, name, "numbers", "references")
     if kind_of(values.dtype) == "numbers":
-        return _Reversed(values)
+        return values[()].T
     texts = []
     for reference in values[()].ravel():
         codes = dataset(file, reference, "numbers")
