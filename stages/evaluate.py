@@ -19,7 +19,8 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
     metrics, predictions = evaluation.metrics, evaluation.predictions
     write_predictions(out / "predictions.npz", predictions)
     if "ingest" in records:
-        row.dataset(*results.dataset(records["ingest"]))
+        source = records["ingest"].inputs["source"]
+        row.dataset(source["path"], source["md5"][:8])
     for path in after:
         job.md5(path.stem)  # `report` sees by it that a stage ran again
     tags, constants = results.row_tags_and_parameters(metrics, records)

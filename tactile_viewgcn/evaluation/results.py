@@ -13,7 +13,6 @@ from tactile_viewgcn.messages import several, write_csv
 from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.schema import flatten
 
-DIGEST = 8  # of an md5's digits, as many as MLflow has in a digest
 Records = dict[str, Record]  # of the earlier stages, by stage
 
 
@@ -103,12 +102,6 @@ def row_tags_and_parameters(metrics: dict[str, Any], records: Records) -> tuple[
     tags |= {name: str(value) for name, value in counts.items() if name.startswith("resolved.")}
     weights = {name: value for name, value in counts.items() if name.startswith("weights.")}
     return tags, flatten({name: metrics[name] for name in ("classes", "frames", "groups")}) | weights
-
-
-def dataset(ingest: Record) -> tuple[str, str]:
-    """Path and digest of the recordings."""
-    source = ingest.inputs["source"]
-    return source["path"], source["md5"][:DIGEST]
 
 
 def summary_lines(metrics: dict, timing: dict) -> list[str]:

@@ -5,7 +5,6 @@ all that is fitted to labels.
 """
 
 import time
-from typing import NamedTuple
 
 import numpy as np
 
@@ -79,30 +78,18 @@ class LeftOut:
         return fit_temperature(self.logits(members), self.examples.labels[self.answered], int(self.answered.sum()))
 
 
-class Candidate(NamedTuple):
-    """A candidate and its errors on groups that it was not fitted to.
+def choose(wrong: list[np.ndarray]) -> tuple[int, list[float]]:
+    """The first candidate whose error exceeds the lowest by at most one standard error of the difference.
 
-    Attributes:
-        members: a value of `model.members`.
-        wrong: (G,) share of wrong answers to the recordings of each group.
-        seconds: of all its fits.
+    Args:
+        wrong: of each candidate, the share of wrong answers (G,) to the recordings of each group.
+
+    Returns:
+        Its number, and the standard error of each candidate, over groups; 0 of one group.
     """
-
-    members: list[str]
-    wrong: np.ndarray
-    seconds: float
-
-
-def choose(rows: list[Candidate]) -> Candidate:
-    """The first row whose error exceeds the lowest by at most one standard error of the difference over groups."""
-    best = min(rows, key=lambda row: row.wrong.mean())
-    return next(row for row in rows if (row.wrong - best.wrong).mean() <= standard_error(row, best))
-
-
-def standard_error(row: Candidate, best: Candidate) -> float:
-    """The standard error of the difference between two candidates' errors, over groups; 0 of one group."""
-    more = row.wrong - best.wrong
-    return float(more.std(ddof=1) / len(more) ** 0.5) if len(more) > 1 else 0.0
+    more = [each - min(wrong, key=np.mean) for each in wrong]
+    above = [float(each.std(ddof=1) / len(each) ** 0.5) if len(each) > 1 else 0.0 for each in more]
+    return next(number for number, each in enumerate(more) if each.mean() <= above[number]), above
 
 
 def choose_members(left: LeftOut, candidates: list[list[str]]) -> tuple[list[str], list[Note]]:
@@ -117,21 +104,20 @@ def choose_members(left: LeftOut, candidates: list[list[str]]) -> tuple[list[str
     if not left.answered.any():
         text = "no object has two groups to train on, so that none can be left out: taken without a comparison"
         return candidates[0], [Note(text, "choice", "recogniser", key, candidates[0])]
-    rows = list[Candidate]()
+    wrong = list[np.ndarray]()
     for members in candidates:
-        if rows and not rows[-1].wrong.any():
-            break
-        rows.append(Candidate(members, left.wrong(members), sum(left.seconds[name] for name in members)))
-    best, lowest = choose(rows), min(rows, key=lambda row: row.wrong.mean())
+        if not wrong or wrong[-1].any():
+            wrong.append(left.wrong(members))
+    taken, above = choose(wrong)
     text = (
-        f"of {several(len(rows), 'candidate')} the first whose error is within a standard error of the lowest, on "
-        f"{several(len(best.wrong), 'training group')}, each left out of the fits that answer it"
+        f"of {several(len(wrong), 'candidate')} the first whose error is within a standard error of the lowest, on "
+        f"{several(len(wrong[0]), 'training group')}, each left out of the fits that answer it"
     )
-    notes = [Note(text, "choice", "recogniser", key, best.members)]
-    for row in sorted(rows, key=lambda row: (row is not best, row.wrong.mean())):
-        error, above = float(row.wrong.mean()), standard_error(row, lowest)
-        value = {"members": row.members, "error": error, "standard_error": above, "taken": row is best}
-        value |= {"seconds": row.seconds}
-        text = f"{' + '.join(row.members)}: {100 * error:.1f} % of whole recordings wrong, {row.seconds:.1f} s of fits"
-        notes.append(Note(text, topic="candidates", key=key, value=value))
-    return best.members, notes
+    notes = [Note(text, "choice", "recogniser", key, candidates[taken])]
+    for number in sorted(range(len(wrong)), key=lambda number: (number != taken, wrong[number].mean())):
+        members, error = candidates[number], float(wrong[number].mean())
+        seconds = sum(left.seconds[name] for name in members)
+        text = f"{' + '.join(members)}: {100 * error:.1f} % of whole recordings wrong, {seconds:.1f} s of fits"
+        value = {"members": members, "taken": number == taken, "error": error, "standard_error": above[number]}
+        notes.append(Note(text, topic="candidates", key=key, value=value | {"seconds": seconds}))
+    return candidates[taken], notes

@@ -8,7 +8,6 @@ from tactile_viewgcn.sensors.representation import OF_FRAMES, Representation
 
 SETS, MOST_SETS = 4, 300  # view sets of a size: of each recording, and about as many in all; at least one of each
 MOST_FRAMES, LEAST_FRAMES = 2000, 8  # of which view sets are drawn and single frames are taken; of a recording
-MOST_VALUES = 1 << 22  # readings that are summarised at once
 
 
 class Examples:
@@ -72,6 +71,4 @@ class Examples:
     def of_sets(self, size: int) -> tuple[np.ndarray, np.ndarray]:
         """Points (M, F) that `svm` and `pooled_kernel` read of view sets, and the recording (M,) of each."""
         sets = self.sets[size]
-        parts = np.array_split(sets, -(-sets.size * self.frames.shape[1] // MOST_VALUES))
-        points = np.concatenate([self.representation.of_sets(self.frames[part]) for part in parts])
-        return points, self.frame_recording[sets[:, 0]]
+        return self.representation.of_sets(self.frames[sets]), self.frame_recording[sets[:, 0]]

@@ -11,7 +11,6 @@ from tactile_viewgcn.evaluation.evaluate import Evaluation, scores_of
 from tactile_viewgcn.evaluation.predictions import Predictions
 from tactile_viewgcn.evaluation.results import (
     costs,
-    dataset,
     read_records,
     row_metrics,
     row_tags_and_parameters,
@@ -65,12 +64,6 @@ def rows(path):
         return list(csv.reader(file))
 
 
-def test_costs_name_each_stage_and_the_hungriest_one_s_memory(evaluation, timing):
-    assert timing["seconds"] == {"pretrain": 12.346, "finetune": 1234.5, "evaluate": 50.0, "total": 1296.846}
-    assert (timing["latency_ms"], timing["peak_mb"]) == (LATENCY, 1300.5)
-    assert costs(evaluation, RECORDS, 50.0, 2000.04)["peak_mb"] == 2000.0
-
-
 @pytest.mark.parametrize("content", ["", '{"stage": "ingest", "seconds": 1}', "[]"])
 def test_records_are_read_by_stage_and_a_damaged_one_is_named(tmp_path, content):
     (tmp_path / "any.json").write_text(RECORD.text)
@@ -118,20 +111,17 @@ def test_the_lines_and_tags_have_errors_with_their_intervals_and_what_auto_chose
     assert not parameters.keys() & row_metrics(metrics, timing).keys()
 
 
-def test_the_row_has_errors_and_costs_as_metrics(evaluation, timing):
+def test_the_row_has_errors_and_costs_of_each_stage_and_the_memory_of_the_hungriest(evaluation, timing):
     errors = {"error.object": 3 / 8, "error.recording": 5 / 8}
     errors |= {"top3_error.object": 1 / 8, "top3_error.recording": 1 / 8}
-    seconds = {f"seconds.{name}": value for name, value in timing["seconds"].items()}
-    expected = errors | seconds | {"ms_per_answer": 1.5, "peak_mb": 1300.5}
+    seconds = {"pretrain": 12.346, "finetune": 1234.5, "evaluate": 50.0, "total": 1296.846}
+    expected = errors | {f"seconds.{name}": value for name, value in seconds.items()}
+    expected |= {"ms_per_answer": 1.5, "peak_mb": 1300.5}
     assert row_metrics(evaluation.metrics, timing) == pytest.approx(expected)
+    assert costs(evaluation, RECORDS, 50.0, 2000.04)["peak_mb"] == 2000.0
 
 
 def test_three_classes_have_no_error_of_the_first_three():
     correct = np.ones((2, 4), dtype=bool)
     scores = [scores_of(Trials(correct, correct, correct), LABELS, np.random.default_rng(0), n) for n in (3, 4)]
     assert ["top3_error" in score for score in scores] == [False, True]
-
-
-def test_the_dataset_is_the_source_that_ingest_read():
-    source = {"path": "data/stag", "md5": "0123456789abcdef"}
-    assert dataset(replace(RECORD, inputs={"source": source})) == ("data/stag", "01234567")
