@@ -55,7 +55,7 @@ MATLAB = {  # changes of a metadata.mat, and words of the line
     "split of other names": ({"splits": np.array([["train", "unseen"]], dtype=object)}, "train, unseen"),
     "short column": (
         {"hasValidLabel": TREE["hasValidLabel"][:-1]},
-        "hasValidLabel has 7 values; expected one for each of 8",
+        "hasValidLabel has 7 values; expected 8",
     ),
     "numbers as names": ({"objects": np.arange(3)}, "objects: "),
     "names as numbers": ({"objectId": TREE["objects"]}, "objectId"),
