@@ -114,19 +114,6 @@ def test_values_that_do_not_go_together_are_refused(changes, keys):
     assert ";" in refusal(*changes, "split.folds=2", "split.fold=2")  # every conflict at once
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        ("split.folds=4", "split.fold=3"),
-        ("viewpoints=circle", "views=7"),
-        ("model.system=sensors", "split.validation=0.5", "evaluate.side=validation"),
-    ],
-)
-def test_values_that_go_together_are_allowed(changes):
-    values = flatten(params(*changes))
-    assert all(str(values[key]) == value for key, value in (change.split("=") for change in changes))
-
-
 @pytest.mark.parametrize("system", get_args(System))
 def test_fewer_views_go_with_the_systems_that_take_them(system):
     changes = ("finetune.num_views=random", f"model.system={system}")

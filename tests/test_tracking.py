@@ -14,7 +14,7 @@ from filelock import FileLock
 
 from tactile_viewgcn import tracking
 from tactile_viewgcn.messages import UserError
-from tests.mlflow_stores import fresh_store, runs_of, server
+from tests.mlflow_stores import fresh_store, runs_of
 
 ROOT = Path(__file__).parents[1]
 pytestmark = pytest.mark.filterwarnings("default")  # MLflow's own
@@ -81,21 +81,6 @@ def test_a_store_that_does_not_open_costs_the_run_and_one_line_without_its_passw
         assert uri.rpartition("@")[2].partition(":")[2] in line
         assert not [part for part in ("me:", "sec", "ret@") if part in line]
     assert warned.startswith("warning: MLflow store ") and "\n" not in warned and len(warned) < 500
-
-
-def test_a_server_gets_the_user_and_password_of_its_address_which_nothing_prints(store, monkeypatch, capsys):
-    with server("me@lab", "sec ret/") as (host, answered):
-        monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://me%40lab:sec%20ret%2F@{host}")
-        with tracking.stage_run("ingest") as run:
-            run.log("log_metrics", {"seconds": 26})
-            run.log("log_artifact", str(ROOT / "LICENSE"))
-        assert b"lifecycle_stage" in tracking.read_artifact(run.id, "evaluate.json")
-        monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://me:sec%20ret@{host}")
-        with pytest.raises(UserError, match=f"http://{host}: ") as error:
-            tracking.read_artifact(run.id, "evaluate.json")
-    assert {"/runs/create", "/runs/log-batch", "-artifacts/artifacts/1/LICENSE", "/runs/update"} <= set(answered)
-    printed = "".join([*traceback.format_exception(error.value), *capsys.readouterr()])
-    assert "sec" not in printed.replace("seconds", "")
 
 
 @pytest.mark.parametrize("silent", [True, False], ids=["a server that never answers", "a closed port"])
