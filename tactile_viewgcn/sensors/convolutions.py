@@ -35,10 +35,6 @@ class Convolutions(Arrays):
         biases: (D, N, B).
     """
 
-    dilations: np.ndarray
-    channels: np.ndarray
-    biases: np.ndarray
-
     def __init__(self, *, zeros: bool):
         self._zeros = zeros
 

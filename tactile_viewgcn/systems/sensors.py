@@ -3,7 +3,7 @@
 It reads counts above baseline as arrays, and answers whole recordings and view sets.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -99,9 +99,7 @@ class SensorClassifier:
         fitted = self.sets[max((size for size in self.sets if size <= count), default=min(self.sets))]
         step = max(1, MAX_SET_VALUES // (count * values.shape[1]))
         batches = (values[sets[start : start + step]] for start in range(0, len(sets), step))
-        members, of_sets = for_sets(self.members), self.representation.of_sets
-        answers = [self._logits(batch, members, fitted, lambda _, readings: of_sets(readings)) for batch in batches]
-        return np.concatenate(answers)
+        return np.concatenate([self._logits(batch, fitted, whole=False) for batch in batches])
 
     def frames_of(self, count: int) -> np.ndarray:
         """The frames that are read of a recording of that many, rising indices."""
@@ -111,22 +109,18 @@ class SensorClassifier:
         """Logits (classes,) of a recording from the values (T, ...) of its frames in the order of time."""
         if len(values) < self.short:
             return self.view_sets(values, np.arange(len(values))[None])[0]
-        return self._logits(values[None], self.members, self.whole, self.representation.of_recordings)[0]
+        return self._logits(values[None], self.whole, whole=True)[0]
 
-    def _logits(
-        self,
-        values: np.ndarray,
-        members: list[str],
-        fitted: dict[str, Estimator],
-        points_of: Callable[[str, np.ndarray], np.ndarray],
-    ) -> np.ndarray:
-        """Logits (B, classes) of values (B, k, ...), by the estimators of points that a member reads of readings."""
-        shares, sensors = [], len(self.representation.centre)
-        for name in members:
+    def _logits(self, values: np.ndarray, fitted: dict[str, Estimator], *, whole: bool) -> np.ndarray:
+        """Logits (B, classes) of whole recordings or view sets, by the values (B, k, ...) of their frames."""
+        read, sensors, shares = self.representation, len(self.representation.centre), []
+        for name in self.members if whole else for_sets(self.members):
+            readings, of_frames = values[..., :sensors], values[..., sensors:]
             if name == OF_FRAMES:
-                shares.append(values[..., sensors:].mean(axis=1))
+                shares.append(of_frames.mean(axis=1))
             else:
-                shares.append(probabilities(fitted[name], points_of(name, values[..., :sensors]), self.classes))
+                points = read.of_recordings(name, readings) if whole else read.of_sets(readings)
+                shares.append(probabilities(fitted[name], points, self.classes))
         return added(shares)
 
     def state_dict(self) -> dict[str, Any]:

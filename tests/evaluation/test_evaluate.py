@@ -79,10 +79,8 @@ def test_with_split_by_grasp_a_view_set_of_the_recording_protocol_is_of_one_gras
 def test_trials_and_seeds_draw_other_view_sets_and_one_seed_the_same(drawn):
     for seed in (0, 0, 1):
         evaluated("evaluate.trials=2", f"seed={seed}")
-    first, again, other = drawn[:4], drawn[4:8], drawn[8:]
-    for one, same, different in zip(first, again, other, strict=True):
-        np.testing.assert_array_equal(one, same)
-        assert (one != different).any()
+    first, again, other = np.split(np.stack(drawn), 3)
+    assert (first == again).all() and (first != other).any(axis=(1, 2)).all()
     assert all((first[one] != first[other]).any() for one, other in ((0, 1), (2, 3), (0, 2)))
 
 
@@ -128,13 +126,8 @@ def test_a_system_on_the_sensors_answers_recordings_as_its_recogniser_does(tmp_p
     assert set(times) == {12} and len(times) > len(np.unique(recording)) and batch["median"] == single["median"] > 0
 
 
-@pytest.mark.parametrize("preset", ["best", "kernels"])
-def test_one_classifier_has_the_same_errors_whatever_preset_it_is_evaluated_under(preset):
-    """Its view sets are those of `cluster` in params.yaml, which a preset of the sensors leaves alone."""
-    plain, under = recipe(), recipe(*preset_changes(preset))
-    assert under.cluster == plain.cluster
-    scores = [evaluate_table(fitted().classifier, table(), each, CPU, timed=False).metrics for each in (plain, under)]
-    assert scores[0]["object"] == scores[1]["object"]
+def test_no_preset_of_the_sensors_changes_the_view_sets_of_the_test():
+    assert all(recipe(*preset_changes(preset)).cluster == recipe().cluster for preset in ("best", "kernels"))
 
 
 def test_scores_by_hand():

@@ -27,10 +27,7 @@ def test_answers_belong_to_the_anchors_of_the_evaluated_side(tmp_path, side, cod
     assert predictions.recordings.tolist() == [frames.recordings[i] for i in frames.recording[anchors]]
     assert predictions.classes.tolist() == frames.classes
     assert metrics["groups"] == {side: len(np.unique(frames.group[anchors]))}
-    assert metrics["frames"] == {
-        "train": (frames.anchor & (frames.side == TRAIN)).sum(),
-        side: len(anchors),
-    }
+    assert metrics["frames"] == {"train": (frames.anchor & (frames.side == TRAIN)).sum(), side: len(anchors)}
     for protocol, answers in predictions.predicted.items():
         assert answers.shape == (params.evaluate.trials, len(anchors))
         assert predictions.errors(protocol) == pytest.approx((answers != predictions.labels).mean(axis=1))
