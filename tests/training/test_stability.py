@@ -67,6 +67,12 @@ def test_every_gradient_of_extreme_batches_is_a_number(row, system):
         row(f"not finite, {name}{suffix(system)}", not_finite(system, inputs, labels=labels))
 
 
+@pytest.mark.stability("batches of one")
+def test_two_view_sets_of_two_frames_are_enough_for_batch_normalisation(row):
+    share = not_finite("view_gcn", INPUTS[::20], some_sets(2, 4, 2), np.arange(2))
+    row("not finite, two view sets of two frames", share)
+
+
 @pytest.mark.stability("losses of sure logits")
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_a_systems_loss_of_logits_10_000_times_as_large(row, system):
