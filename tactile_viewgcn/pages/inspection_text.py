@@ -23,7 +23,7 @@ NAME = 24  # letters of an object's or session's name
 MANY_GAPS = 0.01  # of the frames
 TWICE = "Record each object at least twice, better five times in two sessions."
 LESS = "errors say less about touch than they seem to. Record in several sessions, in another order in each."
-FIRMLY = "Record more of each, held firmly; or are sessions taken for objects? See the objects below."
+FIRMLY = "Record more of each, held firmly; or are sessions taken for objects? See the table of objects."
 
 
 class Table(NamedTuple):
