@@ -29,8 +29,8 @@ def atomic_write(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
     """A temporary path beside `path`: it takes the place of `path` at the end of the block and is removed on an error.
 
     The file is synced before it takes that place. Its temporary name is the same on every call, because torch.save
-    writes it into the file and equal seeds give equal bytes. What a killed run has left there is removed, and so is a
-    link, which would lead elsewhere; a folder that was moved away, and that no other replaced, comes back.
+    writes it into the file and equal seeds give equal bytes. What a killed run has left under that name is removed; the
+    old folder is restored if a killed run left none in its place.
 
     Args:
         folder: the temporary path is an empty folder, else a file that the block writes.

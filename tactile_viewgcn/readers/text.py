@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 TOP = 200  # lines in which the separator and the names are looked for
 COMMENT = ("#", "%")
 EMPTY = " \t\n,;"  # an empty line has nothing else
-NOT_NUMBERS = re.compile(r"^[ \t]*([#%].*|[ \t,;]*)$", re.MULTILINE)  # comments and empty lines
+NOT_NUMBERS = re.compile(r"^[ \t]*[#%].*$|^[ \t,;]+$", re.MULTILINE)  # comments and empty lines
 MOST_LETTERS = 40  # of a sensor's name
 UNITS = {  # seconds of a unit of time, by the words for it
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
