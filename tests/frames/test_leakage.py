@@ -44,7 +44,7 @@ def training_side(recordings, params):
         views = views_of(frames, params)
         values |= {"cluster": views.cluster[train], "pool": views.pool[train]}
     values |= {"leak": choice.leak.error} if choice.leak else {}
-    fitted = dict(FittedPreprocessing.of(frames))
+    fitted = dict(vars(FittedPreprocessing.of(frames)))
     values |= fitted.pop("baselines") | {f"fitted {name}": value for name, value in fitted.items()}
     return values, ~made.sides.training
 

@@ -3,7 +3,6 @@
 import hashlib
 import io
 import os
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -51,7 +50,7 @@ ALTERED = {
     "a child outside": (f"{ESTIMATOR}/right", first(10**9), "altered"),
     "a class outside": (f"{ESTIMATOR}/classes", first(7), "altered"),
     "leaves of fewer classes": (f"{ESTIMATOR}/shares", lambda shares: shares[:, :2], "altered"),
-    "a leaf that is no number": (f"{ESTIMATOR}/shares", lambda shares: shares * np.nan, "learnt"),
+    "a leaf that is no number": (f"{ESTIMATOR}/shares", lambda shares: shares * np.nan, "altered"),
     "an array missing": (f"{ESTIMATOR}/roots", ABSENT, "roots"),
     "no member": ("learnt/whole", {}, "altered"),
     "a unit of 0": ("learnt/representation/spread", first(0.0), "altered"),
@@ -59,18 +58,16 @@ ALTERED = {
     "an earlier version": ("format", 7, "format"),
     "a key missing": ("scale", ABSENT, "scale"),
     "a key too many": ("code", "x", "code"),
-    "numbers shown many times": ("viewpoints", torch.zeros(1, 3).expand(900, 3), "number by number"),
-    "a tensor of a huge size": ("preprocessing/noise", torch.zeros(1).expand(10**9, 10**6), "number by number"),
+    "a tensor of a huge size": ("preprocessing/noise", torch.zeros(1).expand(10**9, 10**6), "preprocessing"),
     "no viewpoints": ("viewpoints", torch.zeros(0, 3), "viewpoints"),
-    "a different layout": ("preprocessing/live", torch.ones(20, 20, dtype=torch.bool), "noise"),
-    "no sensor": ("preprocessing/live", torch.zeros(SHAPE, dtype=torch.bool), "live"),
-    "a baseline that is no number": ("preprocessing/baselines", {"": torch.full(SHAPE, np.nan)}, "finite"),
-    "a baseline of complex numbers": ("preprocessing/baselines", {"": torch.zeros(SHAPE) * 1j}, "baselines"),
+    "a different layout": ("preprocessing/live", torch.ones(20, 20, dtype=torch.bool), "preprocessing"),
+    "no sensor": ("preprocessing/live", torch.zeros(SHAPE, dtype=torch.bool), "altered"),
+    "a baseline that is no number": ("preprocessing/baselines", {"": torch.full(SHAPE, np.nan)}, "come out again"),
     "a baseline that no count reaches": ("preprocessing/baselines", {"": torch.full(SHAPE, -1e30)}, "come out again"),
-    "a noise below 0": ("preprocessing/noise", torch.full(SHAPE, -1.0), "noise"),
-    "an unknown type of counts": ("preprocessing/dtype", "O", "preprocessing/dtype"),
-    "an undecided filter": ("preprocessing/params/filter", "auto", "params"),
-    "strong readings in the wrong order": ("preprocessing/strong_readings", [2.0, 1.0], "strong_readings"),
+    "a noise below 0": ("preprocessing/noise", torch.full(SHAPE, -1.0), "preprocessing"),
+    "an unknown type of counts": ("preprocessing/dtype", "O", "dtype"),
+    "an undecided filter": ("preprocessing/params/filter", "auto", "preprocessing"),
+    "strong readings in the wrong order": ("preprocessing/strong_readings", [2.0, 1.0], "preprocessing"),
     "a class twice": ("classes", ["ball"] * 3, "classes"),
     "a scale of 0": ("scale", 0.0, "scale"),
     "a temperature below 0": ("temperature", -1.0, "temperature"),
@@ -83,7 +80,12 @@ OF_SYSTEMS = {
     "frames 0 apart": ("convolutions", "learnt/convolutions/dilations", first(0), "altered"),
     "a width that would fill the memory": ("mvcnn", "model/backbone/width", 1_000_000, "1000000"),
     "weights of a different type": ("mvcnn", "learnt/head.classifier.3.bias", torch.Tensor.double, "Double"),
-    "a weight that is no number": ("mvcnn", "learnt/head.classifier.3.bias", lambda bias: bias * np.nan, "finite"),
+    "a weight that is no number": (
+        "mvcnn",
+        "learnt/head.classifier.3.bias",
+        lambda bias: bias * np.nan,
+        "come out again",
+    ),
 }
 CASES = {name: ("trees", *case) for name, case in ALTERED.items()} | OF_SYSTEMS
 
@@ -166,22 +168,6 @@ def test_a_file_with_any_bit_flipped_is_refused(tmp_path):
         stored[place // 8] ^= bit
 
 
-def compressed(path: Path) -> None:
-    with zipfile.ZipFile(model_file(path)) as file:
-        parts = {member.filename: file.read(member) for member in file.infolist()}
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as packed:
-        for name, data in parts.items():
-            packed.writestr(name, data)
-    seal(path)
-
-
-def repeating(path: Path) -> None:
-    with zipfile.ZipFile(model_file(path), "a") as archive:
-        archive.filelist += [max(archive.infolist(), key=lambda member: member.file_size)] * 30
-        archive._didModify = True  # the directory is written anew
-    seal(path)
-
-
 def saved(content) -> Callable[[Path], None]:
     """A function that writes a file of torch with this content."""
 
@@ -198,8 +184,6 @@ OTHERS = {
     "nothing": (lambda path: path.write_bytes(b""), "archive"),
     "a text before a classifier": (lambda path: path.write_bytes(b"x\n" + model_file(path).read_bytes()), "archive"),
     "a classifier cut short": (lambda path: path.write_bytes(model_file(path).read_bytes()[:1000]), "digest"),
-    "a compressed classifier": (compressed, "compressed"),
-    "a part many times": (repeating, "many times"),
     "a backbone": (saved({"backbone": {"weight": torch.zeros(2)}, "classifier": {}}), "learnt"),
     "a tensor": (saved(torch.zeros(2)), "dictionary"),
 }

@@ -66,7 +66,7 @@ def test_contact_is_found_as_in_the_training(filtered, baseline, kept, flags, ex
     """The open hand of 30 frames, a grasp of 20, the open hand of 10; the flags are of frames 33 to 39 alone."""
     fitted = recogniser().preprocessing
     params = replace(fitted.params, filter=filtered, baseline=baseline, zero=123.0)
-    fitted = fitted.model_copy(update={"params": params, "kept_share": kept})
+    fitted = replace(fitted, params=params, kept_share=kept)
     new, frame = one_session(recording("pen", 90)), np.arange(60)
     masks = {"flags": (frame >= 33) & (frame < 40), "contact": (frame >= 30) & (frame < 50), "all": frame >= 0}
     new.columns |= dict.fromkeys(flags, masks["flags"])
