@@ -121,7 +121,8 @@ def test_a_failed_cell_is_named_and_the_same_command_runs_it_again_and_no_other(
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="no /proc to find processes in")
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_ctrl_c_in_a_terminal_ends_the_cells_and_the_others_are_run_later(machine, tmp_path, jobs):
-    code = "from studies.run import run_cells; from tests.studies.test_run import TWO; run_cells('made', TWO, jobs=%d)"
+    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)  # which a background job ignores\n"
+    code += "from studies.run import run_cells; from tests.studies.test_run import TWO; run_cells('made', TWO, jobs=%d)"
     study = python("-c", code % jobs, cwd=machine, start_new_session=True)
     wait_for((tmp_path / "log.stuck").exists)
     os.killpg(study.pid, signal.SIGINT)  # as the terminal sends it to all of its processes

@@ -59,7 +59,7 @@ def test_an_interrupted_training_goes_on_as_one_that_was_not(tmp_path):
         pretrain_backbone(table(), recipe(), CUDA, tmp_path / "kept.pt", stop)
     progress = pretrain_backbone(table(), recipe(), CUDA, tmp_path / "kept.pt")[2]
     assert progress.resumed[0] == 2
-    assert progress.curves["loss"] == pytest.approx(whole.curves["loss"], rel=0.02)  # some sums have no fixed order
+    assert progress.curves["loss"] == pytest.approx(whole.curves["loss"], abs=0.01)  # some sums have no fixed order
 
 
 @pytest.fixture
