@@ -14,7 +14,7 @@ LINES = {
     "glove": 1651,
     "nn": 536,
     "pages": 949,
-    "readers": 1218,
+    "readers": 1220,
     "recognition": 1267,
     "sensors": 720,
     "systems": 662,
@@ -23,9 +23,9 @@ LINES = {
     "views": 283,
 }
 FILES = 113  # of the package
-TESTS = 13_660
-BESIDE = 2_070  # lines of stages, studies and benchmarks together
-ROAD = {"files": 75, "lines": 8_700}  # that the six stages of a frame import
+TESTS = 13_667
+BESIDE = 2_067  # lines of stages, studies and benchmarks together
+ROAD = {"files": 75, "lines": 8_702}  # that the six stages of a frame import
 KEYS, DVC_LINES = 66, 124  # of params.yaml and of dvc.yaml
 WORDS, README_WORDS = 12_700, 900  # of README and manual together, and of README
 STAGES = ("ingest", "preprocess", "cluster", "pretrain", "finetune", "evaluate")

@@ -115,9 +115,9 @@ def _take_baseline(
 ) -> tuple[Baseline, QuickError | None]:
     """Decide the baseline, and measure it and its leak.
 
-    The paper's is taken for recordings like the paper's, and `none` where nothing is known to be without contact. For
-    any other array it is `grasp`, which follows a baseline that drifts; but `empty_hand` where the object is
-    recognised without contact above `grasp`, and not, or less well, above `empty_hand`.
+    Recordings like the paper's get the paper's baseline, and recordings without a known open hand get `none`. All other
+    arrays get `grasp`, which follows drift; if open-hand frames then still predict the object, and every session has an
+    empty hand, `empty_hand` is tried too, and the one that leaks less is taken.
     """
     array = is_array(training.live)
     if empty_hand and (published or not array):

@@ -1,6 +1,6 @@
 """Checks by a quick classifier on held-out groups: do frames without contact predict the object?
 
-Then an error says little about touch.
+If they do, a low error of a system says little about touch.
 """
 
 from collections.abc import Callable

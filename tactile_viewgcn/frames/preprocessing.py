@@ -24,7 +24,7 @@ class Preprocessed:
 
     Attributes:
         passed: bool (T,), frames that passed the filter.
-        keep: bool (T,), frames of the table, in order: passed, of a class and a training group that are used.
+        keep: bool (T,), frames that are in the table: they passed, and their class and their training group are used.
         notes: on what `auto` chose, on the baseline, the leak check and what was left out, and warnings.
     """
 

@@ -85,8 +85,8 @@ def open_source(path: str | Path, form: Form = AUTO, files: Sequence[Path] | Non
                 return read_metadata(path)
     recordings = [path] if is_hdf5 else recordings_among(files)
     if not recordings:
-        endings = listed(sorted({file.suffix for file in files}))
-        raise UserError(f"{path}: no recordings in it, only files of {endings}; {EXPECTED}")
+        others = listed(sorted({file.suffix or file.name for file in files})) or "nothing"
+        raise UserError(f"{path}: no recordings in it, found {others}; {EXPECTED}")
     return read_files(path, recordings, form)
 
 

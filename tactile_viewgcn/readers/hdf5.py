@@ -41,12 +41,12 @@ def read_recording(path: Path, form: Form) -> Recording:
         raise UserError(f"{file.filename}: no {form.columns[missing.pop()]}; found {listed([*file, *file.attrs])}")
     frames = values["pressure"].shape[:1]
     if "valid" in values and values["pressure"].dtype.kind == "f" and values["valid"].shape == frames:
-        reads = ~np.isnan(values["pressure"][()]).reshape(*frames, -1).any(axis=1)
+        unread = np.isnan(values["pressure"][()])
+        reads = ~unread.any(axis=tuple(range(1, unread.ndim)))
         kept = np.flatnonzero((values["valid"][()] != 0) | reads)
         if dropped := frames[0] - len(kept):
-            return Recording(
-                names, {name: each[()][kept] for name, each in values.items()} | {"frame": kept}, dropped=dropped
-            )
+            values = {name: each[()][kept] for name, each in values.items()} | {"frame": kept}
+            return Recording(names, values, dropped=dropped)
     return Recording(names, values)
 
 

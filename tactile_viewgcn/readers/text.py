@@ -140,6 +140,8 @@ def read_table(file: Path, form: Form) -> Table:
     for at, (name, values) in enumerate(zip(names, columns, strict=True)):
         kind = next((f"the name of the {label}" for label, column in labels.items() if column == at), "")
         kind = kind or ("time" if name == form.columns.get("time") else _kind(names, at, values))
+        if not kind and name != form.columns.get("pressure", name):
+            kind = "left out: `data.columns` names the column of the pressure"
         if kind == "time" and not time and not np.isnan(values).any():  # else of texts such as 12:30:01
             time = (at, next((UNITS[word] for word in _words(name) & UNITS.keys()), 1.0))
         if kind:

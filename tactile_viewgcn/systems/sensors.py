@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 BATCH = 128  # frames
 MAX_SET_VALUES = 1 << 20  # numbers in the readings of a batch of view sets
-SHORT = 0.1  # of the training's recordings are shorter than a short one
+SHORT = 0.1  # quantile of the training recordings' lengths, half of which is the limit `short`
 
 
 class SensorClassifier:
@@ -62,8 +62,8 @@ class SensorClassifier:
     def fit(self, examples: Examples, seed: int) -> None:
         """Fit every member to the examples.
 
-        Recordings of less than half of the frames that nine in ten training recordings have are answered as view sets:
-        with one recording of 2 frames among sixty of 40, these are fewer than 20 frames.
+        Recordings shorter than half the tenth percentile of the training recordings' lengths are answered as view sets:
+        after sixty training recordings of 40 frames and one of 2, those of fewer than 20 frames.
         """
         self.representation, self.short = examples.representation, float(np.quantile(examples.lengths, SHORT)) / 2
 

@@ -198,6 +198,12 @@ def test_a_first_frame_of_numbers_is_no_header(tmp_path, first):
     assert table.channel_names == []
 
 
+def test_of_a_table_whose_pressure_is_named_the_other_columns_are_left_out_and_named(tmp_path):
+    save(tmp_path / "lab" / "mug" / "1.csv", "a,b\n1,2\n3,4\n")
+    counts, table = ingested(tmp_path / "lab", form=Form(columns={"pressure": "b"}))
+    assert counts.ravel().tolist() == [2, 4] and "column 1 ('a') is left out" in str(table.notes)
+
+
 def test_each_table_is_parsed_once(tmp_path, monkeypatch):
     parsed, read_csv = [], pd.read_csv
     monkeypatch.setattr(pd, "read_csv", lambda text, **options: parsed.append(text) or read_csv(text, **options))

@@ -150,7 +150,12 @@ def test_a_number_that_no_glove_reads_is_refused(row, tmp_path, value):
 
 @pytest.mark.stability("too little data")
 def test_a_file_without_frames_is_refused(row, tmp_path):
-    row.refused("no frames", lambda: ingested(record(tmp_path / "mug.h5", pressure=np.ones((0, 3, 3)))), "no frames")
+    empty = {"pressure": np.ones((0, 3, 3)), "valid": np.ones(0, dtype=bool)}
+    row.refused("no frames", lambda: ingested(record(tmp_path / "mug.h5", **empty)), "no frames")
+
+
+def test_a_folder_without_files_is_refused_as_empty(tmp_path):
+    assert "no recordings in it, found nothing; expected" in refusal(tmp_path, tmp_path)
 
 
 class Bomb:
