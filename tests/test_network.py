@@ -13,9 +13,9 @@ from torch import Tensor, nn
 from torch.nn.modules.module import register_module_forward_hook
 
 from benchmarks.stability.rows import max_rel_error, share_different, share_not_finite
+from tactile_viewgcn.recognition.classifier import build_classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.systems.classifier import build_classifier
 from tactile_viewgcn.tables.frames import full_scale
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests import test_invariance

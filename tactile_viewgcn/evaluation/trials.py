@@ -10,7 +10,7 @@ from tqdm import tqdm
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.calibration import recording_answers
-from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.recognition.classifier import Classifier
 from tactile_viewgcn.tables.frames import SIDES, Frames
 from tactile_viewgcn.views.clustering import cluster_pools, pool_ids, pool_scores
 from tactile_viewgcn.views.sampling import ViewSets, anchor_first, powers_of_two
@@ -46,7 +46,7 @@ def all_trials(
     """The trials of both protocols; the view sets are the same for all classifiers of V views.
 
     Args:
-        values: (n, ...) of the evaluated side's frames, see `systems.classifier`.
+        values: (n, ...) of the evaluated side's frames, see `recognition.classifier`.
         temperature: of the classifier, if it is calibrated.
     """
     protocols = {}

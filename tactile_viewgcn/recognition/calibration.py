@@ -14,7 +14,7 @@ from scipy.special import log_softmax, logsumexp
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.nn.network import ViewNetwork
-from tactile_viewgcn.systems.classifier import Classifier
+from tactile_viewgcn.recognition.classifier import Classifier
 from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import VALIDATION, Frames
 
@@ -29,7 +29,7 @@ def recording_answer(
 
     Args:
         temperature: of its logits; None where the classifier is not calibrated.
-        values_of: the classifier's values (k, ...) of the frames at indices (k,), see `systems.classifier`.
+        values_of: the classifier's values (k, ...) of the frames at indices (k,), see `recognition.classifier`.
 
     Returns:
         Logarithms of the class probabilities (classes,), in float64 so that no rounding makes classes equal, and the

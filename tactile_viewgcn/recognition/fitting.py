@@ -15,12 +15,12 @@ from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import Member, Model, Params, on_sensors
 from tactile_viewgcn.recognition.calibration import calibration_warning, network_temperature
 from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, LeftOut, choose_members
+from tactile_viewgcn.recognition.classifier import Classifier
 from tactile_viewgcn.sensors.convolutions import SAMPLE
 from tactile_viewgcn.sensors.examples import Examples
 from tactile_viewgcn.sensors.features import every_few, is_array
 from tactile_viewgcn.sensors.representation import Representation, contact_unit, successive_noise
 from tactile_viewgcn.systems import load_system
-from tactile_viewgcn.systems.classifier import Classifier
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames, Views
 from tactile_viewgcn.training.finetuning import finetune_classifier

@@ -26,8 +26,8 @@ from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.nn.network import spread_frames
 from tactile_viewgcn.params import MAX_NUMBER, Model, PreprocessSection
 from tactile_viewgcn.recognition.calibration import Temperature, recording_answer
+from tactile_viewgcn.recognition.classifier import Classifier, build_classifier
 from tactile_viewgcn.schema import Unique
-from tactile_viewgcn.systems.classifier import Classifier, build_classifier
 from tactile_viewgcn.tables.frames import TRAIN, Frames, network_input
 
 REMEDY = "name a file such as models/classifier.pt, or train again (`dvc repro`, or fit and save)"

@@ -22,7 +22,7 @@ SHORT = 0.1  # quantile of the training recordings' lengths, half of which is th
 
 
 class SensorClassifier:
-    """Members as one classifier, with the methods that `systems.classifier` names.
+    """Members as one classifier, with the methods of every `Classifier`.
 
     A whole recording is read in the order of time. View sets have estimators of their own, in which no order counts: a
     set of k frames uses those of the largest fitted number of frames up to k.
