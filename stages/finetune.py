@@ -12,7 +12,6 @@ from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.tables.frames import Views, load_table, read_frames
 from tactile_viewgcn.training.checkpoint import training_checkpoint
-from tactile_viewgcn.training.scale_check import scale_warnings
 
 
 def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> str:
@@ -21,8 +20,6 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
     if not alone:
         with readable(backbone):
             pretrained = torch.load(backbone, map_location="cpu", weights_only=True)
-        for note in scale_warnings(table, params.finetune.noise):
-            job.note(note)
     key = job.checkpoint_key()
     with training_checkpoint("finetune", key, compute) as checkpoint_path:
         fitted = fit_classifier(table, clusters, pretrained, params, compute, checkpoint_path, job.epoch)

@@ -17,7 +17,6 @@ from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.tables.recordings import Recordings
 from tactile_viewgcn.tables.remarks import originals, remarks
 from tactile_viewgcn.training.pretraining import pretrain_backbone
-from tactile_viewgcn.training.scale_check import scale_warnings
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
 
@@ -49,7 +48,6 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path
     pretrained: dict[str, dict[str, Tensor]] = {}
     with torch.random.fork_rng():
         if with_backbone:
-            notes += scale_warnings(frames, params.finetune.noise)
             backbone, linear, _ = pretrain_backbone(frames, params, compute)
             pretrained = {"backbone": backbone.cpu().state_dict(), "classifier": linear.cpu().state_dict()}
         fitted = fit_classifier(frames, views, pretrained, params, compute)

@@ -72,10 +72,10 @@ def _train(
     checkpoint_path: Path | None,
     on_epoch: OnEpoch | None,
 ) -> Progress:
-    """Train the network on the view sets of one side."""
-    first_sets = train.draw()
+    """Train the network on view sets of the training side; after each epoch it answers those of the validation side."""
+    first_sets = train.draw()  # before `fit` sets the generators as a checkpoint has them
     validation_sets = torch.from_numpy(validation.draw()) if len(validation.anchors) else None
-    shares = config.feature_reuse > 1 and network.views > 1
+    shares = config.feature_reuse > 1 and network.views > 1  # most features come from the bank
     loss = SetLoss(network, compute, bank_size=len(train.frames) if shares else 0)
     backbone: dict = {"params": network.backbone.parameters(), "lr": config.lr_backbone}
     optimiser = build_optimiser(config, [backbone, {"params": network.head.parameters()}])
@@ -84,8 +84,8 @@ def _train(
         network.train()
         if shares and epoch == 0:
             loss.fill_bank(train.frames, config.batch)
-        drawn = first_sets if config.resample_views == "never" or epoch == 0 else train.draw()
-        return train.batches(drawn, in_time_order=network.head.in_time_order)
+        sets = first_sets if config.resample_views == "never" or epoch == 0 else train.draw()
+        return train.batches(sets, in_time_order=network.head.in_time_order)
 
     @torch.inference_mode()
     def validate() -> dict[str, float]:
@@ -105,11 +105,10 @@ def _train(
 def measure_moments(
     network: ViewNetwork, frames: FrameInputs, drawn: np.ndarray, compute: Compute, order: torch.Generator
 ) -> None:
-    """Replace the running moments of batch normalisation by those of frames as evaluation sees them.
+    """Replace the running moments of batch normalisation by those of frames without noise and dropout.
 
-    Running moments are of frames with noise and dropout. A tactile frame is mostly zeros, so even weak noise changes
-    the moments of every map. First the backbone's are measured, then the head's, each as the mean over batches in
-    random order. The network is left in evaluation mode.
+    A tactile frame is mostly zeros, so even weak noise changes the moments of every map. The backbone's are measured
+    first, then the head's, each as the mean over batches in random order. The network is left in evaluation mode.
 
     Args:
         frames: (n, 1, H, W), of the training side.

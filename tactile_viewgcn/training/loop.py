@@ -22,7 +22,6 @@ from tactile_viewgcn.training.optim import lr_lambda
 from tactile_viewgcn.training.replay import Replay
 
 MAX_LOSS = 10.0  # largest mean of an epoch, times the first loss or 1, the larger of them
-CHECK_EVERY = 16  # steps between checks of the loss, each of which waits for the device
 
 OnEpoch = Callable[[int, dict[str, float]], None]
 
@@ -89,7 +88,13 @@ def fit(
             for group, rate in zip(optimiser.param_groups, rates, strict=True):
                 group["lr"] = rate * factor(epoch)
             bar.set_description(f"{stage} epoch {epoch + 1}/{epochs}")
-            mean = _run_epoch(loss_of, batches(epoch), optimiser, progress, bar)
+            total = torch.zeros(())
+            for arguments in batches(epoch):
+                total = total + _step(loss_of(*arguments), optimiser)
+                bar.update()
+                if progress.first_loss is None:
+                    progress.first_loss = float(total)
+            mean = float(total) / steps
             _check_converges(stage, epoch + 1, mean, progress, optimiser)
             values = {"loss": mean} | validate()
             for key, value in values.items():
@@ -114,24 +119,9 @@ def _check_converges(stage: str, epoch: int, mean: float, progress: Progress, op
     raise UserError(f"{stage} diverged in epoch {epoch} at a learning rate of {rates}: {reason}; lower {stage}.lr")
 
 
-def _run_epoch(
-    loss_of: Callable[..., Tensor],
-    batches: Iterable[tuple[Tensor, ...]],
-    optimiser: torch.optim.Optimizer,
-    progress: Progress,
-    bar: tqdm,
-) -> float:
-    """A step down the loss of each batch; the mean loss, before all batches where it is not finite."""
-    total, step = torch.zeros(()), 0
-    for step, arguments in enumerate(batches, start=1):
-        loss = loss_of(*arguments)
-        optimiser.zero_grad(set_to_none=True)
-        loss.backward()
-        optimiser.step()
-        total = total + loss.detach()
-        bar.update()
-        if progress.first_loss is None:
-            progress.first_loss = float(total)
-        if step % CHECK_EVERY == 0 and not total.isfinite():
-            break
-    return float(total) / step
+def _step(loss: Tensor, optimiser: torch.optim.Optimizer) -> Tensor:
+    """A step of the weights down the loss of a batch; returns its value."""
+    optimiser.zero_grad(set_to_none=True)
+    loss.backward()
+    optimiser.step()
+    return loss.detach()

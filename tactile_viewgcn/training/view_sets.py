@@ -22,30 +22,26 @@ from tactile_viewgcn.views.sampling import anchor_first, sets_of
 
 
 class Batch(NamedTuple):
-    """B view sets of k frames each, f of which pass through the backbone.
+    """B view sets of k frames each; the frames that pass through the backbone, n in all.
 
-    Two sets around the anchors 7 and 3, with k = 4 and f = 2:
+    Two sets, around the frames 7 and 3, of k = 4 frames, with `feature_reuse: 2`:
 
-        sets      [[2, 7, 5, 9],      indices of frames, by cluster
+        sets      [[2, 7, 5, 9],
                    [3, 8, 5, 7]]
-        fresh     [[1, 3],            columns that pass: the anchor's, and one at random
-                   [0, 3]]
-        frames    of 7, 9, 3 and 7    the others, 2, 5, 8 and 5, are taken from the bank
-        first     [0, 1, 2, 0]        frame 7 passes twice: its first feature is the one that the bank keeps
+        passing   [1, 3, 4, 7]     places in `sets`, counted row by row: of each set the anchor and one more frame
+        frames    7, 9, 3, 7       what stands there; the features of the others, 2, 5, 8 and 5, come from the bank
 
     Attributes:
-        frames: (B * f, 1, H, W) that pass, with noise.
+        frames: (n, 1, H, W) with noise.
         labels: (B,) classes.
         sets: (B, k) indices of frames.
-        fresh: (B, f) columns of `sets` that pass, sorted.
-        first: (B * f,) for each frame that passes, its first place among them.
+        passing: (n,) places of `frames` in `sets`, in order.
     """
 
     frames: Tensor
     labels: Tensor
     sets: Tensor
-    fresh: Tensor
-    first: Tensor
+    passing: Tensor
 
 
 class SideViewSets:
@@ -71,42 +67,32 @@ class SideViewSets:
         """
         config, order = self._params.finetune, self.rng.permutation(len(drawn))
         for index in np.array_split(order, num_batches(len(order), config.batch)):
-            sets, fresh = choose_fresh(drawn[index], self.anchors[index], config, self.rng)
+            sets, passes = choose_passing(drawn[index], self.anchors[index], config, self.rng)
             if in_time_order:
-                sets, fresh = sort_by_time(sets, fresh)
-            passing = np.take_along_axis(sets, fresh, axis=1).ravel()
-            frames = self.frames.noisy(torch.from_numpy(passing))
-            labels = self.frames.labels[self._compute.to_device(torch.from_numpy(sets[:, 0]))]
-            parts = (sets, fresh, first_places(passing))
-            yield Batch(frames, labels, *(self._compute.to_device(torch.from_numpy(part)) for part in parts))
+                by_time = np.argsort(sets, axis=1, kind="stable")
+                sets, passes = (np.take_along_axis(each, by_time, axis=1) for each in (sets, passes))
+            frames = self.frames.noisy(torch.from_numpy(sets[passes]))
+            members, passing = (
+                self._compute.to_device(torch.from_numpy(part)) for part in (sets, np.flatnonzero(passes))
+            )
+            yield Batch(frames, self.frames.labels[members[:, 0]], members, passing)
 
 
-def choose_fresh(
+def choose_passing(
     sets: np.ndarray, anchors: np.ndarray, config: Finetune, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The `sets` and the columns `fresh` of a `Batch`, from view sets (B, V) around anchors (B,).
+    """Which frames of view sets (B, V) around anchors (B,) pass through the backbone: the sets (B, k), and bool (B, k).
 
-    With `num_views: full` k is V; with `random` it is drawn from 1 to V, one number for the batch, and a set of fewer
-    than V frames begins with its anchor. k / `feature_reuse` columns are fresh, rounded up, the anchor's among them.
+    With `num_views: full` k is V. With `random` it is drawn from 1 to V, one number for the batch, and a set of fewer
+    than V frames begins with its anchor. Of each set k / `feature_reuse` frames pass, rounded up, the anchor always.
     """
     columns, views = anchor_first(sets, anchors, rng), sets.shape[1]
     if config.num_views == "random" and (fewer := int(rng.integers(1, views + 1))) < views:
         sets = np.take_along_axis(sets, columns[:, :fewer], axis=1)
         columns, views = np.broadcast_to(np.arange(fewer), sets.shape), fewer
-    return sets, np.sort(columns[:, : math.ceil(views / config.feature_reuse)], axis=1)
-
-
-def first_places(index: np.ndarray) -> np.ndarray:
-    """For each entry of `index` (n,) the first place with that value."""
-    _, first, place = np.unique(index, return_index=True, return_inverse=True)
-    return first[place]
-
-
-def sort_by_time(sets: np.ndarray, fresh: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """View sets (B, k) sorted by index, and where their columns `fresh` (B, f) are then, sorted too."""
-    order = np.argsort(sets, axis=1, kind="stable")
-    place = np.argsort(order, axis=1)
-    return np.take_along_axis(sets, order, axis=1), np.sort(np.take_along_axis(place, fresh, axis=1), axis=1)
+    passes = np.zeros(sets.shape, dtype=bool)
+    np.put_along_axis(passes, columns[:, : math.ceil(views / config.feature_reuse)], True, axis=1)
+    return sets, passes
 
 
 class SetLoss(nn.Module):
@@ -137,18 +123,20 @@ class SetLoss(nn.Module):
             for index in torch.randperm(len(frames)).tensor_split(num_batches(len(frames), batch)):
                 self.bank[self.compute.to_device(index)] = self.network.backbone(frames.noisy(index))
 
-    def forward(self, frames: Tensor, labels: Tensor, sets: Tensor, fresh: Tensor, first: Tensor) -> Tensor:
+    def forward(self, frames: Tensor, labels: Tensor, sets: Tensor, passing: Tensor) -> Tensor:
         """The loss of a `Batch`, a scalar; the features of its frames are stored."""
         with self.compute.autocast():
-            views = self.network.backbone(frames).unflatten(0, fresh.shape)
-        if len(self.bank):
-            views = self.with_bank(views, sets, fresh, first)
-        logits, aux = self.network.head(views)
+            features = self.network.backbone(frames)
+        views = self.with_bank(features, sets.flatten(), passing) if len(self.bank) else features
+        logits, aux = self.network.head(views.unflatten(0, sets.shape))
         return self.network.head.loss(logits, aux, labels)
 
-    def with_bank(self, features: Tensor, sets: Tensor, fresh: Tensor, first: Tensor) -> Tensor:
-        """Features (B, k, ...) of view sets: `features` (B, f, ...) in the fresh columns, stored ones in the others."""
-        rows = torch.arange(len(sets), device=sets.device)[:, None].expand_as(fresh)
-        views = self.bank[sets].index_put((rows, fresh), features)
-        self.bank[sets.gather(1, fresh).flatten()] = features.detach().flatten(0, 1)[first]
+    def with_bank(self, features: Tensor, sets: Tensor, passing: Tensor) -> Tensor:
+        """Features (B * k, ...) of frames `sets` (B * k,): new ones at the places `passing`, stored ones elsewhere.
+
+        The new `features` (n, ...) are stored; of a frame that passes several times, the first of them.
+        """
+        views, passed = self.bank[sets].index_put((passing,), features), sets[passing]
+        first = (passed[:, None] == passed).byte().argmax(dim=1)
+        self.bank[passed] = features.detach()[first]
         return views
