@@ -23,9 +23,6 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
         row.dataset(source["path"], source["md5"][:8])
     for path in after:
         job.md5(path.stem)  # `report` sees by it that a stage ran again
-    tags, constants = results.row_tags_and_parameters(metrics, records)
-    row.log("set_tags", tags)
-    row.log("log_params", constants)
     if row.id:
         from tactile_viewgcn.plots import confusions
 
@@ -35,10 +32,13 @@ def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], 
     address = row.model(classifier, {"classes": table.classes, "views": model.views} | frame)
     timing = results.costs(evaluation, records, seconds_since_start(), peak_mb())
     results.write_results(out, evaluation, timing)
+    tags, constants, scores = results.row_tags_parameters_metrics(metrics, timing, records)
+    row.log("set_tags", tags)
+    row.log("log_params", constants)
     row.log("log_artifacts", str(out))
     for path in after:
         row.log("log_artifact", str(path))
-    row.log("log_metrics", results.row_metrics(metrics, timing))
+    row.log("log_metrics", scores)
     for protocol in predictions.predicted:
         for trial, error in enumerate(predictions.errors(protocol).tolist(), start=1):
             row.log("log_metrics", {f"trials.error.{protocol}": error}, trial)

@@ -11,7 +11,7 @@ import numpy as np
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.evaluation.predictions import Predictions, predictions_of
-from tactile_viewgcn.evaluation.trials import PROTOCOLS, TOP, Trials, all_trials
+from tactile_viewgcn.evaluation.trials import PROTOCOLS, TOP, Trials, run_trials
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
@@ -29,8 +29,7 @@ class Evaluation(NamedTuple):
 
     Attributes:
         predictions: the answers by protocol.
-        metrics: sizes and scores, equal on every run with one seed; errors are fractions. For each protocol see
-            `scores_of`; `recording` also has the median number of `frames` of recordings that are answered whole.
+        metrics: sizes, and `scores_of` each protocol; equal on every run with one seed.
         latency_ms: see `latency`; empty if it was not measured.
     """
 
@@ -48,32 +47,29 @@ def evaluate_table(
     *,
     timed: bool = True,
 ) -> Evaluation:
-    """All trials on the side `evaluate.side`.
+    """Run all trials of both protocols on the side `evaluate.side`, and score them.
 
     Args:
         temperature: of the classifier, if it is calibrated.
         timed: measure the latency too.
     """
     side = params.evaluate.side
-    sides = {name: table.on(SIDES.index(name)) for name in ("train", side)}
-    index = sides[side]
-    inputs = Gathered(lambda at: table.inputs(at, classifier.transform), index)
+    train, tested = (table.on(SIDES.index(name)) for name in ("train", side))
+    groups = table.group[tested[table.anchor[tested]]]
+    inputs = Gathered(lambda at: table.inputs(at, classifier.transform), tested)
     classifier.prepare(compute)
     values = classifier.frame_values(inputs)
-    protocols = all_trials(classifier, values, table, params, temperature)
-    groups = table.group[index][table.anchor[index]]
     metrics: dict[str, Any] = {
         "views": classifier.views,
         "classes": len(table.classes),
         "trials": params.evaluate.trials,
-        "frames": {name: int(table.anchor[at].sum()) for name, at in sides.items()},
+        "frames": {"train": int(table.anchor[train].sum()), side: len(groups)},
         "groups": {side: len(np.unique(groups))},
     }
-    for protocol, trials in protocols.items():
-        rng = stream(params.seed, "interval", PROTOCOLS.index(protocol))
-        metrics[protocol] = scores_of(trials, groups, rng, len(table.classes))
-        if trials.whole:
-            metrics[protocol]["frames"] = trials.frames
+    protocols = {}
+    for number, protocol in enumerate(PROTOCOLS):
+        protocols[protocol] = trials = run_trials(classifier, values, table, params, protocol, temperature)
+        metrics[protocol] = scores_of(trials, groups, stream(params.seed, "interval", number), len(table.classes))
     whole = max((trials.frames for trials in protocols.values() if trials.whole), default=0)
     latency_ms = latency(classifier, inputs, whole=whole) if timed else {}
     return Evaluation(predictions_of(protocols, table, side), metrics, latency_ms)
@@ -91,18 +87,28 @@ def error_of(correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator) 
 
 
 def scores_of(trials: Trials, groups: np.ndarray, rng: np.random.Generator, classes: int) -> dict[str, Any]:
-    """Error, see `error_of`, and top-3 error of four classes or more, as fractions.
+    """Errors under one protocol, as fractions.
 
-    `std` is the standard deviation of the error over trials, which differ in their clustering alone. `by_views` has the
-    error by the number of views up to V, or up to whole recordings; of these alone, if the classifier takes no fewer.
+    Args:
+        groups: (A,) split groups of the anchors.
+        rng: of the intervals.
+        classes: their number.
+
+    Returns:
+        `error`, see `error_of`, with its standard deviation `std` over trials, which differ in their clustering alone;
+        `top3_error` of four classes or more; `by_views`, the error by the number of views that the classifier takes;
+        `frames` in the median recording, if recordings are answered whole.
     """
-    std = trials.correct.mean(axis=1).std(ddof=1) if len(trials.correct) > 1 else 0.0
-    error = error_of(trials.correct, groups, rng)
-    by_views = {str(count): error_of(correct, groups, rng) for count, correct in trials.fewer.items()}
+    right = trials.best == trials.truth[:, None]  # (T, A, 3)
+    correct, in_top3 = right[..., 0], right.any(axis=-1)
+    std = correct.mean(axis=1).std(ddof=1) if len(correct) > 1 else 0.0
+    error = error_of(correct, groups, rng)
+    by_views = {str(count): error_of(right, groups, rng) for count, right in trials.fewer.items()}
     return {
         "error": error | {"std": float(std)},
-        **({"top3_error": float(1 - trials.in_top3.mean())} if classes > TOP else {}),
+        **({"top3_error": float(1 - in_top3.mean())} if classes > TOP else {}),
         "by_views": by_views | {str(trials.frames): error},
+        **({"frames": trials.frames} if trials.whole else {}),
     }
 
 
@@ -124,16 +130,12 @@ def latency(
     def timed(sets: int) -> np.ndarray:
         """Milliseconds per answer of each repeat, one at least, until the seconds are spent."""
         index = classifier.frames_of(whole) if whole else np.arange(sets * classifier.views)
-        frames, end = inputs[index % len(inputs)], time.perf_counter() + seconds
-        index = np.arange(len(frames)).reshape(sets, -1)
-        taken: list[float] = []
+        frames, places = inputs[index % len(inputs)], np.arange(len(index)).reshape(sets, -1)
+        taken, end = list[float](), time.perf_counter() + seconds
         while len(taken) < 2 or (len(taken) <= MAX_REPEATS and time.perf_counter() < end):
             begin = time.perf_counter()
             values: Any = classifier.frame_values(frames)
-            if whole:
-                classifier.recording(values)
-            else:
-                classifier.view_sets(values, index)
+            _ = classifier.recording(values) if whole else classifier.view_sets(values, places)
             taken.append((time.perf_counter() - begin) * 1e3 / sets)
         return np.array(taken[1:])  # the first one warms up
 

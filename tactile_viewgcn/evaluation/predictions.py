@@ -49,7 +49,7 @@ def predictions_of(protocols: dict[str, Trials], table: Frames, side: str) -> Pr
     for label in np.unique(table.label[index]):
         mean_frames[label] = table.mean_input(index[table.label[index] == label])
     return Predictions(
-        {protocol: trials.predicted.astype(np.int16) for protocol, trials in protocols.items()},
+        {protocol: trials.best[..., 0].astype(np.int16) for protocol, trials in protocols.items()},
         table.label[anchors],
         table.group[anchors],
         np.array(table.recordings)[table.recording[anchors]],

@@ -17,11 +17,7 @@ Records = dict[str, Record]  # of the earlier stages, by stage
 
 
 def read_records(paths: Iterable[Path]) -> Records:
-    """The records of earlier stages, by stage.
-
-    Raises:
-        UserError: a record is damaged, or of another version.
-    """
+    """The records of earlier stages, by stage; a `UserError` names one that is damaged, or of another version."""
     records = {}
     for path in paths:
         with readable(path):
@@ -86,22 +82,20 @@ def write_results(folder: Path, evaluation: Evaluation, timing: dict[str, Any]) 
             write_csv(file, rows)
 
 
-def row_metrics(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]:
-    """The summary, the seconds of each stage and the peak memory, by dotted key."""
-    return summary(metrics, timing) | flatten({name: timing[name] for name in ("seconds", "peak_mb")})
+def row_tags_parameters_metrics(
+    metrics: dict[str, Any], timing: dict[str, Any], records: Records
+) -> tuple[dict[str, str], dict[str, float], dict[str, float]]:
+    """What the row has besides params.yaml.
 
-
-def row_tags_and_parameters(metrics: dict[str, Any], records: Records) -> tuple[dict[str, str], dict[str, float]]:
-    """Tags and parameters of the row.
-
-    The tags are the ids of the stages' runs, and what `auto` chose; the parameters are numbers of classes, of frames
-    and groups on each side, and of weights.
+    Tags: the ids of the stages' runs, and what `auto` chose. Parameters: numbers of classes, of frames and groups on
+    each side, and of weights. Metrics: the summary, the seconds of each stage and the peak memory.
     """
     counts = {name: value for record in records.values() for name, value in record.counts.items()}
     tags = {f"stage.{name}": record.run_id for name, record in records.items() if record.run_id}
     tags |= {name: str(value) for name, value in counts.items() if name.startswith("resolved.")}
     weights = {name: value for name, value in counts.items() if name.startswith("weights.")}
-    return tags, flatten({name: metrics[name] for name in ("classes", "frames", "groups")}) | weights
+    parameters = flatten({name: metrics[name] for name in ("classes", "frames", "groups")}) | weights
+    return tags, parameters, summary(metrics, timing) | flatten({name: timing[name] for name in ("seconds", "peak_mb")})
 
 
 def summary_lines(metrics: dict, timing: dict) -> list[str]:
@@ -114,11 +108,12 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
     ]
     for protocol in PROTOCOLS:
         score = metrics[protocol]
+        error = score["error"]
         top3 = f", top-3 error {100 * score['top3_error']:.1f} %" if "top3_error" in score else ""
         whole = ", whole recordings" if "frames" in score else ""
         lines.append(
-            f"  {protocol} protocol{whole}: error {error_text(score['error'])} %, std over trials "
-            f"{100 * score['error']['std']:.1f}{top3}"
+            f"  {protocol} protocol{whole}: error {percent_interval(error['mean'], error['low'], error['high'])} %, "
+            f"std over trials {100 * error['std']:.1f}{top3}"
         )
     times = ", ".join(f"{name} {value:,.1f} s" for name, value in timing["seconds"].items())
     return [
@@ -128,8 +123,3 @@ def summary_lines(metrics: dict, timing: dict) -> list[str]:
         f"{latency['single']['p95']:.2f}), {latency['batch']['median']:.2f} ms in batches; "
         f"peak memory {timing['peak_mb']:,.0f} MB",
     ]
-
-
-def error_text(error: dict[str, Any]) -> str:
-    """An error of metrics.json and its 95 % interval in per cent: 48.2 (39.0 to 57.8)."""
-    return percent_interval(error["mean"], error["low"], error["high"])

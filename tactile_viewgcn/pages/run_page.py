@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tactile_viewgcn import plots
-from tactile_viewgcn.evaluation.results import error_text
 from tactile_viewgcn.evaluation.trials import PROTOCOLS
+from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import several
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.finished_run import FinishedRun
@@ -166,7 +166,7 @@ def run_page(run: FinishedRun) -> str:
         outcome=outcome,
         steps=next_steps(outcome),
         scores=scores,
-        error_text=error_text,
+        interval=percent_interval,
         by_views=by_views and plots.errors_by_views(by_views, outcome.chance),
         confusion=plots.confusions(counts, run.predictions.classes.tolist()),
         pairs=[_pair(outcome, first, second) for first, second in outcome.worst_pairs(PAIRS)],

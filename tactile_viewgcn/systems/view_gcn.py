@@ -58,9 +58,12 @@ class LocalGraphConvolution(nn.Module):
 class ViewGCN(ViewSystem):
     """Features (B, k, C) at k viewpoints to logits (B, classes); k is V or fewer.
 
-    Levels of V, V/2 and V/4 nodes: local graph convolution, whose maximum over the nodes is the level's
-    descriptor; then message passing and view sampling down to the next level. The descriptors of all levels
-    are concatenated and classified. One view has no graph: its feature is the descriptor.
+    The graph has up to three levels, of V, V/2 and V/4 nodes. At each level
+    1. `LocalGraphConvolution` joins each node with its nearest; the maximum over all nodes is the level's descriptor;
+    2. `NonLocalMessagePassing` joins each node with all others;
+    3. `SelectiveViewSampling` keeps half of the nodes, which are the next level.
+    The last level ends with its descriptor. The descriptors of all levels are concatenated and classified. One view has
+    no graph: its feature is the descriptor.
 
     Fewer views, k < V, take the k viewpoints that furthest point sampling chooses first. The levels have k, k/2 and k/4
     nodes then, one at least.
@@ -75,40 +78,41 @@ class ViewGCN(ViewSystem):
         self.view_loss, features = model.view_loss, sizes.features
         self.takes_fewer = model.selector != "joint"  # its weights are for V views
         levels = level_sizes(sizes.views)
-        near = model.neighbours if isinstance(model.neighbours, list) else [model.neighbours] * len(levels)
+        neighbours = model.neighbours if isinstance(model.neighbours, list) else [model.neighbours] * len(levels)
         self.register_buffer("viewpoints", sizes.viewpoints.float(), persistent=False)
         self.register_buffer("order", furthest_points(self.viewpoints, sizes.views), persistent=False)
         self.convolutions = nn.ModuleList(
-            LocalGraphConvolution(features, k, model.edge_distance) for k, _ in zip(near, levels, strict=False)
+            LocalGraphConvolution(features, count, model.edge_distance)
+            for count, _ in zip(neighbours, levels, strict=False)
         )
         self.messages = nn.ModuleList(NonLocalMessagePassing(features) for _ in levels[1:])
         self.samplers = nn.ModuleList(
             SelectiveViewSampling(
                 features,
                 sizes.classes,
-                nodes,
+                below,
                 neighbours=min(SELECTOR_NEIGHBOURS, above),
                 joint=model.selector == "joint",
             )
-            for above, nodes in pairwise(levels)
+            for above, below in pairwise(levels)
         )
         self.classifier = shape_classifier(max(1, len(levels)) * features, features, sizes.classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         """views (B, k, C) -> logits (B, classes), and each sampler's logits (B, m, K, classes) for the view loss."""
+        count = views.shape[1]
+        places = self.viewpoints if count == len(self.order) else self.viewpoints[self.order[:count]]
         with torch.autocast(views.device.type, enabled=False):
-            nodes = views.to(self.viewpoints.dtype)
-            count = nodes.shape[1]
-            positions = (self.viewpoints if count == len(self.order) else self.viewpoints[self.order[:count]])[None]
-            descriptors, view_logits = [] if self.convolutions else [nodes[:, 0]], []
+            nodes, positions = views.to(self.viewpoints.dtype), places[None]  # (1, k, 3): common to all view sets
+            descriptors, view_logits = list[Tensor](), list[Tensor]()
             for level, convolution in enumerate(self.convolutions):
                 nodes = convolution(nodes, positions)
                 descriptors.append(nodes.amax(dim=1))
                 if level < len(self.samplers):
-                    nodes = self.messages[level](nodes)
-                    nodes, positions, logits = self.samplers[level](nodes, positions, max(1, count >> (level + 1)))
+                    kept = max(1, count >> (level + 1))
+                    nodes, positions, logits = self.samplers[level](self.messages[level](nodes), positions, kept)
                     view_logits.append(logits)
-            return self.classifier(torch.cat(descriptors, dim=-1)), view_logits
+            return self.classifier(torch.cat(descriptors or [nodes[:, 0]], dim=-1)), view_logits
 
     def loss(self, logits: Tensor, aux: list[Tensor], labels: Tensor) -> Tensor:
         """Equation 6."""

@@ -1,9 +1,8 @@
 """The file of all answers."""
 
-from itertools import product
-
 import numpy as np
 import pytest
+from sklearn.metrics import confusion_matrix
 
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.evaluation.predictions import read_predictions, write_predictions
@@ -32,9 +31,7 @@ def test_answers_belong_to_the_anchors_of_the_evaluated_side(tmp_path, side, cod
         assert answers.shape == (params.evaluate.trials, len(anchors))
         assert predictions.errors(protocol) == pytest.approx((answers != predictions.labels).mean(axis=1))
         assert predictions.errors(protocol).mean() == pytest.approx(metrics[protocol]["error"]["mean"])
-        expected = np.zeros((4, 4), dtype=int)
-        for trial, anchor in product(range(len(answers)), range(len(anchors))):
-            expected[predictions.labels[anchor], answers[trial, anchor]] += 1
+        expected = confusion_matrix(np.tile(predictions.labels, len(answers)), answers.ravel(), labels=range(4))
         np.testing.assert_array_equal(predictions.confusion(protocol), expected)
     mean = frames.inputs(np.flatnonzero((frames.label == 1) & on_side)).mean(axis=0)
     np.testing.assert_allclose(predictions.mean_frames[1], mean, rtol=1e-5, atol=1e-6)

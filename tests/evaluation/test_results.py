@@ -12,8 +12,7 @@ from tactile_viewgcn.evaluation.predictions import Predictions
 from tactile_viewgcn.evaluation.results import (
     costs,
     read_records,
-    row_metrics,
-    row_tags_and_parameters,
+    row_tags_parameters_metrics,
     summary,
     summary_lines,
     write_results,
@@ -32,21 +31,17 @@ RECORDS = {
 }
 
 
-def trials(predicted, in_top3, fewer=None):
-    predicted = np.array(predicted)
-    return Trials(predicted, predicted == LABELS, np.array(in_top3, dtype=bool), fewer or {}, 4)
-
-
 @pytest.fixture
 def evaluation():
     """Two trials of four anchors: three and two of them right by object, two and one by recording."""
-    top3, fewer = [[1, 1, 1, 1], [1, 1, 1, 0]], {1: np.array([[1, 0, 0, 0], [0, 0, 0, 0]])}
+    predicted = {"object": [[0, 0, 1, 2], [0, 2, 1, 2]], "recording": [[0, 2, 1, 2], [2, 2, 1, 0]]}
+    predicted, groups = {name: np.array(answers) for name, answers in predicted.items()}, np.array([0, 0, 1, 1])
+    others = {0: (1, 2), 1: (0, 2), 2: (1, 3)}  # what follows each answer; cup is not among the three after tape
     protocols = {
-        "object": trials([[0, 0, 1, 2], [0, 2, 1, 2]], top3),
-        "recording": trials([[0, 2, 1, 2], [2, 2, 1, 0]], top3, fewer),
+        name: Trials(np.array([[(one, *others[one]) for one in row] for row in answers.tolist()]), LABELS, frames=4)
+        for name, answers in predicted.items()
     }
-    groups = np.array([0, 0, 1, 1])
-    predicted = {protocol: one.predicted for protocol, one in protocols.items()}
+    protocols["recording"].fewer[1] = np.array([[1, 0, 0, 0], [0, 0, 0, 0]])
     layout = np.zeros((3, 1, 1)), np.ones((1, 1))
     predictions = Predictions(predicted, LABELS, groups, groups, np.array(CLASSES), *layout)
     metrics = {"views": 4, "classes": 4, "trials": 2, "frames": {"train": 9, "test": 4}, "groups": {"test": 2}}
@@ -59,11 +54,6 @@ def timing(evaluation):
     return costs(evaluation, RECORDS, 50.0, 1000.0)
 
 
-def rows(path):
-    with path.open(newline="") as file:
-        return list(csv.reader(file))
-
-
 @pytest.mark.parametrize("content", ["", '{"stage": "ingest", "seconds": 1}', "[]"])
 def test_records_are_read_by_stage_and_a_damaged_one_is_named(tmp_path, content):
     (tmp_path / "any.json").write_text(RECORD.text)
@@ -74,54 +64,48 @@ def test_records_are_read_by_stage_and_a_damaged_one_is_named(tmp_path, content)
 
 
 def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tmp_path, evaluation, timing):
+    def rows(name):
+        return list(csv.reader((tmp_path / name).read_text().splitlines()))
+
     write_results(tmp_path, evaluation, timing)
     numbers = evaluation.metrics, timing, summary(evaluation.metrics, timing)
     for name, tree in zip(("metrics", "timing", "summary"), numbers, strict=True):
         assert json.loads((tmp_path / f"{name}.json").read_text()) == tree
-    heading, *by_trial = rows(tmp_path / "trials.csv")
+    heading, *by_trial = rows("trials.csv")
     assert heading == ["protocol", "trial", "error"] and by_trial == [
         ["object", "0", "0.25"], ["object", "1", "0.5"], ["recording", "0", "0.5"], ["recording", "1", "0.75"]
     ]  # fmt: skip
-    heading, *by_views = rows(tmp_path / "views.csv")
+    heading, *by_views = rows("views.csv")
     assert heading == ["protocol", "views", "error", "low", "high"]
     assert [row[:3] for row in by_views] == [
         ["object", "4", "0.375"], ["recording", "1", "0.875"], ["recording", "4", "0.625"]
     ]  # fmt: skip
     assert by_views[0][3:] == [str(evaluation.metrics["object"]["error"][end]) for end in ("low", "high")]
-    assert rows(tmp_path / "per_class.csv") == [
+    assert rows("per_class.csv") == [
         ["protocol", "object", "view_sets", "error"],
         ["object", "cup", "4", "0.25"],
         ["object", "pen, red", "4", "0.5"],
         ["recording", "cup", "4", "0.75"],
         ["recording", "pen, red", "4", "0.5"],
     ]
-    heading, *confusion = rows(tmp_path / "confusion.csv")
+    heading, *confusion = rows("confusion.csv")
     assert heading == ["protocol", "object", "predicted", "count"]
     assert len(confusion) == 2 * 9 and sum(int(count) for *_, count in confusion) == 2 * 2 * 4
     assert ["object", "cup", "tape", "1"] in confusion and ["object", "pen, red", "tape", "2"] in confusion
 
 
-def test_the_lines_and_tags_have_errors_with_their_intervals_and_what_auto_chose(evaluation, timing):
+def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation, timing):
     metrics, error = evaluation.metrics, evaluation.metrics["object"]["error"]
-    lines, (tags, parameters) = summary_lines(metrics, timing), row_tags_and_parameters(metrics, RECORDS)
     text = f"37.5 ({100 * error['low']:.1f} to {100 * error['high']:.1f})"
-    assert f"object protocol: error {text} %, std over trials 17.7, top-3 error 12.5 %" in "\n".join(lines)
+    assert f"object protocol: error {text} %, std over trials 17.7, top-3 error 12.5 %" in "\n".join(
+        summary_lines(metrics, timing)
+    )
+    tags, parameters, scores = row_tags_parameters_metrics(metrics, timing, RECORDS)
     assert tags["resolved.model.members"] == "svm + trees"
     assert (parameters["classes"], parameters["frames.test"], parameters["weights.backbone"]) == (4, 4, 7)
-    assert not parameters.keys() & row_metrics(metrics, timing).keys()
-
-
-def test_the_row_has_errors_and_costs_of_each_stage_and_the_memory_of_the_hungriest(evaluation, timing):
-    errors = {"error.object": 3 / 8, "error.recording": 5 / 8}
-    errors |= {"top3_error.object": 1 / 8, "top3_error.recording": 1 / 8}
+    expected = {"error.object": 3 / 8, "error.recording": 5 / 8}
+    expected |= {"top3_error.object": 1 / 8, "top3_error.recording": 3 / 8}
     seconds = {"pretrain": 12.346, "finetune": 1234.5, "evaluate": 50.0, "total": 1296.846}
-    expected = errors | {f"seconds.{name}": value for name, value in seconds.items()}
-    expected |= {"ms_per_answer": 1.5, "peak_mb": 1300.5}
-    assert row_metrics(evaluation.metrics, timing) == pytest.approx(expected)
+    expected |= {f"seconds.{name}": value for name, value in seconds.items()} | {"ms_per_answer": 1.5}
+    assert scores == pytest.approx(expected | {"peak_mb": 1300.5})  # of the hungriest stage
     assert costs(evaluation, RECORDS, 50.0, 2000.04)["peak_mb"] == 2000.0
-
-
-def test_three_classes_have_no_error_of_the_first_three():
-    correct = np.ones((2, 4), dtype=bool)
-    scores = [scores_of(Trials(correct, correct, correct), LABELS, np.random.default_rng(0), n) for n in (3, 4)]
-    assert ["top3_error" in score for score in scores] == [False, True]

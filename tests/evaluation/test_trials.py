@@ -29,24 +29,20 @@ def run(answer, table, values, *changes, views, trials=2, protocol="object", **c
     """Trials of a classifier that answers view sets by a function of their values, with these attributes."""
     attributes = {"takes_fewer": False, "answers_recordings": False} | classifier
     system = SimpleNamespace(views=views, view_sets=lambda values, sets: answer(values[sets]), **attributes)
-    rngs = [np.random.default_rng(number) for number in range(trials)]
-    return run_trials(system, values, table, recipe(*changes), protocol, rngs)
+    return run_trials(system, values, table, recipe(*changes, f"evaluate.trials={trials}"), protocol)
 
 
-def test_correct_and_in_top3_follow_the_logits_and_ties_go_to_the_lowest_class():
+def test_the_three_best_follow_the_logits_and_ties_go_to_the_lowest_class():
     scores, table = np.array([1.0, 1, 1, 1, 2]), frames_of(np.arange(5))
     result = run(lambda nodes: np.tile(scores, (len(nodes), 1)), table, np.zeros((5, 3)), views=2)
-    assert result.predicted.tolist() == [[4] * 5] * 2
-    assert result.correct.tolist() == [[False, False, False, False, True]] * 2
-    assert result.in_top3.tolist() == [[True, True, False, False, True]] * 2
+    assert result.best.tolist() == [[[4, 0, 1]] * 5] * 2 and result.truth.tolist() == [0, 1, 2, 3, 4]
 
 
 def test_the_classifier_sees_the_values_of_each_view_set():
     labels, anchors = np.repeat([2, 0, 1], 8), np.arange(0, 24, 5)
     table = frames_of(labels, anchors=anchors)
     result = run(lambda nodes: nodes.mean(axis=1), table, np.eye(3)[labels], views=4)
-    assert result.predicted.tolist() == [labels[::5].tolist()] * 2
-    assert result.correct.all()
+    assert result.best[..., 0].tolist() == [labels[::5].tolist()] * 2
 
 
 @pytest.mark.parametrize("takes_fewer", [True, False])
@@ -68,7 +64,7 @@ def test_whole_recordings_are_answered_once_and_clustered_only_for_fewer_views(m
         frames_of=lambda count: np.array([0, count - 1]),
         recording=lambda values: answers[values[0]] if len(values) == 2 and values[0] == values[1] else None,
     )
-    assert result.predicted.tolist() == [np.array([0, 2])[recording].tolist()] * 2
+    assert result.best[..., 0].tolist() == [np.array([0, 2])[recording].tolist()] * 2
     assert (result.frames, result.whole, list(result.fewer)) == (5, True, [1, 2, 4] * takes_fewer)
     assert len(drawn) == 2 * takes_fewer
 
@@ -91,7 +87,7 @@ def test_fewer_views_are_the_anchor_and_nested_others_of_its_set_and_move_no_oth
 
     asked, alone = asked_for(True), asked_for(False)
     assert [correct.mean(axis=1).tolist() for correct in asked.fewer.values()] == [[k * 5 / 24] * 2 for k in (1, 2, 4)]
-    assert list(asked.fewer) == [1, 2, 4] and asked.correct.all() and alone.fewer == {}
+    assert list(asked.fewer) == [1, 2, 4] and (asked.best[..., 0] == labels).all() and alone.fewer == {}
     for start, whole in zip((0, 4), sets[False], strict=True):
         *parts, again = sets[True][start : start + 4]
         np.testing.assert_array_equal(again, whole)

@@ -5,7 +5,6 @@ import math
 import pytest
 import torch
 
-from tactile_viewgcn.systems import gcn
 from tactile_viewgcn.systems.gcn import GCN, normalised_adjacency
 from tests.systems.small_systems import LINE, built, fill, head_of, only_leaky, some_views
 
@@ -37,13 +36,3 @@ def test_gcn_takes_the_first_of_listed_neighbours():
     views = some_views(one)
     assert torch.equal(one.head(views)[0], listed.head(views)[0])
     assert (one.head(views)[0] - built("gcn", "model.neighbours=4").head(views)[0]).abs().max() > 1e-3
-
-
-def test_fewer_views_of_gcn_sit_where_furthest_point_sampling_comes_first(monkeypatch):
-    positions = []
-    monkeypatch.setattr(
-        gcn, "normalised_adjacency", lambda places, near: positions.append(places) or normalised_adjacency(places, near)
-    )
-    classifier = built("gcn")
-    classifier.head(some_views(classifier, count=3))
-    assert torch.equal(positions[0], LINE[[0, 3, 2]])

@@ -2,24 +2,21 @@
 
 import torch
 import torch.nn.functional as functional
+from torch import nn
 
 from tactile_viewgcn.systems.conv_lstm import ConvLSTM
 from tests.systems.small_systems import built, head_of, some_views
 
 
 def test_cnn_lstm_classifies_the_last_state_of_the_plain_loop():
-    head = built("cnn_lstm").head
-    views = some_views(built("cnn_lstm"))
-    memory, hidden, cell, states = head.memory, torch.zeros(3, 16), torch.zeros(3, 16), []
+    head, views = built("cnn_lstm").head, some_views(built("cnn_lstm"))
+    cell, states = nn.LSTMCell(16, 16), [None]
+    cell.load_state_dict({name.removesuffix("_l0"): weight for name, weight in head.memory.state_dict().items()})
     for view in views.unbind(dim=1):
-        gates = view @ memory.weight_ih_l0.T + memory.bias_ih_l0 + hidden @ memory.weight_hh_l0.T + memory.bias_hh_l0
-        inward, forget, candidate, outward = gates.chunk(4, dim=1)
-        cell = forget.sigmoid() * cell + inward.sigmoid() * candidate.tanh()
-        hidden = outward.sigmoid() * cell.tanh()
-        states.append(hidden)
+        states.append(cell(view, states[-1]))
     logits = head(views)[0]
-    torch.testing.assert_close(logits, head.classifier(states[-1]))
-    assert (logits - head.classifier(states[-2])).abs().max() > 1e-3
+    torch.testing.assert_close(logits, head.classifier(states[-1][0]))
+    assert (logits - head.classifier(states[-2][0])).abs().max() > 1e-3
 
 
 def plain_conv_lstm(system, views):

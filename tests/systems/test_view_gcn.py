@@ -7,7 +7,6 @@ import pytest
 import torch
 import torch.nn.functional as functional
 
-from tactile_viewgcn.nn.graph import furthest_points
 from tactile_viewgcn.nn.message_passing import SLOPE, NonLocalMessagePassing
 from tactile_viewgcn.params import load, preset_changes
 from tactile_viewgcn.recognition.classifier import build_classifier
@@ -66,22 +65,6 @@ def test_the_released_preset_has_the_released_number_of_weights():
     params = load(ROOT / "params.yaml", tuple(preset_changes("released")))
     head = build_classifier(torch.from_numpy(viewpoints(8)), 27, params.model).head
     assert sum(weight.numel() for weight in head.parameters()) == 305_138
-
-
-def test_fewer_views_sit_where_furthest_point_sampling_comes_first():
-    torch.manual_seed(0)
-    places = torch.from_numpy(viewpoints(8))
-    head = head_of(ViewGCN, places=places).eval()
-    views, positions = torch.randn(2, 4, 16), []
-    head.convolutions[0].register_forward_hook(lambda _, inputs, __: positions.append(inputs[1][0]))
-    head(views)
-    assert torch.equal(positions[0], places[furthest_points(places, 4)].float())
-
-
-@pytest.mark.stability("a graph of one view")
-def test_one_view_has_no_graph(row):
-    head = head_of(ViewGCN, places=torch.zeros(1, 3))
-    row("layers of a graph", len(head.convolutions) + len(head.messages) + len(head.samplers))
 
 
 def test_the_head_computes_in_float32_under_autocast():
