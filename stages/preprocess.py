@@ -6,21 +6,17 @@ from pathlib import Path
 import numpy as np
 
 from stages.command import Job, run
-from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.frames.preprocessing import frame_counts, kept_rows, preprocess_recordings
-from tactile_viewgcn.messages import several, write_csv
+from tactile_viewgcn.frames.preprocessing import frame_counts, preprocess_recordings
+from tactile_viewgcn.messages import several
 from tactile_viewgcn.tables.frames import SIDES, save_table
 from tactile_viewgcn.tables.recordings import Recordings
 
 
-def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> str:
+def preprocess(job: Job, recordings: Path, out: Path) -> str:
     table = Recordings(recordings)
     made = preprocess_recordings(table, job.params.preprocess, job.params.split)
     frames = made.frames
     save_table(out, frames)
-    rows = kept_rows(table, made)
-    with atomic_write(kept) as part, part.open("w", newline="") as file:
-        write_csv(file, [rows[0], *(row.values() for row in rows)])
     counts = frame_counts(frames)
     kept_of, classes = several(len(table), "frame"), several(len(frames.classes), "class", "classes")
     lines = [f"preprocess: {len(frames):,} of {kept_of} kept, {classes}"]
@@ -38,4 +34,4 @@ def preprocess(job: Job, recordings: Path, out: Path, kept: Path) -> str:
 
 
 if __name__ == "__main__":
-    run(preprocess, "recordings", outputs=("out", "kept"))
+    run(preprocess, "recordings", outputs=("out",))

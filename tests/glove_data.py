@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.frames.preprocessing import kept_rows, preprocess_recordings
+from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.params import Params, load, preset_changes
 from tactile_viewgcn.readers.source import Source
@@ -160,11 +160,11 @@ COUNTS, COLUMNS = _grips()
 
 
 def prepared(tmp_path, *changes, counts=COUNTS, columns=COLUMNS, **names):
-    """The grips' frames, all that `preprocess_recordings` made, and the rows of kept.csv, under changed parameters."""
+    """The grips' frames, and all that `preprocess_recordings` made, under changed parameters."""
     params = load(FILE, (*(f"preprocess.{key}" for key in FIXED), *changes))
     recordings = written(tmp_path / "glove.h5", counts, **columns, **names)
     made = preprocess_recordings(recordings, params.preprocess, params.split)
-    return made.frames, made, kept_rows(recordings, made)
+    return made.frames, made
 
 
 # Three objects that press different sensors, in files, and a recogniser trained on them

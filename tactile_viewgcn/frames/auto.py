@@ -7,20 +7,21 @@ from typing import Any
 import numpy as np
 
 from tactile_viewgcn.frames.baseline import Baseline, measure_baseline
+from tactile_viewgcn.frames.empty_hand import has_empty_hand
 from tactile_viewgcn.frames.filter import flagged, sensors_in_contact
 from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_notes, quietest_are_contact
 from tactile_viewgcn.frames.open_hand import HandStates, hand_states
+from tactile_viewgcn.frames.split import has_published_split
 from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, MAX_NUMBER, PreprocessSection
-from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.sensors.features import is_array
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
+TOPICS = {"contact_sensors": "contact", "zero": "baseline"}  # of notes, where it is not the key
 SAMPLE = 2000  # frames whose readings are compared
 NEAR_ZERO = 0.05  # of the range of readings
 MOST_LOST = 0.05  # share of recordings without a frame in contact, above which contact is no filter
-STAG_SENSORS = 548
 RELEASED_SCALE = 150.0  # counts, of the released code, for STAG's glove
 HEADROOM = 10.0  # times the strongest hundredth of the readings: the released scale is kept up to there
 
@@ -44,76 +45,74 @@ class Choice:
     notes: list[Note]
 
 
-def choose(
-    training: Recordings, asked: PreprocessSection, group: np.ndarray, *, empty_hand: bool, published: bool
-) -> Choice:
+def choose(recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, group: np.ndarray) -> Choice:
     """Decide every `auto`, and measure the baseline and the leak.
 
     Args:
-        training: the training side's frames, and the empty hand of its sessions.
-        group: (T,) split group of these frames.
-        empty_hand: every session, also of the other sides, has frames of the empty hand.
-        published: the source names a training and a test side, with every object on both.
+        rows: rising indices (n,) of the training side's frames and of the empty hand of its sessions; no reading of
+            other frames is looked at.
+        group: (T,) split group of each frame.
 
     Raises:
         UserError: no sensor that varies; a baseline that the recordings cannot give; readings too small or too large.
     """
-    live, decided = int(training.live.sum()), _Decisions(asked, [])
+    training, live = recordings.part(rows, recordings.live), int(recordings.live.sum())
     if not live:
         raise UserError(
-            f"{training.path}: no sensor varies over {several(len(training), 'frame')}; expected some that do: "
+            f"{recordings.path}: no sensor varies over {several(len(training), 'frame')}; expected some that do: "
             "is the glove connected?"
         )
-    if asked.contact_sensors == "auto":
-        reason = f"of {several(live, 'sensor')}" + (", as STAG's 14 of 548" if live != STAG_SENSORS else "")
-        decided.take("contact_sensors", sensors_in_contact(live), reason, "contact")
-    few = asked.baseline == "auto" and not (empty_hand or is_array(training.live))
-    states = hand_states(training, int(decided.params.contact_sensors), all_contact=few)
-    if not few and quietest_are_contact(training, states):
-        states = states.as_contact()
+    chosen: dict[str, tuple[Any, str]] = {}  # value and reason, by key
+    sensors = asked.contact_sensors
+    if sensors == "auto":
+        sensors = sensors_in_contact(live)
+        chosen["contact_sensors"] = sensors, f"a fortieth of {several(live, 'sensor')}, 14 at most"
+    empty_hand, published = has_empty_hand(recordings), has_published_split(recordings)
+    as_they_are = asked.baseline == "auto" and not (empty_hand or is_array(training.live))
+    states = hand_states(training, sensors, all_contact=as_they_are)
+    if not as_they_are and quietest_are_contact(training, states):
+        states = replace(states, contact=np.ones_like(states.contact), open=np.zeros_like(states.open))
+
+    kinds, reason, zero = [asked.baseline], "", asked.zero
     if asked.baseline == "auto":
-        baseline, leak = _take_baseline(decided, training, states, group, empty_hand=empty_hand, published=published)
+        kinds, reason = _baselines(training, states, empty_hand=empty_hand, published=published)
+        zero = smallest_reading(training)
+    tried = list[tuple[float, Any, Baseline, QuickError | None]]()
+    for kind in kinds:
+        baseline = measure_baseline(training, replace(asked, baseline=kind, zero=zero), states)
+        leak = check_leak(training, baseline, states, group[rows])
+        tried.append((leak.error if leak else 0.0, kind, baseline, leak))
+        if not (leak and leak.beats_chance):
+            break
     else:
-        baseline = measure_baseline(training, asked, states)
-        leak = check_leak(training, baseline, states, group)
-    kind = decided.params.baseline
+        _, kind, baseline, leak = max(tried, key=lambda one: one[0])
+    if asked.baseline == "auto":
+        if len(tried) > 1:
+            reason = f"of {' and '.join(kinds)} the one above which the object is recognised less without contact"
+        chosen["baseline"] = kind, reason
+        if kind == "none":
+            chosen["zero"] = zero, "what sensors without contact read" + ": about 0" * (not zero)
+
+    if asked.filter == "auto":
+        chosen["filter"] = _filter(training, states, kind)
+    if asked.scale == "auto":
+        chosen["scale"] = _scale(contact_readings(training, states, baseline))
+    params = replace(asked, **{key: value for key, (value, _) in chosen.items()})
+    notes = [
+        Note(text, "choice", TOPICS.get(key, key), f"preprocess.{key}", value) for key, (value, text) in chosen.items()
+    ]
     if kind == "grasp" and states.all_contact:
         text = (
             "grasp is made of frames in contact, as even the quietest are, so it is subtracted from the signal; set "
             "preprocess.baseline to auto, which takes the recordings as they are"
         )
-        decided.notes.append(Note(text, "warning", "baseline", "preprocess.baseline", "auto"))
-    if asked.filter == "auto":
-        decided.take("filter", *_filter(training, states, kind), "filter")
-    if asked.scale == "auto":
-        decided.take("scale", *_scale(contact_readings(training, states, baseline)), "scale")
+        notes.append(Note(text, "warning", "baseline", "preprocess.baseline", "auto"))
     advised = kind != "grasp" and (asked.baseline != "auto" or published)  # else `auto` has tried it
-    notes = decided.notes + leak_notes(training, states, leak, advised=advised)
-    return Choice(decided.params, states, baseline, leak, notes)
+    return Choice(params, states, baseline, leak, notes + leak_notes(training, states, leak, advised=advised))
 
 
-@dataclass
-class _Decisions:
-    """The settings as far as they are decided, and a note on each value."""
-
-    params: PreprocessSection
-    notes: list[Note]
-
-    def take(self, key: str, value: Any, reason: str, topic: str) -> None:
-        self.params = replace(self.params, **{key: value})
-        self.notes.append(Note(reason, "choice", topic, f"preprocess.{key}", value))
-
-
-def _take_baseline(
-    decided: _Decisions,
-    training: Recordings,
-    states: HandStates,
-    group: np.ndarray,
-    *,
-    empty_hand: bool,
-    published: bool,
-) -> tuple[Baseline, QuickError | None]:
-    """Decide the baseline, and measure it and its leak.
+def _baselines(training: Recordings, states: HandStates, *, empty_hand: bool, published: bool) -> tuple[list[Any], str]:
+    """The baselines to try, each if the one before leaks, and why.
 
     Recordings like the paper's get the paper's baseline, and recordings without a known open hand get `none`. All other
     arrays get `grasp`, which follows drift; if open-hand frames then still predict the object, and every session has an
@@ -121,33 +120,12 @@ def _take_baseline(
     """
     array = is_array(training.live)
     if empty_hand and (published or not array):
-        kinds, reason = ["empty_hand"], "recorded in every session" + ", and the split is published" * published
-    elif not array:
-        kinds, reason = ["none"], "few sensors, which may read anything without contact: they are taken as they are"
-    elif states.all_contact:
-        kinds, reason = ["none"], "even the quietest frames are contact: recordings are taken as they are"
-    else:
-        kinds, reason = ["grasp", "empty_hand"][: 1 + empty_hand], "of the open hand before each grasp: it may drift"
-    zero, leaking = smallest_reading(training), list[str]()
-    tried = list[tuple[float, Any, Baseline, QuickError | None]]()
-    for kind in kinds:
-        values: dict[str, Any] = {"baseline": kind, "zero": zero}
-        baseline = measure_baseline(training, replace(decided.params, **values), states)
-        leak = check_leak(training, baseline, states, group)
-        tried.append((0.0 if leak is None else leak.error, kind, baseline, leak))
-        if leak is None or not leak.beats_chance:
-            break
-        leaking.append(kind)
-    else:  # all leak
-        _, kind, baseline, leak = max(tried, key=lambda one: one[0])
-    if leaking:
-        reason = f"above {listed(leaking)} the object is recognised without contact"
-        reason += "; this one leaks least" * (len(leaking) == len(kinds))
-    decided.take("baseline", kind, reason, "baseline")
-    if kind == "none":
-        reason = "the reading of sensors without contact" if zero else "sensors without contact read about 0"
-        decided.take("zero", zero, reason, "baseline")
-    return baseline, leak
+        return ["empty_hand"], "recorded in every session" + ", and the split is published" * published
+    if not array:
+        return ["none"], "few sensors, which may read anything without contact: they are taken as they are"
+    if states.all_contact:
+        return ["none"], "even the quietest frames are contact: recordings are taken as they are"
+    return ["grasp", "empty_hand"][: 1 + empty_hand], "of the open hand before each grasp: it may drift"
 
 
 def smallest_reading(recordings: Recordings) -> float:
@@ -167,7 +145,7 @@ def contact_readings(recordings: Recordings, states: HandStates, baseline: Basel
     return excess[excess > CONTACT_SIGMAS * states.noise[recordings.columns["session"][sample]]].astype(np.float64)
 
 
-def _filter(recordings: Recordings, states: HandStates, baseline: str) -> tuple[Any, str]:
+def _filter(recordings: Recordings, states: HandStates, baseline: str) -> tuple[str, str]:
     """Value and reason: flags if every object has some, else contact above a baseline, if that loses no recordings."""
     objects, of_object = recordings.columns["object"], ~recordings.empty_hand
     with suppress(UserError):

@@ -1,7 +1,8 @@
-"""The empty hand, and what sensors read without contact: mean and noise over frames in which nothing is touched."""
+"""The empty hand: mean and noise of what sensors read while nothing is touched."""
 
 import numpy as np
 
+from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings
 
 ROUNDING_SD = 12**-0.5  # standard deviation of rounding to whole steps, in steps
@@ -11,7 +12,7 @@ MIN_FRAMES = 5  # for a mean
 MOST_FRAMES = 10_000  # for a mean, which then is exact to a hundredth of the noise
 CUT_OFF = 0.25  # share of the frames in which a sensor reads the smallest count, if its noise is cut off there
 HALF_SD = 0.584  # standard deviation of a normal distribution cut off at its mean, relative to that of the whole
-SAMPLE = 2000  # frames that show whether noise is cut off
+SAMPLE = 2000  # frames that show the noise
 
 
 def with_empty_hand(recordings: Recordings, frames: np.ndarray) -> np.ndarray:
@@ -31,8 +32,25 @@ def has_empty_hand(recordings: Recordings) -> bool:
     return bool(sessions_with_empty_hand(recordings)[recordings.columns["session"]].all())
 
 
+def session_moments(recordings: Recordings, session: int) -> tuple[np.ndarray | None, np.ndarray]:
+    """Mean (S,) of a session's empty hand, None without enough frames of it, and noise (S,), of the live sensors.
+
+    Without it the noise is that of differences of successive frames: drift adds little to them, and contact changes in
+    few of them.
+    """
+    index, counts = np.flatnonzero(recordings.columns["session"] == session), recordings.live_counts()
+    if len(index) < 2:
+        return None, np.ones(counts.shape[1])
+    empty, visible = index[recordings.empty_hand[index]], visible_noise(counts[evenly(index, SAMPLE)])
+    if len(empty) >= MIN_FRAMES:
+        return trimmed_moments(counts[evenly(empty, MOST_FRAMES)], visible)
+    sample = evenly(np.arange(len(index) - 1), SAMPLE)
+    changes = counts[index[sample + 1]].astype(np.float64) - counts[index[sample]]
+    return None, trimmed_moments(changes, visible)[1] / np.sqrt(2)
+
+
 def trimmed_moments(counts: np.ndarray, visible: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and standard deviation (H, W) of each sensor over counts (T, H, W), without outliers.
+    """Mean and standard deviation (...) of each sensor over counts (T, ...), without outliers.
 
     Frames further than three standard deviations from the mean are left out. A median would be no finer than whole
     counts, and the signal's median is one count. The standard deviation is divided by `visible`, see `visible_noise`,
@@ -62,7 +80,7 @@ def visible_noise(counts: np.ndarray) -> float:
 
 
 def _step(counts: np.ndarray) -> float:
-    """Step that counts (T, H, W) are rounded to: 1 for integers, the smallest gap between real numbers.
+    """Step that counts (T, ...) are rounded to: 1 for integers, the smallest gap between real numbers.
 
     Gaps below eight units of the last digit are rounding errors. If all counts are equal, the step is that unit.
     """

@@ -36,13 +36,11 @@ def passing(recordings: Recordings, baseline: Baseline, preprocess: PreprocessSe
     dropped = f"{(~passed).sum():,} of {several(len(passed), 'frame')} dropped, without {condition}"
     notes = [Note(f"{preprocess.filter}: {dropped}", topic="filter")]
     for column, names in (("recording", recordings.recordings), ("object", recordings.objects)):
-        before, after = np.unique(recordings.columns[column]), recordings.columns[column][passed]
-        if not len(emptied := np.setdiff1d(before, after)):
-            continue
-        count = f"{len(emptied)} of {several(len(before), column)}"
-        text = f"{count} dropped, no frame has {condition}: {listed([names[i] for i in emptied])}"
-        remedy = "; lower preprocess.contact_sensors, or choose another preprocess.filter"
-        notes.append(Note(text, topic="filter") if column == "recording" else Note(text + remedy, "warning", "filter"))
+        of_frame = recordings.columns[column]
+        if len(emptied := np.setdiff1d(of_frame, of_frame[passed])):
+            count = f"{len(emptied)} of {several(len(np.unique(of_frame)), column)}"
+            text = f"{count} dropped, no frame has {condition}: {listed([names[i] for i in emptied])}"
+            notes.append(Note(text, "warning" if column == "object" else "info", "filter"))
     return passed, notes
 
 

@@ -10,14 +10,14 @@ import numpy as np
 
 from tactile_viewgcn.frames.baseline import Baseline
 from tactile_viewgcn.frames.empty_hand import MIN_FRAMES, has_empty_hand
+from tactile_viewgcn.frames.folds import left_out
 from tactile_viewgcn.frames.open_hand import HandStates
-from tactile_viewgcn.frames.split import SPLIT_SEED, fold_sides, spans_classes
+from tactile_viewgcn.frames.split import SPLIT_SEED
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.counts import evenly
-from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 TOPIC = "leak check"
@@ -87,6 +87,21 @@ def quick_error(
     return QuickError(float(wrong.mean()), low, high, float(chance), len(np.unique(cells[1])), len(used))
 
 
+def _answers(means: np.ndarray, label: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """Objects (n,) that ridge regression on other groups assigns to mean readings (n, S); -1 if none was fitted."""
+    from sklearn.linear_model import RidgeClassifier
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+    from threadpoolctl import threadpool_limits
+
+    answer = np.full(len(label), -1)
+    model = make_pipeline(StandardScaler(), RidgeClassifier(PENALTY * means.shape[1]))
+    for test in left_out(group, label, FOLDS):
+        with threadpool_limits(1):  # so that no choice depends on their number; more are no faster here
+            answer[test] = model.fit(means[~test], label[~test]).predict(means[test])
+    return answer
+
+
 def check_leak(recordings: Recordings, baseline: Baseline, states: HandStates, group: np.ndarray) -> QuickError | None:
     """Error of recognising objects by open-hand frames; None unless two objects have such frames in two groups each.
 
@@ -96,10 +111,13 @@ def check_leak(recordings: Recordings, baseline: Baseline, states: HandStates, g
     Args:
         group: (T,) split group of each frame.
     """
+    before = np.arange(len(recordings))
+    for index in frames_by_recording(recordings):
+        last = np.maximum.accumulate(np.where(states.contact[index], np.arange(len(index)), -1))
+        before[index] = np.where(last < 0, index, index[last])
 
     def excess(index: np.ndarray) -> np.ndarray:
-        of_frame = baseline.of_frame[_last_contact(recordings, states.contact)[index]]
-        return states.counts[index] - baseline.mean[of_frame][:, recordings.live]
+        return states.counts[index] - baseline.mean[baseline.of_frame[before[index]]][:, recordings.live]
 
     untouched = states.open & ~recordings.empty_hand
     return quick_error(excess, untouched, recordings.columns["object"], group)
@@ -110,17 +128,13 @@ def check_first_frames(recordings: Recordings, states: HandStates) -> QuickError
 
     The mean over the first frames of the session is subtracted. The empty hand is no object here.
     """
-    first = np.zeros(len(states.open), dtype=bool)
-    first[[index[0] for index in frames_by_recording(recordings)]] = True
-
-    def excess(index: np.ndarray) -> np.ndarray:
-        counts, session = states.counts[index].astype(np.float64), recordings.columns["session"][index]
-        for number in np.unique(session):
-            counts[session == number] -= counts[session == number].mean(axis=0)
-        return counts
-
-    usable, columns = first & ~recordings.empty_hand, recordings.columns
-    return quick_error(excess, usable, columns["object"], columns["recording"])
+    first = np.array([index[0] for index in frames_by_recording(recordings)])
+    first = first[~recordings.empty_hand[first]]
+    object_of, recording, session = (recordings.columns[name][first] for name in ("object", "recording", "session"))
+    counts = states.counts[first].astype(np.float64)
+    for number in np.unique(session):
+        counts[session == number] -= counts[session == number].mean(axis=0)
+    return quick_error(counts.__getitem__, np.ones(len(first), dtype=bool), object_of, recording)
 
 
 def quietest_are_contact(recordings: Recordings, states: HandStates) -> bool:
@@ -146,7 +160,7 @@ def quietest_are_contact(recordings: Recordings, states: HandStates) -> bool:
         return False
     of_object = ~recordings.empty_hand[quietest]
     for group in (session, np.arange(len(label))):
-        if error := quick_error(lambda index: difference[index], of_object, label, group):
+        if error := quick_error(difference.__getitem__, of_object, label, group):
             return error.beats_chance
     return False
 
@@ -168,36 +182,10 @@ def leak_notes(recordings: Recordings, states: HandStates, leak: QuickError | No
     )
     notes = [Note(text, topic=TOPIC)]
     if leak.beats_chance:
-        text = "frames without contact predict the object better than chance, so errors say less about touch"
-        if advised:
-            text += ": set preprocess.baseline to grasp, or choose another split.by"
-            notes.append(Note(text, "warning", TOPIC, "preprocess.baseline", "grasp"))
-        else:
-            notes.append(Note(f"{text}: choose another split.by", "warning", TOPIC))
+        text = "frames without contact predict the object better than chance, so errors say less about touch: "
+        key, value = ("preprocess.baseline", "grasp") if advised else ("", None)
+        remedy = (
+            "set preprocess.baseline to grasp, or choose another split.by" if advised else "choose another split.by"
+        )
+        notes.append(Note(text + remedy, "warning", TOPIC, key, value))
     return notes
-
-
-def _last_contact(recordings: Recordings, contact: np.ndarray) -> np.ndarray:
-    """Index (T,) of the last frame of contact before each frame in its recording; the frame itself if there is none."""
-    last = np.arange(len(contact))
-    for index in frames_by_recording(recordings):
-        before = np.maximum.accumulate(np.where(contact[index], np.arange(len(index)), -1))
-        last[index] = np.where(before < 0, index, index[before])
-    return last
-
-
-def _answers(means: np.ndarray, label: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Objects (n,) that ridge regression on other groups assigns to mean readings (n, S); -1 if none was fitted."""
-    from sklearn.linear_model import RidgeClassifier
-    from sklearn.pipeline import make_pipeline
-    from sklearn.preprocessing import StandardScaler
-    from threadpoolctl import threadpool_limits
-
-    answer, across = np.full(len(label), -1), spans_classes(group, label)
-    for fold in range(FOLDS):
-        test = fold_sides(group, label, folds=FOLDS, fold=fold, across=across) == TEST
-        if test.any() and len(np.unique(label[~test])) > 1:
-            model = make_pipeline(StandardScaler(), RidgeClassifier(PENALTY * means.shape[1]))
-            with threadpool_limits(1):  # so that no choice depends on their number; more are no faster here
-                answer[test] = model.fit(means[~test], label[~test]).predict(means[test])
-    return answer

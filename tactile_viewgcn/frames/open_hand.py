@@ -16,20 +16,14 @@ It fails, and nothing says so,
 A flag of the source that an object is held always counts as contact.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from tactile_viewgcn.frames.empty_hand import (
-    MIN_FRAMES,
-    MOST_FRAMES,
-    SAMPLE,
-    trimmed_moments,
-    visible_noise,
-)
+from tactile_viewgcn.frames.empty_hand import MIN_FRAMES, session_moments
 from tactile_viewgcn.params import CONTACT_SIGMAS
-from tactile_viewgcn.tables.counts import Counts, evenly
+from tactile_viewgcn.tables.counts import Counts
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 OPEN_SENSORS = 1  # most sensors of an open hand that read contact: one may be faulty
@@ -38,7 +32,6 @@ WEAK_SENSORS, WEAK_SHARE = 2, 0.01  # most sensors of an open hand above that: t
 MARGIN = 2  # frames this near to a touch do not count as open: the hand is closing, or has just let go
 FOLLOWED = 0.1  # share of the difference between an open-hand frame and the baseline that the baseline follows
 UNMOVED = 0.25  # share of the sensors that a dense grasp leaves as they are, and drift does not
-MAX_DIFFERENCES = 2000  # of successive frames, from which noise is estimated
 COMMON_SENSORS = 100  # enough to estimate what all sensors share, in a fifth of the time that 548 take
 
 
@@ -70,10 +63,6 @@ class HandStates:
         """Whether even the quietest frames are contact, so that no open hand gives a baseline."""
         return bool(self.contact.all())
 
-    def as_contact(self) -> "HandStates":
-        """The same with every frame in contact."""
-        return replace(self, contact=np.ones_like(self.contact), open=np.zeros_like(self.open))
-
     @property
     def quiet(self) -> np.ndarray:
         """Mean (R, S) over the quietest frames of each recording, in counts."""
@@ -95,46 +84,30 @@ def hand_states(
             of the empty hand.
         all_contact: the training side is contact from end to end, so every frame counts as contact.
     """
-    counts = recordings.live_counts()
-    session, empty = recordings.columns["session"], recordings.empty_hand
-    of_session = []
-    for number in range(len(recordings.sessions)):
-        mean, noise = _empty_hand(counts, np.flatnonzero(session == number), empty)
-        if mean is None and trained:
-            mean, noise = (values[recordings.live] for values in trained[number])
-        of_session.append((mean, noise))
+    counts, session = recordings.live_counts(), recordings.columns["session"]
+    of_session = [session_moments(recordings, number) for number in range(len(recordings.sessions))]
+    if trained:
+        live = recordings.live
+        of_session = [
+            (mean[live], noise[live]) if own[0] is None else own
+            for own, (mean, noise) in zip(of_session, trained, strict=True)
+        ]
     flags = [recordings.columns[name] for name in ("valid", "grasp_valid") if name in recordings.columns]
-    flagged = np.any([np.zeros(len(recordings), dtype=bool), *flags], axis=0) & ~empty  # an object is held
+    held = np.any([np.zeros(len(counts), dtype=bool), *flags], axis=0) & ~recordings.empty_hand
     contact, opened = np.zeros((2, len(counts)), dtype=bool)
     quietest_of_all = []
     for index in frames_by_recording(recordings):
         mean, noise = of_session[session[index[0]]]
-        of_recording, threshold = counts[index].astype(np.float64), CONTACT_SIGMAS * noise
+        of_recording = counts[index].astype(np.float64)
         if all_contact:
             start, contact[index] = quietest(of_recording), True
         else:
-            pressed, still, start = _pressed(of_recording, threshold, contact_sensors, mean)
-            contact[index] = (pressed >= contact_sensors) | flagged[index]
+            pressed, still, start = _pressed(of_recording, CONTACT_SIGMAS * noise, contact_sensors, mean)
+            contact[index] = (pressed >= contact_sensors) | held[index]
             opened[index] = minimum_filter1d(still & ~contact[index], 2 * MARGIN + 1, mode="nearest")
         quietest_of_all.append(index[start : start + MIN_FRAMES])
     noises = np.stack([noise for _, noise in of_session])
     return HandStates(counts, noises, contact, opened, quietest_of_all, contact_sensors)
-
-
-def _empty_hand(counts: Counts, index: np.ndarray, empty: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
-    """Mean (S,) of the empty hand in a session, None without enough frames of it, and noise (S,).
-
-    Without it the noise is that of differences of successive frames: drift adds little to them, and contact changes in
-    few of them. `index` (n,) is of the session's frames, `empty` bool (T,) marks those of the empty hand.
-    """
-    if len(index) < 2:
-        return None, np.ones(counts.shape[1])
-    of_empty, visible = index[empty[index]], visible_noise(counts[evenly(index, SAMPLE)])
-    if len(of_empty) >= MIN_FRAMES:
-        return trimmed_moments(counts[evenly(of_empty, MOST_FRAMES)], visible)
-    sample = evenly(np.arange(len(index) - 1), MAX_DIFFERENCES)
-    changes = counts[index[sample + 1]].astype(np.float64) - counts[index[sample]]
-    return None, trimmed_moments(changes, visible)[1] / np.sqrt(2)
 
 
 def _pressed(

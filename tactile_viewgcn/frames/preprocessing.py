@@ -1,16 +1,15 @@
 """From the table of raw counts to the frames that a system learns from, and an account of those that were dropped."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from tactile_viewgcn.frames.auto import Choice, choose
-from tactile_viewgcn.frames.baseline import Baseline, join_baselines, measure_baseline
-from tactile_viewgcn.frames.empty_hand import has_empty_hand, with_empty_hand
+from tactile_viewgcn.frames.baseline import Baseline, measure_baseline
+from tactile_viewgcn.frames.empty_hand import with_empty_hand
 from tactile_viewgcn.frames.filter import passing
 from tactile_viewgcn.frames.open_hand import hand_states
-from tactile_viewgcn.frames.sides import Sides, deal, has_published_split, keep_testable
-from tactile_viewgcn.frames.split import SPLIT_SEED, balanced_anchors, published_anchors
+from tactile_viewgcn.frames.split import SPLIT_SEED, Sides, deal, draw_anchors, keep_testable
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import PreprocessSection, Split
 from tactile_viewgcn.randomness import stream
@@ -51,53 +50,46 @@ def preprocess_recordings(
         UserError: no sensor that varies; a baseline, flags or groups that the recordings cannot give; fewer than two
             classes left; an empty side.
     """
-    rng, empty = stream(SPLIT_SEED, "preprocess"), recordings.empty_hand
+    rng = stream(SPLIT_SEED, "preprocess")
     sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class, groups=groups)
     live = recordings.part(np.flatnonzero(sides.training)).live
     recordings = recordings.part(np.arange(len(recordings)), live)
 
     choice, baseline = _measure(recordings, asked, sides)
+
     passed, notes = passing(recordings, baseline, choice.params)
-
-    keep = passed & (asked.empty_hand_class | ~empty)
-    _require_classes(recordings, keep)
+    keep = passed & (asked.empty_hand_class | ~recordings.empty_hand)
     if groups is None:
-        keep, of_split = keep_testable(recordings, sides, keep, split)
-        notes += of_split
-        _require_classes(recordings, keep)
+        keep, of_classes = keep_testable(recordings, sides, keep, split)
+        notes += of_classes
+    _require_classes(recordings, keep)
 
-    label, side = recordings.columns["object"][keep], sides.side[keep]
     published = groups is None and split.by == "source" and choice.params.filter == "flags"
-    if published and "balanced" in recordings.columns:
-        anchors = published_anchors(recordings.columns["balanced"][keep], side)
-        notes.append(Note("the source's balanced frames", topic="anchors"))
-    else:
-        anchors, unequal = balanced_anchors(label, side, rng=rng)
-        notes += unequal
-    anchors = anchors[~sides.surplus[keep]]  # after the draw: those of the other sides stay the same
-    keep &= ~sides.surplus
+    anchor = draw_anchors(recordings.columns, sides.side, keep, rng, published=published)
+    keep &= ~sides.surplus  # only now, so that the anchors of the other sides stay the same
 
-    share = float(passed[sides.training].mean())
-    frames = _table(recordings, choice, baseline, sides, keep, anchors, share)
+    frames = _table(recordings, choice, baseline, sides, keep, anchor, float(passed[sides.training].mean()))
     return Preprocessed(frames, choice, sides, passed, keep, [*choice.notes, *baseline.notes, *notes])
 
 
 def _measure(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> tuple[Choice, Baseline]:
-    """What is decided on the training side, and the baseline of all frames."""
-    empty_hand, published = has_empty_hand(recordings), has_published_split(recordings)
+    """What is decided on the training side, and the baseline of all frames, measured on each side by itself."""
     rows = with_empty_hand(recordings, sides.training)
-    part = recordings.part(rows, recordings.live)
-    choice = choose(part, asked, sides.group[rows], empty_hand=empty_hand, published=published)
-    parts, states = [(sides.training, rows, choice.baseline)], None
-    for name, frames in sides.others():
+    choice = choose(recordings, rows, asked, sides.group)
+    parts = [(sides.training, rows, choice.baseline)]
+    for frames in sides.others:
         rows = with_empty_hand(recordings, frames)
-        part = recordings.part(rows, recordings.live)
+        part, states = recordings.part(rows, recordings.live), None
         if choice.params.baseline == "grasp":
             states = hand_states(part, choice.states.contact_sensors, all_contact=choice.states.all_contact)
-        baseline = measure_baseline(part, choice.params, states)
-        baseline.notes[:] = [replace(note, topic=f"{note.topic} ({name})") for note in baseline.notes]
-        parts.append((frames, rows, baseline))
-    return choice, join_baselines(parts, len(recordings))
+        parts.append((frames, rows, measure_baseline(part, choice.params, states)))
+    of_frame, count = np.zeros(len(recordings), dtype=np.int32), 0
+    for frames, rows, baseline in parts:
+        of_frame[frames] = count + baseline.of_frame[frames[rows]]
+        count += len(baseline.mean)
+    baselines = [baseline for _, _, baseline in parts]
+    mean, noise = (np.concatenate([getattr(one, name) for one in baselines]) for name in ("mean", "noise"))
+    return choice, Baseline(mean, noise, of_frame, [note for one in baselines for note in one.notes])
 
 
 def _table(
@@ -106,7 +98,7 @@ def _table(
     baseline: Baseline,
     sides: Sides,
     keep: np.ndarray,
-    anchors: np.ndarray,
+    anchor: np.ndarray,
     share: float,
 ) -> Frames:
     """Table of the frames to `keep` (T,), with classes in the order of the recordings; `share` passed the filter."""
@@ -123,7 +115,7 @@ def _table(
         grasp=columns.get("grasp", np.zeros_like(columns["recording"])),
         group=sides.group[index],
         side=sides.side[index],
-        anchor=anchors,
+        anchor=anchor[keep],
         baseline=number.astype(np.int32),
         time=columns["time"],
         baseline_mean=baseline.mean[used],
@@ -160,21 +152,3 @@ def frame_counts(frames: Frames) -> dict[str, int]:
             f"recordings.{name}": len(np.unique(frames.recording[on])),
         }
     return counts
-
-
-def kept_rows(recordings: Recordings, made: Preprocessed) -> list[dict[str, object]]:
-    """Rows of a table, one per object and session: frames, how many were dropped and why, kept, and anchors."""
-    pairs = np.stack([recordings.columns["object"], recordings.columns["session"]])
-    cells, cell = np.unique(pairs, axis=1, return_inverse=True)
-    anchor = np.zeros(len(recordings), dtype=bool)
-    anchor[made.keep] = made.frames.anchor
-    masks = {
-        "frames": np.ones(len(recordings), dtype=bool),
-        "dropped_by_filter": ~made.passed,
-        "dropped_with_class": made.passed & ~made.keep,
-        "kept": made.keep,
-        **{f"anchors_{name}": anchor & (made.sides.side == code) for code, name in enumerate(SIDES)},
-    }
-    names = [{"object": recordings.objects[one], "session": recordings.sessions[session]} for one, session in cells.T]
-    counts = {name: np.bincount(cell.ravel(), mask).astype(int).tolist() for name, mask in masks.items()}
-    return [row | {name: of_cell[at] for name, of_cell in counts.items()} for at, row in enumerate(names)]

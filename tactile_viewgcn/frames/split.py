@@ -1,18 +1,99 @@
-"""Train, validation and test sides, by groups of frames that belong together, and anchors on each side.
+"""The sides of the split and the anchors on them.
 
-Frames of one recording resemble each other far more than frames of two, so all frames of a group (a recording, a
-grasp, a session) are on one side. The published split is the exception: its sides are used as they are, and the
-number of recordings on both of them is reported.
+Frames of one recording resemble each other far more than frames of two, so all frames of a split group (a recording, a
+grasp, a session) are on one side. The published split is the exception: its sides are used as they are, and the number
+of recordings on both of them is reported. No reading is looked at.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_viewgcn.messages import Note, UserError, several
-from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.frames.folds import each_class, in_fold, spans_classes
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
+from tactile_viewgcn.params import Split
+from tactile_viewgcn.readers.source import TEST as PUBLISHED_TEST
+from tactile_viewgcn.readers.source import TRAIN as PUBLISHED_TRAIN
 from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN, VALIDATION
+from tactile_viewgcn.tables.recordings import Recordings
 
 MINIMUM = 100  # anchors that a class keeps at least; a class with fewer frames uses all of them
 SPLIT_SEED = 0  # of anchors and validation groups, so that these are the same for every value of `seed`
+
+
+@dataclass(frozen=True)
+class Sides:
+    """The side of every frame (T,).
+
+    Attributes:
+        group: int64, split group.
+        side: int8, TRAIN, VALIDATION or TEST.
+        surplus: bool, of training groups beyond `split.train_groups`, of a recording's grasps beyond
+            `split.train_grasps`, or of the empty hand that is no class: not used.
+    """
+
+    group: np.ndarray
+    side: np.ndarray
+    surplus: np.ndarray
+
+    @property
+    def training(self) -> np.ndarray:
+        """bool (T,): frames that are trained on."""
+        return (self.side == TRAIN) & ~self.surplus
+
+    @property
+    def others(self) -> list[np.ndarray]:
+        """Frames bool (T,) of the validation side, of the test side, and of those left out, if there are any."""
+        return [frames for frames in (self.side == VALIDATION, self.side == TEST, self.surplus) if frames.any()]
+
+
+def deal(
+    recordings: Recordings,
+    split: Split,
+    rng: np.random.Generator,
+    *,
+    empty_hand_class: bool,
+    groups: np.ndarray | None = None,
+) -> Sides:
+    """Deal the split groups to the sides; the empty hand's frames only if it is a class.
+
+    Args:
+        groups: (T,) split group of each frame, for a training without a test side; `split.validation` of the groups are
+            on the validation side. None: `split.by` names the groups and the test side.
+
+    Raises:
+        UserError: there is one class; `split.by` is `grasp` or `source`, and the recordings have no such column; there
+            are `split.train_grasps`, and grasps are not numbered; a side that is needed has no frames.
+    """
+    columns = recordings.columns
+    surplus = recordings.empty_hand & (not empty_hand_class)
+    used = np.flatnonzero(~surplus)
+    recorded = np.unique(columns["object"][used])
+    if len(recorded) == 1:
+        raise UserError(one_class(recordings.objects[recorded[0]]))
+    by, group = ("", groups) if groups is not None else (split.by, split_groups(columns, split.by))
+    side = np.full(len(group), TRAIN, dtype=np.int8)
+    label, of_used = columns["object"][used], group[used]
+    across = by == "session" if by else spans_classes(of_used, label)
+    if by == "source":
+        side[columns["split"] == PUBLISHED_TEST] = TEST
+    elif by:
+        tested = in_fold(of_used, label, folds=split.folds, fold=split.fold, across=across, deal=split.deal)
+        side[used[tested]] = TEST
+    side[used] = validation_sides(side[used], of_used, label, share=split.validation, across=across, rng=rng)
+    if split.train_groups != "all":
+        surplus[used] = surplus_groups(side[used], of_used, label, most=split.train_groups)
+    if split.train_grasps != "all":
+        grasps = split_groups(columns, "grasp")
+        surplus |= surplus_groups(side, grasps, split_groups(columns, "recording"), most=split.train_grasps)
+    if by:
+        _require_frames(side, ~surplus, split)
+    return Sides(group, side, surplus)
+
+
+def one_class(name: str, where: str = "the recordings have") -> str:
+    """The sentence on a single class: there is nothing to choose between."""
+    return f"{where} one class, {name}; expected two or more"
 
 
 def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:
@@ -34,50 +115,6 @@ def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:
     return np.unique(np.stack(keys, axis=1), axis=0, return_inverse=True)[1].ravel()
 
 
-def spans_classes(groups: np.ndarray, labels: np.ndarray) -> bool:
-    """Whether a split group (n,) has frames of several classes (n,), as a session has."""
-    return len(np.unique(np.stack([groups, labels]), axis=1).T) > len(np.unique(groups))
-
-
-def fold_sides(
-    groups: np.ndarray,
-    labels: np.ndarray,
-    *,
-    folds: int,
-    fold: int,
-    across: bool,
-    deal: int = 0,
-) -> np.ndarray:
-    """TRAIN or TEST, int8 (T,): the i-th group of a class is on the test side if i modulo `folds` is `fold`.
-
-    A class of one group cannot be tested and is on the training side: others can be mistaken for it.
-
-    Args:
-        groups: (T,) split groups.
-        labels: (T,) classes; the groups of each class are counted by themselves.
-        across: groups span classes, as sessions do, and are counted once for all classes.
-        deal: 0 counts the groups in their order; any other number in a random order, the same for all folds.
-    """
-    side = np.full(len(groups), TRAIN, dtype=np.int8)
-    for label, of_class in _classes(labels, across):
-        order = np.unique(groups[of_class])
-        if len(order) == 1 and not across:
-            continue
-        if deal:
-            order = stream(deal, "split.deal", *([] if across else [label])).permutation(order)
-        side[of_class & np.isin(groups, order[fold::folds])] = TEST
-    return side
-
-
-def surplus_groups(side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, most: int) -> np.ndarray:
-    """bool (T,): training frames of a class, or of a recording in its place, outside its first `most` groups."""
-    surplus = np.zeros(len(side), dtype=bool)
-    for _, of_class in _classes(labels):
-        trained = of_class & (side == TRAIN)
-        surplus |= trained & ~np.isin(groups, np.unique(groups[trained])[:most])
-    return surplus
-
-
 def validation_sides(
     side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, share: float, across: bool, rng: np.random.Generator
 ) -> np.ndarray:
@@ -86,9 +123,7 @@ def validation_sides(
     A class with two groups or more gives at least one and keeps at least one.
     """
     side = side.copy()
-    if share == 0:
-        return side
-    for _, of_class in _classes(labels, across):
+    for _, of_class in each_class(labels, across) if share else []:
         trained = of_class & (side == TRAIN)
         candidates = np.unique(groups[trained])
         count = min(len(candidates) - 1, max(1, round(share * len(candidates))))
@@ -97,48 +132,97 @@ def validation_sides(
     return side
 
 
-def published_anchors(balanced: np.ndarray, side: np.ndarray) -> np.ndarray:
-    """Copy of the source's balanced frames bool (n,), as anchors.
+def surplus_groups(side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, most: int) -> np.ndarray:
+    """bool (T,): training frames of a class, or of a recording in its place, outside its first `most` groups."""
+    surplus = np.zeros(len(side), dtype=bool)
+    for _, of_class in each_class(labels):
+        trained = of_class & (side == TRAIN)
+        surplus |= trained & ~np.isin(groups, np.unique(groups[trained])[:most])
+    return surplus
+
+
+def keep_testable(
+    recordings: Recordings, sides: Sides, keep: np.ndarray, split: Split
+) -> tuple[np.ndarray, list[Note]]:
+    """The frames of `keep` bool (T,) whose class has training frames, and notes on dropped classes and on the split.
+
+    The empty hand without test frames is dropped, too; any other class without them is kept.
 
     Raises:
-        UserError: a side (n,) without any.
+        UserError: a side that is needed has no frames.
     """
-    for code in np.unique(side):
-        if not (balanced & (side == code)).any():
+    objects, recording = recordings.columns["object"], recordings.columns["recording"]
+    left, tested, notes = keep.copy(), sides.side == TEST, list[Note]()
+    if split.by == "source":
+        shared = np.intersect1d(recording[keep & (sides.side == TRAIN)], recording[keep & tested])
+        text = f"the published split has {several(len(shared), 'recording')} on both sides"
+        notes.append(Note(text, topic="split"))
+    for label in np.unique(objects[keep]):
+        name, of_class = recordings.objects[label], keep & (objects == label)
+        trains, tests = (of_class & sides.training).any(), (of_class & tested).any()
+        if trains and tests:
+            continue
+        if name == EMPTY_HAND:
+            text = "is not on both sides and is dropped; it still gives the baseline"
+        elif trains:
+            text = "has no test frames; it is kept as a class that others can be mistaken for"
+        else:
+            text = "has no training frames and is dropped"
+        if name == EMPTY_HAND or not trains:
+            left &= ~of_class
+        notes.append(Note(f"{name} {text}", topic="objects"))
+    _require_frames(sides.side, left & ~sides.surplus, split)
+    return left, notes
+
+
+def has_published_split(recordings: Recordings) -> bool:
+    """Whether the source names a training and a test side, and every object is on both."""
+    columns, of_object = recordings.columns, ~recordings.empty_hand
+    if "split" not in columns:
+        return False
+    objects, split = columns["object"][of_object], columns["split"][of_object]
+    trained, tested = (np.unique(objects[split == code]) for code in (PUBLISHED_TRAIN, PUBLISHED_TEST))
+    return np.array_equal(trained, tested)
+
+
+def draw_anchors(
+    columns: dict[str, np.ndarray], side: np.ndarray, keep: np.ndarray, rng: np.random.Generator, *, published: bool
+) -> np.ndarray:
+    """Anchors bool (T,) among the frames to `keep` bool (T,).
+
+    They are drawn at random, equally many of every class on a side: as many as the smallest class has frames, but at
+    least 100, so that one small class does not reduce all others to a handful. A class with fewer frames uses all.
+
+    Args:
+        published: take the source's balanced frames instead, if it names them.
+
+    Raises:
+        UserError: a side (T,) without balanced frames.
+    """
+    if published and "balanced" in columns:
+        anchor = keep & columns["balanced"]
+        for code in np.setdiff1d(side[keep], side[anchor]):
             raise UserError(
                 f"the {SIDES[code]} side of split.by source has no balanced frames (isBalanced) that pass the "
                 "filter; expected some: set preprocess.filter to contact or choose another split.by"
             )
-    return balanced.copy()
-
-
-def balanced_anchors(
-    labels: np.ndarray, side: np.ndarray, *, rng: np.random.Generator, minimum: int = MINIMUM
-) -> tuple[np.ndarray, list[Note]]:
-    """Anchors bool (T,), drawn at random, equally many of every class on a side; and notes on classes with fewer.
-
-    Their number is that of the smallest class's frames, but at least `minimum`, so that one small class does not reduce
-    all others to a handful. A class with fewer frames than that uses all of them.
-    """
-    anchor, notes = np.zeros(len(labels), dtype=bool), []
-    for code, name in enumerate(SIDES):
-        of_class = [np.flatnonzero((labels == label) & (side == code)) for label in np.unique(labels)]
-        sizes = [len(index) for index in of_class if len(index)]
-        if not sizes:
-            continue
-        count = max(min(sizes), minimum)
+        return anchor
+    anchor = np.zeros(len(keep), dtype=bool)
+    for code in range(len(SIDES)):
+        on_side = keep & (side == code)
+        of_class = [np.flatnonzero(on_side & (columns["object"] == label)) for label in np.unique(columns["object"])]
+        count = max(MINIMUM, min(filter(None, map(len, of_class)), default=0))
         for index in of_class:
             anchor[rng.permutation(index)[:count]] = True
-        if smaller := sum(size < count for size in sizes):
-            text = (
-                f"{smaller} of {several(len(sizes), 'class', 'classes')}: fewer than {several(count, 'anchor')}, so "
-                f"all frames are used, {min(sizes)} in the smallest"
-            )
-            notes.append(Note(text, topic=f"{'training' if name == 'train' else name} side"))
-    return anchor, notes
+    return anchor
 
 
-def _classes(labels: np.ndarray, across: bool = False) -> list[tuple[int, np.ndarray]]:
-    """Each class and its frames bool (T,); with `across` all frames at once."""
-    labels = np.zeros_like(labels) if across else labels
-    return [(int(label), labels == label) for label in np.unique(labels)]
+def _require_frames(side: np.ndarray, frames: np.ndarray, split: Split) -> None:
+    """Raise a UserError if a side that is needed has none of the frames bool (T,)."""
+    needed = {TRAIN, TEST} | ({VALIDATION} if split.validation else set())
+    if empty := [SIDES[code] for code in sorted(needed) if not (frames & (side == code)).any()]:
+        raise UserError(
+            f"the {' and the '.join(empty)} side of split.by {split.by} (fold {split.fold} of {split.folds}) has "
+            "no frames; expected some on each, so two groups of an object or more: record more, or choose another "
+            "split.by, folds or fold"
+        )

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tactile_viewgcn.frames.leak import QuickError
-from tactile_viewgcn.frames.sides import one_class
+from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import EMPTY_HAND, Note, several, warnings_of
 from tactile_viewgcn.pages.html import Verdict

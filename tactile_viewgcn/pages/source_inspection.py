@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from tactile_viewgcn.frames.auto import Choice, choose
-from tactile_viewgcn.frames.empty_hand import MIN_FRAMES, has_empty_hand
+from tactile_viewgcn.frames.empty_hand import MIN_FRAMES
 from tactile_viewgcn.frames.filter import SENSORS_IN_CONTACT
 from tactile_viewgcn.frames.leak import QuickError, check_first_frames, quick_error
 from tactile_viewgcn.frames.open_hand import HandStates
-from tactile_viewgcn.frames.sides import has_published_split
-from tactile_viewgcn.frames.split import split_groups
+from tactile_viewgcn.frames.split import has_published_split, split_groups
 from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, PreprocessSection
 from tactile_viewgcn.readers.source import AUTO, Form
@@ -109,8 +108,7 @@ def inspect_table(recordings: Recordings, asked: PreprocessSection, form: Form =
     groups, first = _groups(recordings, original), np.array([index[0] for index in recorded])
     split = split_settings(groups)
     group = split_groups(columns, str(split[0].value))
-    empty_hand, published = has_empty_hand(recordings), has_published_split(recordings)
-    choice = choose(recordings, asked, group, empty_hand=empty_hand, published=published)
+    choice = choose(recordings, np.arange(len(recordings)), asked, group)
     states = choice.states
     stuck, saturated = _faulty(recordings, states, recorded)
     interval, gaps, seconds = _sampling([columns["time"][index] for index in recorded])

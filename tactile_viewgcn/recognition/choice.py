@@ -8,12 +8,11 @@ import time
 
 import numpy as np
 
-from tactile_viewgcn.frames.split import fold_sides, spans_classes
+from tactile_viewgcn.frames.folds import left_out
 from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.recognition.calibration import fit_temperature
 from tactile_viewgcn.sensors.estimators import added, probabilities
 from tactile_viewgcn.sensors.examples import Examples
-from tactile_viewgcn.tables.frames import TEST
 
 #: a later candidate is taken only if all earlier ones err more by more than a standard error
 ARRAY: list[list[str]] = [["kernel", "pooled_kernel"], ["svm"], ["convolutions"]]
@@ -36,12 +35,7 @@ class LeftOut:
 
     def __init__(self, examples: Examples, groups: np.ndarray, seed: int):
         self.examples, self.groups, self._seed = examples, groups, seed
-        self._folds, label, across = list[np.ndarray](), examples.labels, spans_classes(groups, examples.labels)
-        for fold in range(FOLDS):
-            left = fold_sides(groups, label, folds=FOLDS, fold=fold, across=across) == TEST
-            left &= np.isin(label, label[~left])
-            if left.any():
-                self._folds.append(left)
+        self._folds = left_out(groups, examples.labels, FOLDS)
         self.answered = np.any(self._folds, axis=0) if self._folds else np.zeros(len(groups), dtype=bool)
         self.seconds: dict[str, float] = {}
         self._shares: dict[str, np.ndarray] = {}

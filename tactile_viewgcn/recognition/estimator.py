@@ -12,7 +12,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_consistent_length, check_is_fitted, column_or_1d
 
-from tactile_viewgcn.frames.sides import one_class
+from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, UserError, shown, warnings_of
 from tactile_viewgcn.params import Member, Params, default_params, preset_changes
 from tactile_viewgcn.readers.source import FRAMES_LAST

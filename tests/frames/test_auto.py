@@ -60,13 +60,12 @@ def leak_of(error):
 def test_an_array_has_the_baseline_of_each_grasp_unless_the_empty_hand_s_leaks_less(
     tmp_path, monkeypatch, grasp, empty_hand, expected
 ):
-    errors = {"recording0, grasp 1": grasp, "session0": empty_hand}
-    leaks = {name: leak_of(error) if error else None for name, error in errors.items()}
-    monkeypatch.setattr(module, "check_leak", lambda _, baseline, *rest: leaks[baseline.names[0]])
+    leaks = {of_grasps: leak_of(error) if error else None for of_grasps, error in ((True, grasp), (False, empty_hand))}
+    monkeypatch.setattr(module, "check_leak", lambda _, baseline, *rest: leaks[len(baseline.mean) > 1])
     recordings = drifting(recordings=2, grasps=2, shape=(8, 9)).table(tmp_path / "t")
     choice = chosen(recordings, *BY_RECORDING)
     assert choice.params.baseline == values(choice)["baseline"] == expected
-    assert choice.leak is leaks[choice.baseline.names[0]]
+    assert choice.leak is leaks[expected == "grasp"]
 
 
 #: Frames of the empty hand, form of the array, whether the split is published, and the baseline.

@@ -20,7 +20,6 @@ COUNTS[:, 2, 3] = 530  # a cell without a sensor, far above the baseline
 OBJECTS = np.repeat([0, 1, 2], 20)
 SESSIONS = np.tile([0, 1], 30)
 BASELINE = Baseline(
-    ["session0", "session1"],
     RNG.uniform(511, 516, size=(2, *SHAPE)).astype(np.float32),
     RNG.uniform(0.5, 1.5, size=(2, *SHAPE)).astype(np.float32),
     SESSIONS,
@@ -50,7 +49,7 @@ def test_contact_is_the_result_of_counting_sensor_by_sensor(recordings, sensors,
 def test_pressed_sensors_lie_above_the_threshold_and_not_on_it(tmp_path):
     counts = np.array([[520, 520, 520], [521, 520, 520], [521, 520, 540], [510, 510, 510]], dtype=np.int16)[:, None]
     entry = np.ones((1, 1, 3), dtype=np.float32)
-    baseline = Baseline(["session"], 510 * entry, 2 * entry, np.zeros(4, dtype=np.int16))
+    baseline = Baseline(510 * entry, 2 * entry, np.zeros(4, dtype=np.int16))
     contact = pressed_frames(written(tmp_path / "t", counts, object=1), baseline, 2)
     assert contact.tolist() == [False, False, True, False]
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames import leak as module
 from tactile_viewgcn.frames.baseline import measure_baseline
 from tactile_viewgcn.frames.leak import QuickError, check_first_frames, check_leak, leak_notes, quick_error
 from tactile_viewgcn.frames.open_hand import hand_states
@@ -30,12 +29,6 @@ def test_drift_between_recordings_predicts_their_objects_but_not_above_the_basel
     assert leak.high < 0.12 and leak.beats_chance
     mended, _ = checked(recordings, baseline="grasp")
     assert mended.error > 0.7 and not mended.beats_chance
-
-
-def test_the_baseline_is_that_of_the_contact_before_a_frame_in_its_recording(tmp_path):
-    recordings = written(tmp_path / "t", np.zeros((12, 2, 2)), recording=np.repeat([0, 1], 6))
-    contact = np.isin(np.arange(12), [0, 3, 4, 8])
-    assert module._last_contact(recordings, contact).tolist() == [0, 0, 0, 3, 4, 4, 6, 7, 8, 8, 8, 8]
 
 
 def test_a_drift_during_the_grasp_is_visible_above_the_baseline_before_it(tmp_path):

@@ -1,15 +1,13 @@
 """The training side is the same to the last byte, whatever the frames of the other sides read."""
 
 from dataclasses import replace
-from functools import partial
 from itertools import product
 
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames import filter, preprocessing
+from tactile_viewgcn.frames import filter, preprocessing, split
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
-from tactile_viewgcn.frames.split import balanced_anchors
 from tactile_viewgcn.recognition.model_file import FittedPreprocessing
 from tactile_viewgcn.tables.frames import TRAIN
 from tests.glove_data import drifting, recipe, views_of, written
@@ -55,7 +53,7 @@ def test_no_reading_of_the_other_sides_reaches_the_training_side(
 ):
     """In test and validation frames each object presses other sensors, by far more, and the rest read 0."""
     monkeypatch.setattr(filter, "CONTACT_SHARE", 0.042)  # 3 of 71 sensors, 4 of 72
-    monkeypatch.setattr(preprocessing, "balanced_anchors", partial(balanced_anchors, minimum=4))
+    monkeypatch.setattr(split, "MINIMUM", 4)
     label, number, grasp = (glove.columns[name] for name in ("object", "recording", "grasp"))
     number = number % 4
     part = (label > 0) | (empty == EMPTY)
@@ -66,8 +64,8 @@ def test_no_reading_of_the_other_sides_reaches_the_training_side(
     if by == "source":  # elsewhere it would spare the measurement of baselines; recordings are on both sides
         columns["split"] = ((number == 3) | ((number == 1) & (grasp == 1))).astype(np.int8)
     asked = (f"preprocess.baseline={baseline}", f"preprocess.filter={filtered}", "cluster.restarts=1")
-    split = f"split.folds={2 if by == 'grasp' else 4}", "split.validation=0.3"
-    params = recipe(*asked, f"split.by={by}", *split)
+    dealt = f"split.by={by}", f"split.folds={2 if by == 'grasp' else 4}", "split.validation=0.3"
+    params = recipe(*asked, *dealt)
     expected, other = training_side(glove.table(tmp_path / "a", part, **columns), params)
     changed = np.zeros(len(part), dtype=bool)
     changed[np.flatnonzero(part)[other]] = True

@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.frames.split import balanced_anchors, fold_sides, split_groups, surplus_groups, validation_sides
+from tactile_viewgcn.frames import split as module
+from tactile_viewgcn.frames.folds import in_fold, left_out
+from tactile_viewgcn.frames.split import draw_anchors, split_groups, surplus_groups, validation_sides
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 
 
@@ -42,9 +44,8 @@ def test_groups_are_numbered_in_the_order_of_the_recordings():
 def test_groups_are_dealt_to_the_folds_in_turn(across, groups, labels, tested):
     groups, labels = np.array(groups), np.array(labels)
     for fold, expected in enumerate(tested):
-        side = fold_sides(groups, labels, folds=2, fold=fold, across=across)
-        assert np.unique(groups[side == TEST]).tolist() == expected
-        assert set(side[np.isin(groups, expected)]) == {TEST} and set(side) == {TRAIN, TEST}
+        inside = in_fold(groups, labels, folds=2, fold=fold, across=across)
+        np.testing.assert_array_equal(inside, np.isin(groups, expected))
 
 
 def test_a_deal_shuffles_the_groups_of_each_class_independently_of_other_classes():
@@ -52,8 +53,7 @@ def test_a_deal_shuffles_the_groups_of_each_class_independently_of_other_classes
 
     def tested(deal, of=slice(None), across=False):
         """bool (4, 24) or fewer: the groups that each fold tests."""
-        sides = [fold_sides(groups[of], labels[of], folds=4, fold=i, across=across, deal=deal) for i in range(4)]
-        return np.stack(sides) == TEST
+        return np.stack([in_fold(groups[of], labels[of], folds=4, fold=i, across=across, deal=deal) for i in range(4)])
 
     assert tested(3).reshape(4, 2, 12).sum(axis=2).tolist() == [[3, 3]] * 4
     np.testing.assert_array_equal(tested(3)[:, 12:], tested(3, labels == 1))
@@ -78,7 +78,8 @@ def test_every_group_is_on_one_side_and_is_tested_in_exactly_one_fold(
     groups, label, across = split_groups(columns, by), columns["object"], by == "session"
     times = np.zeros(len(label), dtype=int)
     for fold in range(folds):
-        side = fold_sides(groups, label, folds=folds, fold=fold, across=across, deal=deal)
+        inside = in_fold(groups, label, folds=folds, fold=fold, across=across, deal=deal)
+        side = np.where(inside, TEST, TRAIN).astype(np.int8)
         side = validation_sides(side, groups, label, share=share, across=across, rng=np.random.default_rng(0))
         for group in np.unique(groups):
             assert len(np.unique(side[groups == group])) == 1
@@ -115,12 +116,18 @@ def test_validation_sessions_are_drawn_once_for_all_objects(share):
 def test_anchors_number_the_smallest_class_or_the_minimum_or_all_there_are(sizes, minimum):
     labels = np.repeat([0, 1, 2, 0, 1, 2], sizes)
     side = np.repeat([TRAIN] * 3 + [VALIDATION] * 3, sizes)
-    anchor, again = (balanced_anchors(labels, side, minimum=minimum, rng=np.random.default_rng(0))[0] for _ in "ab")
+    keep = np.arange(len(side)) % 3 > 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "MINIMUM", minimum)
+        columns, rngs = {"object": labels}, [np.random.default_rng(0) for _ in "ab"]
+        anchor, again = (draw_anchors(columns, side, keep, rng, published=False) for rng in rngs)
     np.testing.assert_array_equal(anchor, again)
-    for code, of_side in ((TRAIN, sizes[:3]), (VALIDATION, sizes[3:])):
-        count = max(minimum, min(filter(None, of_side), default=0))
-        for label, size in enumerate(of_side):
-            assert (anchor & (labels == label) & (side == code)).sum() == min(size, count)
+    assert not (anchor & ~keep).any()
+    for code in (TRAIN, VALIDATION):
+        of_class = [(labels == label) & (side == code) for label in range(3)]
+        kept = [(frames & keep).sum() for frames in of_class]
+        count = max(minimum, min(filter(None, kept), default=0))
+        assert [(frames & anchor).sum() for frames in of_class] == [min(size, count) for size in kept]
 
 
 def test_surplus_groups_are_those_after_the_first_of_each_class_on_the_training_side():
@@ -130,3 +137,10 @@ def test_surplus_groups_are_those_after_the_first_of_each_class_on_the_training_
     surplus = surplus_groups(side, groups, labels, most=2)
     assert groups[surplus].tolist() == [9, 9, 8]
     assert not surplus_groups(side, groups, labels, most=3).any()
+
+
+def test_what_a_fit_answers_is_left_out_of_it_and_every_class_stays_in():
+    """The groups span classes; both groups of class 2 are in the first fold, so that its members are in all fits."""
+    groups, labels = np.array([0, 1, 2, 0, 1, 2, 0, 3, 3]), np.repeat([0, 1, 2], 3)
+    masks = left_out(groups, labels, 3)
+    assert [np.flatnonzero(left).tolist() for left in masks] == [[0, 3], [1, 4], [2, 5]]

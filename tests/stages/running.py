@@ -25,7 +25,7 @@ SENSORS = (*SMALL, "data.source=metadata.mat", "model.system=sensors", "model.me
 FILES = {
     "needs": "--out data/needs.json",
     "ingest": "--out data/recordings",
-    "preprocess": "--recordings data/recordings --out data/frames --kept data/kept.csv",
+    "preprocess": "--recordings data/recordings --out data/frames",
     "cluster": "--needs data/needs.json --frames data/frames --out data/views",
     "pretrain": "--needs data/needs.json --frames data/frames --out models/backbone.pt",
     "finetune": "--frames data/frames --views data/views --backbone models/backbone.pt --out models/classifier.pt",

@@ -133,7 +133,7 @@ def test_bad_and_missing_files_are_refused_in_one_line_and_nothing_is_written(pl
     assert "pressure of frame 3 of recording " in refused(ingest(place, tree | {"pressure": pressure}))
     assert left(place) == set() and not (place / "recordings").exists()
     ingest(place, tree | {"splitId": np.ones_like(tree["splitId"])})
-    words = ("--recordings", "recordings", "--out", "frames", "--kept", "kept.csv", "--record", "preprocess.json")
+    words = ("--recordings", "recordings", "--out", "frames", "--record", "preprocess.json")
     refusal = refused(run_stage("preprocess", *words, cwd=place))
     assert "the train side of split.by source" in refusal and left(place) == set()
 

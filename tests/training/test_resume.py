@@ -44,7 +44,7 @@ def place(tmp_path_factory):
     (place / "needs.json").write_text('{"cluster": true, "pretrain": true}')
     save_matlab5(place / "metadata.mat", metadata(objects=4, recordings=3, frames=12))
     run(place, "ingest", "--set", "data.source=metadata.mat", "--out", "recordings")
-    run(place, "preprocess", "--recordings", "recordings", "--out", "frames", "--kept", "kept.csv")
+    run(place, "preprocess", "--recordings", "recordings", "--out", "frames")
     run(place, "cluster", "--needs", "needs.json", "--frames", "frames", "--out", "views")
     return place
 
