@@ -19,7 +19,6 @@ class Predictions:
         predicted: by protocol, int16 (T, A) predicted class.
         labels, groups: (A,) true class and split group of the anchors; recordings: (A,) name of their recording.
         classes: (C,) names.
-        mean_frames: float32 (C, H, W) mean network input of each class on the evaluated side; live: bool (H, W).
     """
 
     predicted: dict[str, np.ndarray]
@@ -27,8 +26,6 @@ class Predictions:
     groups: np.ndarray
     recordings: np.ndarray
     classes: np.ndarray
-    mean_frames: np.ndarray
-    live: np.ndarray
 
     def errors(self, protocol: str) -> np.ndarray:
         """Error (T,) of each trial."""
@@ -45,17 +42,12 @@ def predictions_of(protocols: dict[str, Trials], table: Frames, side: str) -> Pr
     """The answers of the trials of each protocol on one side of the table."""
     index = table.on(SIDES.index(side))
     anchors = index[table.anchor[index]]
-    mean_frames = np.zeros((len(table.classes), *table.live.shape), dtype=np.float32)
-    for label in np.unique(table.label[index]):
-        mean_frames[label] = table.mean_input(index[table.label[index] == label])
     return Predictions(
         {protocol: trials.best[..., 0].astype(np.int16) for protocol, trials in protocols.items()},
         table.label[anchors],
         table.group[anchors],
         np.array(table.recordings)[table.recording[anchors]],
         np.array(table.classes),
-        mean_frames,
-        table.live,
     )
 
 

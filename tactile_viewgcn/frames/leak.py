@@ -123,20 +123,6 @@ def check_leak(recordings: Recordings, baseline: Baseline, states: HandStates, g
     return quick_error(excess, untouched, recordings.columns["object"], group)
 
 
-def check_first_frames(recordings: Recordings, states: HandStates) -> QuickError | None:
-    """Error of recognising objects by the first frame of each recording; None unless two objects have two recordings.
-
-    The mean over the first frames of the session is subtracted. The empty hand is no object here.
-    """
-    first = np.array([index[0] for index in frames_by_recording(recordings)])
-    first = first[~recordings.empty_hand[first]]
-    object_of, recording, session = (recordings.columns[name][first] for name in ("object", "recording", "session"))
-    counts = states.counts[first].astype(np.float64)
-    for number in np.unique(session):
-        counts[session == number] -= counts[session == number].mean(axis=0)
-    return quick_error(counts.__getitem__, np.ones(len(first), dtype=bool), object_of, recording)
-
-
 def quietest_are_contact(recordings: Recordings, states: HandStates) -> bool:
     """Whether even the quietest frames are contact, so that there is no open hand to take a baseline from.
 

@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.messages import Note, several, shown
+from tactile_viewgcn.messages import several, shown
 from tactile_viewgcn.schema import as_change
 
 if TYPE_CHECKING:
@@ -58,8 +58,9 @@ def environment() -> Environment:
     glossary = loader.get_source(templates, GLOSSARY)[0]
     templates.globals["begin"] = Markup(BEGIN)
     templates.globals["words"] = re.findall(r"^\| (.+) \| (.+) \|$", glossary, re.MULTILINE)[1:]
+    templates.globals["as_change"] = as_change
     templates.filters |= {"anchor": _anchor, "headings": _headings, "several": several, "percent": percent, "svg": svg}
-    templates.filters |= {"duration": duration, "lines": _lines, "change": _change}
+    templates.filters |= {"duration": duration, "lines": _lines}
     return templates
 
 
@@ -98,11 +99,6 @@ def duration(seconds: float) -> str:
 def _lines(commands: str) -> Markup:
     """Commands, one a line."""
     return Markup("\n").join(map(shown, commands.split("\n")))
-
-
-def _change(note: Note) -> str:
-    """A chosen value as `key=value`."""
-    return as_change(note.key, note.value)
 
 
 def _anchor(name: str) -> str:

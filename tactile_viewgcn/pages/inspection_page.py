@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from tactile_viewgcn import plots
 from tactile_viewgcn.pages import html, inspection_text
-from tactile_viewgcn.pages.source_inspection import Overview
+from tactile_viewgcn.pages.source_inspection import SAMPLE, Overview
 from tactile_viewgcn.params import VIRTUAL
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import frames_by_recording
@@ -28,31 +28,22 @@ def inspection_page(overview: Overview) -> str:
         command="\n".join(inspection_text.command_lines(overview)),
         settings=overview.settings,
         warnings=warnings,
+        remarks=[note for note in overview.remarks if note.level == "info"],
         tables=inspection_text.tables(overview),
         mean_frames=_mean_frames(overview),
         time_lines=_time_lines(overview),
     )
 
 
-def _excess(overview: Overview, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Counts (n, S) above the baseline of the frames in an index (n,), and which of them are in contact."""
-    recordings, baseline = overview.recordings, overview.choice.baseline
-    excess = overview.states.counts[index] - baseline.mean[baseline.of_frame[index]][:, recordings.live]
-    return excess, overview.states.contact[index] & ~recordings.empty_hand[index]
-
-
 def _mean_frames(overview: Overview) -> Figure:
     """Mean frame of each object with frames in contact; an empty one where there is none."""
-    recordings, label = overview.recordings, overview.label
-    sums, number = np.zeros((len(recordings.objects), *recordings.shape)), np.zeros(len(recordings.objects))
-    for of_object, index in zip(label, frames_by_recording(recordings), strict=True):
-        excess, contact = _excess(overview, index)
-        sums[of_object, recordings.live] += excess[contact].sum(axis=0)
-        number[of_object] += contact.sum()
-    drawn = np.flatnonzero(number)[:MOST_OBJECTS]
-    frames, names = sums[drawn] / number[drawn, None, None], [recordings.objects[label] for label in drawn]
-    if not len(drawn):
-        frames, names = sums[:1], ["no contact"]
+    recordings, label = overview.recordings, overview.recordings.columns["object"]
+    drawn = np.unique(label[overview.in_contact])[:MOST_OBJECTS]
+    frames = np.zeros((max(1, len(drawn)), *recordings.shape))
+    for frame, one in zip(frames, drawn, strict=False):
+        sample = evenly(np.flatnonzero(overview.in_contact & (label == one)), SAMPLE)
+        frame[recordings.live] = overview.excess(sample).mean(axis=0)
+    names = [recordings.objects[one] for one in drawn] or ["no contact"]
     return plots.mean_frames(frames, recordings.live, names, f"{overview.unit} above baseline", columns=5)
 
 
@@ -60,10 +51,9 @@ def _time_lines(overview: Overview) -> Figure:
     """The load of the first recording of each object over time."""
     rows = evenly(np.unique(overview.label, return_index=True)[1], MOST_LINES)
     recorded, lines, in_contact = frames_by_recording(overview.recordings), [], []
-    for row in rows:
-        excess, contact = _excess(overview, recorded[row])
-        points = min(POINTS, len(contact))
-        lines.append(np.array([part.mean() for part in np.array_split(excess.mean(axis=1), points)]))
+    for index in (recorded[row] for row in rows):
+        load, contact, points = overview.excess(index).mean(axis=1), overview.in_contact[index], min(POINTS, len(index))
+        lines.append(np.array([part.mean() for part in np.array_split(load, points)]))
         in_contact.append(np.array([part.mean() for part in np.array_split(contact, points)]))
     names = [overview.recordings.objects[overview.label[row]] for row in rows]
     return plots.time_lines(lines, in_contact, overview.seconds[rows].tolist(), names)

@@ -9,7 +9,6 @@ import numpy as np
 
 from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.split import one_class
-from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import EMPTY_HAND, Note, several, warnings_of
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import SATURATED, Overview
@@ -38,6 +37,7 @@ class Table(NamedTuple):
 def inspection_lines(overview: Overview) -> list[str]:
     """The inspection, the command to use, and the reason of each setting."""
     lines = [str(overview.recordings.path), *_wrapped(f"{figure} {text}" for figure, text in facts(overview))]
+    lines += _wrapped(note.text for note in overview.remarks if note.level == "info")
     for table in tables(overview):
         lines += [table.title, *_aligned(table), *_wrapped([table.remark])]
     warned = warnings(overview)
@@ -68,61 +68,45 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
         ("no times", "of frames in the recordings, so no frame rate"),
     ]
     if overview.interval:
-        seconds = np.median(overview.seconds)
+        seconds = np.nanmedian(overview.seconds)
         rows[-1] = (f"{1 / overview.interval:.4g} Hz", f"is the frame rate, {seconds:.3g} s a recording")
+    kind, leak = overview.choice.params.baseline, overview.choice.leak
+    rows += _error(overview.error, f"in contact, above the baseline {kind}") + _error(leak, "without contact")
     arrays = not table.channel_names and are_arrays(table.path)
     if arrays and overview.form.shape == "auto" and height == 1 and 1 < low == high <= MAX_SIDE:
         other = (
             f"--shape {high} {width} if a file is one frame, --set data.shape={FRAMES_LAST} if its columns are frames"
         )
         rows.append((f"{high} x {width}", f"numbers in each file, taken as frames of a row: {other}"))
-    remarks = [note.text.partition(" ") for note in overview.remarks if note.level == "info"]
-    return [*rows, *((figure, text) for figure, _, text in remarks)]
+    return rows
 
 
 def tables(overview: Overview) -> list[Table]:
-    """Objects, sessions, and the measurements of baselines, the chosen one marked."""
-    label, counts, recordings = overview.label, overview.counts, overview.recordings
-    of_objects = {one: [f"{count[label == one].sum():,}" for count in counts.values()] for one in np.unique(label)}
-    flagged = "; flagged: by the recordings themselves" if "flagged" in counts else ""
+    """Objects and sessions."""
+    recordings, counts, label, session = overview.recordings, overview.counts, overview.label, overview.session
+    of_objects = [
+        [recordings.objects[one], *(f"{count[label == one].sum():,}" for count in counts.values())]
+        for one in np.unique(label)
+    ]
+    empty = recordings.columns["session"][recordings.empty_hand]
     of_sessions = [
-        [recordings.sessions[one], f"{(overview.session == one).sum():,}", f"{overview.empty[one]:,}", f"{noise:.3g}"]
-        for one in np.unique(overview.session)
-        for noise in [np.median(overview.states.noise[one])]
+        [recordings.sessions[one], f"{(session == one).sum():,}", f"{(empty == one).sum():,}", f"{noise:.3g}"]
+        for one, noise in ((one, np.median(overview.states.noise[one])) for one in np.unique(session))
     ]
-    every_table = [
-        Table(
-            "Objects",
-            f"Frames of each kind{flagged}.",
-            ["object", *counts],
-            [[recordings.objects[one], *row] for one, row in of_objects.items()],
-        ),
-        Table(
-            "Sessions",
-            f"Frames of the empty hand; noise of the median sensor, in {overview.unit}.",
-            ["session", "recordings", "empty hand", "noise"],
-            of_sessions,
-        ),
-        _measured(overview),
+    of_frames = "Frames of each kind" + ("; flagged: by the recordings themselves." if "flagged" in counts else ".")
+    of_hands = f"Frames of the empty hand; noise of the median sensor, in {overview.unit}."
+    return [
+        Table("Objects", of_frames, ["object", *counts], of_objects),
+        Table("Sessions", of_hands, ["session", "recordings", "empty hand", "noise"], of_sessions),
     ]
-    return [table for table in every_table if table.rows]
 
 
-def _measured(overview: Overview) -> Table:
-    remark = (
-        "Errors of a quick classifier on held-out groups. Without contact, on the open hand or the first frame of a "
-        "recording, an error below chance is a leak."
-    )
-    kind = overview.choice.params.baseline
-    measured = [(kind, overview.error, overview.leak), ("first frame", None, overview.first_frame)]
-    rows = [[name, *_errors(error, leak)] for name, error, leak in measured if error or leak]
-    return Table("Baseline", remark, ["", "error, %", "without contact, %", "chance, %", "leaks"], rows)
-
-
-def _errors(error: QuickError | None, leak: QuickError | None) -> list[str]:
-    """The cells of an error, and of one without contact."""
-    cells = [percent_interval(each.error, each.low, each.high) if each else "" for each in (error, leak)]
-    return cells + ([f"{100 * leak.chance:.1f}", "yes" if leak.beats_chance else "no"] if leak else ["", ""])
+def _error(error: QuickError | None, where: str) -> list[tuple[str, str]]:
+    """A pair for `facts`, where that error was measured."""
+    if not error:
+        return []
+    interval, chance = f"{100 * error.low:.1f} to {100 * error.high:.1f}", f"{100 * error.chance:.1f}"
+    return [(f"{100 * error.error:.1f} %", f"is a quick classifier's error {where} ({interval}; guessing: {chance})")]
 
 
 def warnings(overview: Overview) -> list[Note]:
@@ -131,12 +115,11 @@ def warnings(overview: Overview) -> list[Note]:
     contact = np.bincount(overview.label, overview.counts["in contact"], len(overview.recordings.objects))
     untouched, single = _names(overview, contact == 0), _names(overview, overview.groups[by] == 1)
     gaps = overview.gaps > MANY_GAPS * overview.counts["frames"].sum()
-    error, leak, first = overview.error, overview.leak, overview.first_frame
+    error, leak = overview.error, overview.choice.leak
     guessing = error and not error.beats_chance
     found = {
         "contact": untouched and f"Never in contact: {untouched}. Record these objects again, held firmly.",
         "leak": leak and leak.beats_chance and f"The object can be recognised before it is touched: {LESS}",
-        "first frame": first and first.beats_chance and f"The first frame already predicts the object: {LESS}",
         "error": guessing and f"A quick classifier predicts the objects no better than guessing. {FIRMLY}",
         "split": single and f"One {by} alone: {single}. Nothing is left to test with. {TWICE}",
         "time": gaps and f"Frames are missing at {several(overview.gaps, 'place')}. Look at the cable and the logger.",
@@ -158,8 +141,6 @@ def verdict(overview: Overview, warned: list[Note]) -> Verdict:
         return Verdict("bad", f"Not yet: there are no two objects with two recordings each. {TWICE}", [])
     fewest = several(int(groups[groups > 0].min()), by)
     reasons = ["Each object is on both published sides." if by == "source" else f"Each object has {fewest} or more."]
-    if overview.leak and not overview.leak.beats_chance:
-        reasons.append("Without contact the objects cannot be told apart, as it should be.")
     if warned:
         return Verdict("unsure", f"Usable, with {several(len(warned), 'warning')}.", reasons)
     return Verdict("good", "Yes: nothing was found that would spoil a result.", reasons)
@@ -176,13 +157,10 @@ def command_lines(overview: Overview) -> list[str]:
     path, settings = overview.recordings.path, overview.settings
     presets = [f"$(tactile-viewgcn preset {note.value})" for note in settings if note.key == "preset"]
     form = overview.form
-    if form.shape == FRAMES_LAST:
-        shape: Any = FRAMES_LAST
-    else:
-        shape = list(overview.recordings.shape) if are_arrays(path) else "auto"
+    shape: Any = list(overview.recordings.shape) if are_arrays(path) else "auto"
     values = {  # all of `data`: params.yaml may be set for other recordings
         "data.source": str(everywhere(path)),
-        "data.shape": shape,
+        "data.shape": FRAMES_LAST if form.shape == FRAMES_LAST else shape,
         "data.layout": form.layout,
         "data.columns": [f"{kind}:{name}" for kind, name in form.columns.items()],
     }

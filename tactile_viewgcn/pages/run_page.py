@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from tactile_viewgcn import plots
 from tactile_viewgcn.evaluation.trials import PROTOCOLS
@@ -20,7 +19,6 @@ from tactile_viewgcn.params import everywhere, on_sensors
 from tactile_viewgcn.provenance import PACKAGES
 from tactile_viewgcn.schema import as_change
 
-PAIRS = 4
 FEW = 10  # split groups: an interval of fewer says little
 WIDE = 0.25  # of an interval
 ROUNDING = 1e-9  # of a share
@@ -39,7 +37,6 @@ class Outcome:
         objects: of each tested object name, number of recordings, of answers in all trials, share of wrong ones, and
             the object that it is most often taken for, with that share; the highest error first.
         tested: their recordings, in words.
-        only: the one object that every answer named, or "".
         candidates: of the comparison that `model.members: auto` made, the chosen one first, see `recognition.choice`.
         members: of `sensors`, as asked for or as chosen.
         warnings: notes of the stages.
@@ -68,8 +65,6 @@ class Outcome:
         fewest, most = min(recordings.values()), max(recordings.values())
         each = f"{fewest} to {most}" if fewest < most else fewest
         self.tested = f"{several(sum(recordings.values()), 'recording')}, {each} of each object"
-        answered = predictions.classes[self.counts.any(axis=0)]
-        self.only = str(answered[0]) if len(answered) == 1 else ""
         self.candidates = [note.value for note in run.notes("info") if note.topic == "candidates"]
         self.members = choices.get("model.members", run.params["model.members"])
         self.warnings = run.notes("warning")
@@ -81,17 +76,9 @@ class Outcome:
         taken_for = f"{self.run.predictions.classes[other]} ({percent(wrong[other] / answers)})" if wrong[other] else ""
         return answers, float(wrong.sum() / answers), taken_for
 
-    def worst_pairs(self, most: int) -> list[tuple[int, int]]:
-        """Classes with most mistakes in both directions, the worst pair first; ties to the lowest numbers."""
-        first, second = np.triu_indices(len(self.counts), k=1)
-        both = self.counts[first, second] + self.counts[second, first]
-        return [(int(first[i]), int(second[i])) for i in np.argsort(-both, kind="stable")[:most] if both[i]]
-
     def verdict(self) -> Verdict:
         """Whether the result is good, and why."""
         warned, reasons = len(self.warnings), []
-        if self.only:
-            reasons.append(f"Every answer was {self.only}: the classifier distinguishes nothing.")
         if self.uncertain:
             reasons.append(f"Little was tested: {self.tested}.")
         if warned:
@@ -119,8 +106,8 @@ def next_steps(outcome: Outcome) -> list[Step]:
     """At most three steps: mend what stages warned of, test more, and use the classifier or look at the recordings."""
     run, params, changed, steps = outcome.run, outcome.run.params, outcome.run.changed, list[Step]()
     if outcome.warnings:
-        remedies = {note.key: note.value for note in outcome.warnings if note.key in params and note.value is not None}
-        remedies = {key: value for key, value in remedies.items() if value != params[key]}
+        unheeded = (note for note in outcome.warnings if note.key in params)
+        remedies = {note.key: note.value for note in unheeded if note.value not in (None, params[note.key])}
         command = again(changed | remedies) if remedies else ""
         steps.append(Step("Mend the causes of the warnings, and run again.", command))
     if outcome.uncertain:
@@ -169,7 +156,6 @@ def run_page(run: FinishedRun) -> str:
         interval=percent_interval,
         by_views=by_views and plots.errors_by_views(by_views, outcome.chance),
         confusion=plots.confusions(counts, run.predictions.classes.tolist()),
-        pairs=[_pair(outcome, first, second) for first, second in outcome.worst_pairs(PAIRS)],
         without_network=on_sensors(run.params["model.system"]),
         remarks=[note for note in run.notes("info") if note.topic != "candidates"],
         choices=run.notes("choice"),
@@ -177,16 +163,3 @@ def run_page(run: FinishedRun) -> str:
         changed=list(starmap(as_change, run.changed.items())),
         versions=[f"{name} {text}" for name, text in origin.items() if name in ("python", *PACKAGES)],
     )
-
-
-def _pair(outcome: Outcome, first: int, second: int) -> tuple[Figure, str]:
-    """Two objects side by side on the hand, and how often each was taken for the other."""
-    predictions, counts, both = outcome.run.predictions, outcome.counts, [first, second]
-    names = [str(predictions.classes[label]) for label in both]
-    mistakes = [
-        f"{name} was taken for {other} in {counts[label, answer]:,} of {several(int(counts[label].sum()), 'answer')}"
-        for name, other, label, answer in zip(names, names[::-1], both, both[::-1], strict=True)
-        if counts[label, answer]
-    ]
-    figure = plots.mean_frames(predictions.mean_frames[both], predictions.live, names, "network input")
-    return figure, f"{'; '.join(mistakes)}."

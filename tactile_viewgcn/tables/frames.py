@@ -80,14 +80,6 @@ class Frames:
         """Network input float32 (k, S) of the frames in `index` (k,) at the live sensors, computed when indexed."""
         return Gathered(lambda at: self.inputs(at)[:, self.live], index)
 
-    def mean_input(self, index: np.ndarray) -> np.ndarray:
-        """Mean network input float32 (H, W) of the frames in `index` (k,), one at least."""
-        total = np.zeros(self.counts.shape[1:], dtype=np.float32)
-        for start in range(0, len(index), BLOCK_FRAMES):
-            for frame in self.inputs(index[start : start + BLOCK_FRAMES]):  # one by one: equal in blocks of any size
-                total += frame
-        return total / np.float32(len(index))
-
     def on(self, *sides: int) -> np.ndarray:
         """Rising indices of the frames on the given sides."""
         return np.flatnonzero(np.isin(self.side, sides))

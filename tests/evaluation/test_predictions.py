@@ -33,5 +33,3 @@ def test_answers_belong_to_the_anchors_of_the_evaluated_side(tmp_path, side, cod
         assert predictions.errors(protocol).mean() == pytest.approx(metrics[protocol]["error"]["mean"])
         expected = confusion_matrix(np.tile(predictions.labels, len(answers)), answers.ravel(), labels=range(4))
         np.testing.assert_array_equal(predictions.confusion(protocol), expected)
-    mean = frames.inputs(np.flatnonzero((frames.label == 1) & on_side)).mean(axis=0)
-    np.testing.assert_allclose(predictions.mean_frames[1], mean, rtol=1e-5, atol=1e-6)

@@ -10,7 +10,7 @@ import pytest
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.messages import warnings_of
 from tactile_viewgcn.pages.inspection_text import WIDTH, command_lines, inspection_lines, verdict, warnings
-from tactile_viewgcn.pages.source_inspection import inspect_source, inspect_table
+from tactile_viewgcn.pages.source_inspection import Overview, inspect_source
 from tactile_viewgcn.params import load
 from tests.glove_data import (
     FILE,
@@ -32,7 +32,7 @@ def recommended(page):
 
 def inspected(recordings, *changes):
     """The inspection of a table of recordings; contact is of five sensors."""
-    return inspect_table(recordings, load(FILE, ("preprocess.contact_sensors=5", *changes)).preprocess)
+    return Overview(recordings, asked=load(FILE, ("preprocess.contact_sensors=5", *changes)).preprocess)
 
 
 def preprocessed(recordings, *changes):
@@ -81,7 +81,7 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(tmp_p
     np.testing.assert_allclose(page.counts["in contact"], contact, atol=2)
     np.testing.assert_allclose(page.counts["open hand"], opened, atol=6)
     assert page.states.all_contact == (opened == 0)
-    assert (page.first_frame is None) == (page.leak is None) == (opened == 0)  # a first frame in contact is touch
+    assert (page.choice.leak is None) == (opened == 0)
     assert max(len(line) for line in lines if "data.source" not in line) <= WIDTH
     words = shlex.split(" ".join(lines[lines.index("") + 1 :]).replace("\\ ", ""))
     assert words[:3] == ["dvc", "exp", "run"] and "best)" in words
@@ -110,7 +110,7 @@ def test_a_baseline_that_leaks_the_object_or_drifts_as_far_as_contact_is_taken_o
     """Every object presses the same sensors, so what predicts it is drift."""
     recordings = drifting(objects=6, between=between, same=True, shape=(8, 9)).table(tmp_path / "t")
     page = inspected(recordings)
-    assert recommended(page)["baseline"] == "grasp" and not page.leak.beats_chance
+    assert recommended(page)["baseline"] == "grasp" and not page.choice.leak.beats_chance
     asked = ("preprocess.contact_sensors=5", "preprocess.baseline=empty_hand", "split.by=grasp")
     of_session = preprocessed(recordings, *asked)
     assert of_session.choice.leak.beats_chance == (between > 0)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames.baseline import measure_baseline
-from tactile_viewgcn.frames.leak import QuickError, check_first_frames, check_leak, leak_notes, quick_error
+from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_notes, quick_error
 from tactile_viewgcn.frames.open_hand import hand_states
 from tactile_viewgcn.frames.split import split_groups
 from tactile_viewgcn.params import PreprocessSection
-from tests.glove_data import drifting, written
+from tests.glove_data import drifting
 
 
 def checked(recordings, *, by="grasp", baseline="empty_hand", zero=0.0):
@@ -56,22 +56,6 @@ def test_sessions_are_held_out_for_all_objects_at_once(tmp_path):
     glove.counts[:] = np.rint(glove.counts + shift[0, label] + shift[1, session])
     leak, _ = checked(glove.table(tmp_path / "t", session=session), by="session", baseline="none", zero=514.0)
     assert (leak.error, leak.groups) == (0, 4)
-
-
-@pytest.mark.parametrize("at", [0, 1])
-def test_of_a_recording_the_first_frame_counts_and_not_its_session(tmp_path, at):
-    """Six sessions of two objects each: the session excludes ten others, and frame `at` alone shows which it is."""
-    rng = np.random.default_rng(0)
-    session, label, number, frame = (axis.ravel() for axis in np.indices((6, 2, 4, 10)))
-    counts = 500 + rng.normal(0, 20, (6, 4, 5))[session] + rng.normal(0, 1, (len(session), 4, 5))
-    label = 2 * session + label
-    counts[frame == at, label[frame == at] // 5, label[frame == at] % 5] += 200
-    columns = {"object": label, "recording": 4 * label + number, "session": session}
-    names = {"objects": [f"object{i}" for i in range(12)]}
-    recordings = written(tmp_path / "t", np.rint(counts).astype(np.int16), **columns, **names)
-    leak = check_first_frames(recordings, hand_states(recordings, 5))
-    assert (leak.groups, leak.frames) == (48, 48)
-    assert leak.beats_chance == (at == 0) and (leak.error > 0.75 if at else leak.error < 0.1)
 
 
 #: Which frames of a glove are kept, and how many of them are without contact.

@@ -42,7 +42,7 @@ def test_the_page_shows_the_facts_and_the_settings(overview):
     assert all(note.text in text and note.key in text for note in overview.settings)
     assert verdict(overview, warnings(overview)).kind == "good"  # most healthy sensors are pressed by no object
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"})
-    timed = changed(overview, interval=0.05, seconds=np.full(12, 3.0))
+    timed = changed(overview, steps=np.full(9, 0.05), seconds=np.full(12, 3.0))
     assert (facts(overview)[4][0], facts(timed)[4][0]) == ("no times", "20 Hz")
 
 
@@ -66,20 +66,19 @@ def test_each_fault_has_a_warning_that_names_what_is_at_fault(overview):
     groups = {"recording": np.where(np.arange(3) == oil, 1, 4)}
     contact = np.where(overview.label == mug, 0, overview.counts["in contact"])
     one = np.arange(96).reshape(8, 12) == 7
-    leak = replace(overview.first_frame, high=overview.first_frame.chance / 2)
+    leak = replace(overview.choice.leak, high=overview.choice.leak.chance / 2)
     faulty = with_groups(
         overview,
         groups,
         counts=overview.counts | {"in contact": contact},
         error=replace(overview.error, high=overview.error.chance),
-        leak=leak,
-        first_frame=leak,
-        gaps=8,
+        choice=replace(overview.choice, leak=leak),
+        steps=np.repeat([0.1, 0.3], [100, 8]),
         stuck=one,
         saturated=~one,
     )
     texts = {note.topic: note.text for note in warnings(faulty)}
-    assert list(texts) == ["contact", "leak", "first frame", "error", "split", "time", "stuck", "saturated"]
+    assert list(texts) == ["contact", "leak", "error", "split", "time", "stuck", "saturated"]
     names = {"contact": ": mug.", "split": ": Öl & <b>.", "time": "8 ", "stuck": ": 0/7.", "saturated": "and 85 more"}
     assert all(name in texts[topic] for topic, name in names.items())
     assert verdict(faulty, warnings(faulty)).kind == "unsure"
