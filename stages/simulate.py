@@ -20,16 +20,13 @@ def simulate(job: Job, out: Path) -> str:
         "version": VERSION,
         "steps_per_frame": cost["steps"] / frames,
         "evaluations_per_frame": cost["evaluations"] / frames,
-        "beyond_thickness": cost["beyond_thickness"],
         "steps_forced": cost["forced"],
         "stages_unsolved": cost["unsolved"],
     }
     return (
         "simulate: {frames:,} simulated frames of {recordings} recordings, virtual glove version {version}\n"
-        "  {steps_per_frame:.1f} steps and {evaluations_per_frame:.0f} evaluations a frame, {beyond_thickness:,} "
-        "contacts beyond the skin; of {steps:,} steps {steps_forced:,} missed the tolerance".format(
-            steps=cost["steps"], **job.counts
-        )
+        "  {steps_per_frame:.1f} steps and {evaluations_per_frame:.0f} evaluations a frame; of {steps:,} steps "
+        "{steps_forced:,} missed the tolerance".format(steps=cost["steps"], **job.counts)
     )
 
 

@@ -35,7 +35,7 @@ class Layer:
 
     Args:
         stiffness: Pa/m of skin and glove, modulus over thickness.
-        thickness: m; the simulation counts contacts that are deeper.
+        thickness: m; the integrator counts errors of positions in it.
         joint_damping: N m s / rad.
         object_damping: N s / m.
     """
@@ -44,10 +44,6 @@ class Layer:
     thickness: float
     joint_damping: float
     object_damping: float
-
-    def series(self, stiffness: np.ndarray) -> np.ndarray:
-        """Stiffness (B,) Pa/m of the layer in series with objects of `stiffness` (B,) Pa/m."""
-        return 1 / (1 / self.stiffness + 1 / stiffness)
 
 
 @dataclass(frozen=True)
@@ -124,7 +120,7 @@ class Mechanics:
         self, hands: Hands, solids: Solids, stiffness: np.ndarray, drive: Drive, layer: Layer, *, motion: bool
     ):
         self.hands, self.solids, self.drive, self.layer, self.motion = hands, solids, drive, layer, motion
-        self.stiffness = layer.series(np.asarray(stiffness, dtype=float))
+        self.stiffness = 1 / (1 / layer.stiffness + 1 / np.asarray(stiffness, dtype=float))  # in series
         self.size = 13 if motion else 10
         self.damping = np.full(self.size, layer.joint_damping)
         self.damping[10:] = layer.object_damping

@@ -17,7 +17,6 @@ import numpy as np
 
 from tactile_viewgcn.glove.contact import LEVER, Balance, Mechanics
 from tactile_viewgcn.glove.tunnelling import tunnels
-from tactile_viewgcn.messages import UserError
 
 GAMMA = 1 - np.sqrt(0.5)
 NEWTON = 16  # iterations of a stage
@@ -25,7 +24,6 @@ STAGE_TOLERANCE = 0.2  # of the integrator's tolerance
 SAFETY, SHRINK, GROW = 0.8, 0.2, 4.0  # of the step size control
 UNSOLVED = 4.0  # error, in tolerances, of a step with an unsolved stage or with tunnelling
 SMALLEST = 1e-3  # of a frame: shorter steps are not tried, and this one is accepted whatever its error
-MOST_STEPS = 500  # in a frame: with more, about half of them are as short as SMALLEST, and the tolerance is not met
 ARRIVED = 1e-9  # of a frame: a smaller rest of it is rounding
 PATIENCE = 2  # iterations in which the energy may rise before the solver returns to the best state
 BACKTRACK, SHORTEST = 0.4, 1e-6  # factor on a Newton step whose energy rose, and the shortest such step
@@ -101,7 +99,7 @@ class _Steps:
 
     Attributes:
         y: (B, n) state at the start of the step; slope: (B, n) of its first stage.
-        knot: (B,) frames completed; elapsed: (B,) s in the current frame; taken: (B,) steps in it.
+        knot: (B,) frames completed; elapsed: (B,) s in the current frame.
         h: (B,) s, size of the step; proposed: (B,) s, what the error control wants.
         second: (B,) in the second stage; solved: (B,) no stage of the step has failed.
     """
@@ -109,7 +107,7 @@ class _Steps:
     def __init__(self, y: np.ndarray, frame: float, first: float, solver: StageSolver):
         count = len(y)
         self.y, self.slope, self.frame, self.solver = y, np.zeros_like(y), frame, solver
-        self.knot, self.elapsed, self.taken = np.zeros(count, dtype=int), np.zeros(count), np.zeros(count, dtype=int)
+        self.knot, self.elapsed = np.zeros(count, dtype=int), np.zeros(count)
         self.h, self.proposed = np.zeros(count), np.full(count, first)
         self.second, self.solved = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
 
@@ -156,11 +154,7 @@ class ImplicitIntegrator:
     statistics: Counter[str] = field(default_factory=Counter)
 
     def run(self, y: np.ndarray, frames: int) -> np.ndarray:
-        """States (B, frames, n) at knots 1 to `frames`, from y (B, n) at knot 0.
-
-        Raises:
-            UserError: a frame takes more than MOST_STEPS.
-        """
+        """States (B, frames, n) at knots 1 to `frames`, from y (B, n) at knot 0."""
         states, mechanics, rows = np.empty((len(y), frames, y.shape[1])), self.mechanics, np.arange(len(y))
         solver = StageSolver(y, STAGE_TOLERANCE * self.tolerance, NEWTON if self.step is None else 5 * NEWTON)
         steps = _Steps(y.copy(), self.frame, self.frame if self.step is None else self.step, solver)
@@ -184,12 +178,6 @@ class ImplicitIntegrator:
 
     def _end_step(self, rows: np.ndarray, error: np.ndarray, steps: _Steps, states: np.ndarray) -> None:
         """Accept or reject the steps of rows (R,), whose errors (R,) are in tolerances, and begin the next ones."""
-        steps.taken[rows] += 1
-        if (steps.taken[rows] > MOST_STEPS).any():
-            raise UserError(
-                f"{MOST_STEPS} steps do not end a frame of {self.frame:.3g} s at a tolerance of {self.tolerance:g}; "
-                "expected a softer or a lighter object, or a larger tolerance"
-            )
         error = np.where(steps.solved[rows], error, UNSOLVED)
         if self.step is None and self.mechanics.solids.has_primitives:
             self._reject_tunnelling(rows, error, steps)
@@ -209,7 +197,7 @@ class ImplicitIntegrator:
         complete = rows[accepted & arrived]
         states[complete, steps.knot[complete]] = steps.y[complete]
         steps.knot[complete] += 1
-        steps.elapsed[complete], steps.taken[complete] = 0, 0
+        steps.elapsed[complete] = 0
         steps.begin(rows)
 
     def _reject_tunnelling(self, rows: np.ndarray, error: np.ndarray, steps: _Steps) -> None:

@@ -56,9 +56,7 @@ class GraspObject:
         return float(max(reaches, default=0.0))
 
 
-def _at(
-    x: float = 0.0, y: float = 0.0, z: float = 0.0, rotation: tuple[float, float, float] = FACING
-) -> dict[str, Any]:
+def _at(x: float = 0.0, y: float = 0.0, z: float = 0.0, rotation: Vector = FACING) -> dict[str, Any]:
     """Placement of a primitive in its object."""
     return {"centre": (x, y, z), "rotation": rotation}
 

@@ -31,8 +31,7 @@ class Simulation:
 
     Attributes:
         drive: prescribed motion and loads of the recordings.
-        statistics: cost of the integration so far, see `ImplicitIntegrator`; and `beyond_thickness`, the number of
-            contacts that compressed the layer by more than its thickness.
+        statistics: cost of the integration so far, see `ImplicitIntegrator`.
     """
 
     def __init__(self, recipe: Recipe, recordings: list[SessionObject] | None = None):
@@ -84,12 +83,10 @@ class Simulation:
         """
         hands, frames, _ = states.shape
         pressure, rows = np.zeros((hands, frames, len(self.hands.patch))), np.arange(hands)
-        limit = mechanics.layer.stiffness * mechanics.layer.thickness  # Pa
         for t in range(frames):
             balance = mechanics.evaluate(rows, np.full(hands, t + 1.0), states[:, t], palm=True)
             sensor = balance.contacts.row, balance.contacts.sensor
             np.add.at(pressure[:, t], sensor, balance.force * balance.facing / self.hands.area[sensor])
-            self.statistics["beyond_thickness"] += int((balance.force / self.hands.area[sensor] > limit).sum())
         if "bending" not in self.recipe.effects:
             return pressure, np.zeros((1, 1, 1))
         bend = np.maximum(states[:, :, :10].reshape(hands, frames, 5, 2) - OPEN, 0)
