@@ -3,13 +3,12 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from scipy.special import softmax
 
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
-from tactile_viewgcn.nn.network import spread_frames
 from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.readers.source import MAX_PRESSURE, UNLABELLED, check_shape, storage_type
 from tactile_viewgcn.recognition.model_file import load_classifier
@@ -41,7 +40,7 @@ class Recogniser:
     """A trained classifier of recordings.
 
     Args:
-        path: a file that `save_classifier` wrote, or that file open for reading.
+        path: a file that `save_classifier` wrote.
 
     Attributes:
         classes: names.
@@ -51,7 +50,7 @@ class Recogniser:
         preprocessing: that of the training.
     """
 
-    def __init__(self, path: str | Path | BinaryIO):
+    def __init__(self, path: str | Path):
         self.classifier, self.content = load_classifier(path)
         model, self.preprocessing = self.content.model, self.content.preprocessing
         self.classes, self.calibrated = self.content.classes, self.content.temperature is not None
@@ -79,30 +78,25 @@ class Recogniser:
         """The answers to the recordings of a table, and notes on baselines that could not be measured.
 
         Args:
-            any_scale: allow readings in contact that are much stronger or weaker than the training's.
+            any_scale: allow recordings whose readings in contact are much stronger or weaker than the training's.
 
         Raises:
-            UserError: recordings unlike the training's in form or scale.
+            UserError: a recording unlike the training's in form or scale.
         """
         fitted, columns = self.preprocessing, recordings.columns
         for _, counts in recordings.blocks():
             check_counts(fitted, counts, str(recordings.path))
         recordings = recordings.part(np.arange(len(recordings)), fitted.live)
-        answers, classified = [], []
+        answers, path = [], str(recordings.path)
         baseline, contact = find_contact(fitted, recordings)
         for index in frames_by_recording(recordings):
+            name = recordings.recordings[columns["recording"][index[0]]]
             pressed = index[contact[index]]
             excess = recordings.counts[pressed] - baseline.mean[baseline.of_frame[pressed]]
-            classified.append(excess[spread_frames(len(pressed), self.classifier.views)] if len(pressed) else excess)
-            answer = replace(
-                self.answer_contact(excess),
-                frames=len(index),
-                recording=recordings.recordings[columns["recording"][index[0]]],
-                object=_common(recordings.objects[number] for number in columns["object"][index]),
-            )
-            answers.append(answer)
-        if not any_scale:
-            check_strength(fitted, np.concatenate(classified), str(recordings.path))
+            label = _common(recordings.objects[number] for number in columns["object"][index])
+            if not any_scale and label != EMPTY_HAND:
+                check_strength(fitted, excess, path if len(recordings.recordings) == 1 else f"{path}, {name}")
+            answers.append(replace(self.answer_contact(excess), frames=len(index), recording=name, object=label))
         return answers, baseline.notes
 
     def answer_contact(self, excess: np.ndarray) -> Answer:

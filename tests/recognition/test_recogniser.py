@@ -85,17 +85,22 @@ def test_whole_counts_of_any_type_have_the_same_answer(tmp_path):
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [
-        ("fractions", lambda counts: counts + 0.25, r"fractions.h5 holds \d+.25"),
-        ("strong", lambda counts: 500 + (counts - 500) * 12, r"strong.h5: .* \d+ or more"),
-        ("weak", lambda counts: 500 + (counts - 500) // 6, r"weak.h5: .*above"),
+        ("fractions", lambda counts: counts + 0.25, r"holds \d+.25"),
+        ("strong", lambda counts: 500 + (counts - 500) * 12, "(one|many, strong): .* or more above"),
+        ("weak", lambda counts: 500 + (counts - 500) // 6, "(one|many, weak): .* or more above"),
     ],
 )
-def test_a_file_of_fractions_or_of_a_different_scale_is_refused(tmp_path, name, change, message):
-    write(tmp_path / f"{name}.h5", change(recording("ball", 55)))
-    with pytest.raises(UserError, match=message):
-        answered(recogniser(), tmp_path / f"{name}.h5")
+def test_a_recording_of_fractions_or_of_a_different_scale_is_refused_also_among_others(tmp_path, name, change, message):
+    counts = change(recording("ball", 55))
+    write(tmp_path / "one" / f"{name}.h5", counts)
+    for number in range(12):
+        write(tmp_path / "many" / f"{number}.h5", recording("ball", 56 + number).astype(counts.dtype))
+    write(tmp_path / "many" / f"{name}.h5", counts)
+    for folder in ("one", "many"):
+        with pytest.raises(UserError, match=message):
+            answered(recogniser(), tmp_path / folder)
     if name != "fractions":  # the class allows any scale
-        assert recogniser().answer(change(recording("ball", 55)), any_scale=True).contact
+        assert recogniser().answer(counts, any_scale=True).contact
 
 
 def test_readings_may_be_four_times_weaker_or_stronger_than_in_the_training_and_no_more():
