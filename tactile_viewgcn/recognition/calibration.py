@@ -5,10 +5,9 @@ groups that were left out of the training.
 """
 
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from annotated_types import Interval
 from scipy.special import log_softmax, logsumexp
 
 from tactile_viewgcn.device import Compute
@@ -19,7 +18,6 @@ from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import VALIDATION, Frames
 
 MIN_TEMPERATURE, MAX_TEMPERATURE = 0.02, 50.0
-Temperature = Annotated[float, Interval(ge=1e-6, le=1e6)]
 
 
 def recording_answer(

@@ -9,46 +9,37 @@ differently, is refused.
 import hashlib
 import io
 from collections.abc import Callable
-from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO, Literal, Self, cast
+from typing import Any, Literal, Self, cast
 
 import numpy as np
 import torch
-from annotated_types import Interval, MaxLen, MinLen
-from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer, ValidationError, model_validator
+from pydantic import ConfigDict
+from pydantic.dataclasses import dataclass
 from torch import Tensor
 
 from tactile_viewgcn.device import select_device
 from tactile_viewgcn.files import atomic_write, in_one_line
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.nn.network import spread_frames
-from tactile_viewgcn.params import MAX_NUMBER, Model, PreprocessSection
-from tactile_viewgcn.recognition.calibration import Temperature, recording_answer
+from tactile_viewgcn.params import Model, PreprocessSection
+from tactile_viewgcn.recognition.calibration import recording_answer
 from tactile_viewgcn.recognition.classifier import Classifier, build_classifier
-from tactile_viewgcn.schema import Unique
+from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TRAIN, Frames, network_input
 
+FORMAT = 15  # add 1 when the content of a file changes
 REMEDY = "name a file such as models/classifier.pt, or train again (`dvc repro`, or fit and save)"
 EXAMPLES, EXAMPLE_FRAMES = 3, 8  # stored recordings, and frames of each
-MOST_FRAMES = 2**14  # of an example whose frames are repeated
 CLOSE = {"float32": 1e-3, "bfloat16": 0.1}  # by precision, difference of probabilities between two processors
 STRONG_SHARE = 0.01  # of the readings are above a recording's strong reading
 STRONG_FRAMES = 2000  # that are used for the strong readings
-MOST_VIEWS = 1000  # as params.yaml allows
 DIGEST = hashlib.sha256().digest_size
+ARRAYS = ConfigDict(arbitrary_types_allowed=True, extra="forbid", hide_input_in_errors=True)
 
 
-#: an array in memory, a tensor in a model file
-Array = Annotated[
-    np.ndarray,
-    BeforeValidator(lambda value: value.numpy() if isinstance(value, Tensor) else value),
-    PlainSerializer(torch.from_numpy),
-]
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=ARRAYS)
 class FittedPreprocessing:
     """The preprocessing of the training, and what its recordings read.
 
@@ -66,9 +57,9 @@ class FittedPreprocessing:
     kept_share: float
     dtype: Literal["int16", "int32", "float32", "float64"]
     strong_readings: list[float]
-    live: Array
-    noise: Array
-    baselines: dict[str, Array]
+    live: np.ndarray
+    noise: np.ndarray
+    baselines: dict[str, np.ndarray]
 
     @classmethod
     def of(cls, frames: Frames) -> Self:
@@ -87,36 +78,26 @@ class FittedPreprocessing:
         return np.mean(list(self.baselines.values()), axis=0)
 
 
-class Content(BaseModel):
-    """What a file holds, see `save_classifier`.
+@dataclass(config=ARRAYS)
+class Content:
+    """What a file holds, see `save_classifier`; its arrays are tensors there.
 
     Attributes:
         examples: counts (R, T, H, W) of frames in contact of a few training recordings.
         answers: (R, classes) class probabilities of the examples, above the training's mean baseline.
     """
 
-    model_config = ConfigDict(extra="forbid", arbitrary_types_allowed=True, hide_input_in_errors=True)
-    format: Literal[14] = 14  # add 1 when the content of a file changes
     learnt: dict[str, Any]
-    viewpoints: Annotated[Tensor, MinLen(1), MaxLen(MOST_VIEWS)]
+    viewpoints: np.ndarray
     model: Model
-    classes: Annotated[list[str], MinLen(2), MaxLen(2**15), Unique]
+    classes: list[str]
     transform: Literal["clip", "log", "counts"]
-    scale: Annotated[float, Interval(gt=0, le=MAX_NUMBER)]
+    scale: float
     precision: Literal["float32", "bfloat16"]
-    temperature: Temperature | None
+    temperature: float | None
     preprocessing: FittedPreprocessing
-    examples: Array
-    answers: Array
-
-    @model_validator(mode="after")
-    def _goes_together(self) -> Self:
-        """What the examples do not show: how contact is found."""
-        fitted, (weak, strong) = self.preprocessing, self.preprocessing.strong_readings
-        decided = "auto" not in vars(fitted.params).values() and weak <= strong
-        if not (decided and fitted.noise.shape == fitted.live.shape and (fitted.noise >= 0).all()):
-            raise ValueError("preprocessing: not decided, or out of range")
-        return self
+    examples: np.ndarray
+    answers: np.ndarray
 
     def answer(self, classifier: Classifier, excess: np.ndarray) -> tuple[np.ndarray, int]:
         """`recording_answer` of frames in contact, counts (n, H, W) above baseline, in the order of time."""
@@ -128,22 +109,20 @@ class Content(BaseModel):
 
     def answers_now(self, classifier: Classifier) -> np.ndarray:
         """The classifier's `answers` to the examples, whose frames are repeated until they are a whole recording."""
-        count = EXAMPLE_FRAMES
-        while count < min(getattr(classifier, "short", 0), MOST_FRAMES):
-            count *= 2
+        count = max(EXAMPLE_FRAMES, int(np.ceil(getattr(classifier, "short", 0))))
         frames = self.examples[:, spread_frames(EXAMPLE_FRAMES, count)]
         excess = frames - self.preprocessing.mean_baseline()
         return np.exp([self.answer(classifier, each)[0] for each in excess])
 
     def classifier(self) -> Classifier:
         """The classifier with what it has learnt, ready for answers; any exception for parts that do not fit."""
-        live, (height, width) = self.preprocessing.live, self.preprocessing.live.shape
+        live, viewpoints = self.preprocessing.live, torch.from_numpy(self.viewpoints)
         with torch.device("meta"):  # where weights take no memory and no random numbers
-            classifier = build_classifier(self.viewpoints, len(self.classes), self.model, (height, width))
+            classifier = build_classifier(viewpoints, len(self.classes), self.model, live.shape)
         if isinstance(classifier, torch.nn.Module):
-            classifier.load_state_dict(self.learnt, assign=True)
+            classifier.load_state_dict(_converted(self.learnt, np.ndarray, torch.from_numpy), assign=True)
         else:
-            classifier.load_state_dict(_converted(self.learnt, Tensor, Tensor.numpy), live)
+            classifier.load_state_dict(self.learnt, live)
         classifier.prepare(select_device("cpu", self.precision))
         return classifier
 
@@ -164,21 +143,19 @@ def save_classifier(
         precision: of the training.
         temperature: of its answers to recordings, if it is calibrated.
     """
-    learnt = _converted(classifier.state_dict(), np.ndarray, torch.from_numpy)
-    values = {
-        "learnt": _converted(learnt, Tensor, lambda weights: weights.cpu().contiguous()),  # of any device and order
-        "viewpoints": torch.as_tensor(classifier.viewpoints).cpu(),
-        "model": model,
-        "classes": frames.classes,
-        "transform": classifier.transform or frames.transform,
-        "scale": frames.scale,
-        "precision": precision,
-        "temperature": temperature,
-        "preprocessing": FittedPreprocessing.of(frames),
-        "examples": _examples(frames),
-        "answers": np.zeros(0),
-    }
-    content = Content.model_validate(values)
+    content = Content(
+        learnt=_converted(classifier.state_dict(), Tensor, _array),
+        viewpoints=_array(torch.as_tensor(classifier.viewpoints)),
+        model=model,
+        classes=frames.classes,
+        transform=cast(Any, classifier.transform or frames.transform),
+        scale=frames.scale,
+        precision=cast(Any, precision),
+        temperature=temperature,
+        preprocessing=FittedPreprocessing.of(frames),
+        examples=_examples(frames),
+        answers=np.zeros(0),
+    )
     content.answers = content.answers_now(content.classifier())
     write_content(path, content)
 
@@ -186,9 +163,14 @@ def save_classifier(
 def write_content(path: str | Path, content: Content) -> None:
     """Write a classifier's file, and its digest at the end."""
     file = io.BytesIO()  # a file's name would be written into it
-    torch.save(content.model_dump(), file)
+    torch.save({"format": FORMAT} | _converted(asdict(content), np.ndarray, torch.from_numpy), file)
     with atomic_write(path) as part:
         part.write_bytes(file.getvalue() + hashlib.sha256(file.getbuffer()).digest())
+
+
+def _array(weights: Tensor) -> np.ndarray:
+    """Weights of any device and order of memory as an array, contiguous."""
+    return weights.cpu().contiguous().numpy()
 
 
 def _converted(state: Any, kind: type, convert: Callable[[Any], Any]) -> Any:
@@ -214,34 +196,27 @@ def strong_readings(frames: Frames) -> list[float]:
     """
     empty = frames.classes.index(EMPTY_HAND) if EMPTY_HAND in frames.classes else -1
     anchors = np.flatnonzero(frames.anchor & (frames.side == TRAIN) & (frames.label != empty))
-    used = anchors[np.linspace(0, len(anchors) - 1, min(len(anchors), STRONG_FRAMES)).astype(int)]
+    used = evenly(anchors, STRONG_FRAMES)
     readings, recording = frames.inputs(used, "counts")[:, frames.live], frames.recording[used]
     strong = [np.quantile(readings[recording == number], 1 - STRONG_SHARE) for number in np.unique(recording)]
     return [float(min(strong)), float(max(strong))]
 
 
-def load_classifier(path: str | Path | BinaryIO) -> tuple[Classifier, Content]:
+def load_classifier(path: str | Path) -> tuple[Classifier, Content]:
     """The classifier in evaluation mode, and the content of the file that `save_classifier` wrote.
 
     Raises:
         UserError: the file is something else, damaged, altered, or of an earlier version.
         OSError: it cannot be opened.
     """
-    name = path if isinstance(path, str | Path) else "the classifier"
-    with (
-        Path(path).open("rb") if isinstance(path, str | Path) else nullcontext(path) as stream,
-        in_one_line(name, "no classifier of this version, damaged or altered", REMEDY),
-    ):
-        if stream.read(2) != b"PK":
-            raise ValueError("torch writes archives, and it is none")
-        stored = b"PK" + stream.read()
-        packed = io.BytesIO(stored[:-DIGEST])
-        if hashlib.sha256(packed.getbuffer()).digest() != stored[-DIGEST:]:
+    stored = Path(path).read_bytes()
+    with in_one_line(path, "no classifier of this version, damaged or altered", REMEDY):
+        if hashlib.sha256(stored[:-DIGEST]).digest() != stored[-DIGEST:]:
             raise ValueError("its bytes and its digest differ")
-        try:
-            content = Content.model_validate(torch.load(packed, map_location="cpu", weights_only=True))
-        except ValidationError as error:
-            raise ValueError(str(error).partition(" [type=")[0]) from None
+        values = torch.load(io.BytesIO(stored), map_location="cpu", weights_only=True)
+        if not isinstance(values, dict) or values.pop("format", None) != FORMAT:
+            raise ValueError(f"its format is not {FORMAT}")
+        content = Content(**_converted(values, Tensor, Tensor.numpy))
         classifier = content.classifier()
         if not np.abs(content.answers_now(classifier) - content.answers).max() <= CLOSE[content.precision]:
             raise ValueError("the answers to its own recordings do not come out again")

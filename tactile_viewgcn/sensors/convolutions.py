@@ -88,17 +88,17 @@ class Ridge(Estimator):
     """
 
     def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
-        from sklearn.linear_model import RidgeClassifierCV
+        from sklearn.linear_model import RidgeCV
 
         points, labels = sampled(points, labels, seed)
         mean, spread = points.mean(axis=0, dtype=np.float64), points.std(axis=0, dtype=np.float64)
         spread = np.where(spread > 0, spread, 1)
-        fitted = RidgeClassifierCV(PENALTIES).fit((points - mean) / spread, labels)
-        weights, offsets = np.atleast_2d(fitted.coef_).T / spread[:, None], np.atleast_1d(fitted.intercept_)
-        if len(fitted.classes_) == 2:  # scikit-learn keeps the second class alone
-            weights, offsets = np.concatenate([-weights, weights], axis=1), np.append(-offsets, offsets)
-        self.classes, self.weights = fitted.classes_, weights.astype(np.float32, order="C")
-        self.offsets = (offsets - mean @ weights).astype(np.float32)
+        self.classes = np.unique(labels)
+        indicators = np.where(labels[:, None] == self.classes, 1.0, -1.0)
+        fitted = RidgeCV(PENALTIES).fit((points - mean) / spread, indicators)
+        weights = fitted.coef_.T / spread[:, None]
+        self.weights = weights.astype(np.float32, order="C")
+        self.offsets = (fitted.intercept_ - mean @ weights).astype(np.float32)
         return self
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:

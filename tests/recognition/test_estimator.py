@@ -15,7 +15,6 @@ from sklearn.model_selection import GridSearchCV, StratifiedGroupKFold
 from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.fitting import fit_classifier
-from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.schema import parse
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tactile_viewgcn.training.pretraining import pretrain_backbone
@@ -73,7 +72,7 @@ def fitted() -> TactileClassifier:
     return made().fit(*grasps())
 
 
-@pytest.mark.parametrize("system", [None, "trees", "view_gcn"])
+@pytest.mark.parametrize("system", [None, "view_gcn"])
 def test_recordings_of_different_lengths_are_distinguished(system):
     new, truth = grasps(2, seed=1)
     classifier = made(NETWORK if system == "view_gcn" else {}, system=system).fit(*grasps())
@@ -112,14 +111,9 @@ def test_its_answers_are_those_of_the_stages(system):
     assert (first == second).all()
 
 
-def test_a_classifier_that_is_pickled_or_saved_answers_alike(tmp_path):
+def test_a_pickled_classifier_answers_alike():
     X, _ = grasps(2, seed=1)
-    expected = fitted().predict_proba(X)
-    assert (pickle.loads(pickle.dumps(fitted())).predict_proba(X) == expected).all()
-    fitted().save(tmp_path / "classifier.pt")
-    recogniser = Recogniser(tmp_path / "classifier.pt")
-    assert recogniser.classes == list(OBJECTS)
-    assert (np.stack([recogniser.answer(counts).probabilities for counts in X]) == expected).all()
+    assert (pickle.loads(pickle.dumps(fitted())).predict_proba(X) == fitted().predict_proba(X)).all()
 
 
 def test_equal_seeds_give_equal_files_and_torch_s_generator_is_left_alone(tmp_path):
@@ -162,14 +156,6 @@ def test_a_row_without_contact_is_the_empty_hand_or_any_object():
     classifier = made({"preprocess.baseline": "empty_hand"}).fit([*X, *empty], [*y, *["empty_hand"] * len(empty)])
     assert classifier.classes_.tolist() == ["ball", "cup", "empty_hand", "pen"]
     assert (classifier.predict([*new, empty[0]]) == [*truth, "empty_hand"]).all()
-
-
-def test_recordings_that_are_all_contact_are_taken_as_they_are():
-    X, y = grasps()
-    new, truth = grasps(2, seed=1)
-    classifier = TactileClassifier("kernels", views=4).fit([counts[OPEN + 4 :] for counts in X], y)
-    assert classifier.recogniser_.preprocessing.params.filter == "none"
-    assert classifier.score([counts[OPEN + 4 :] for counts in new], truth) == 1
 
 
 def test_importing_it_loads_no_torch_and_fitting_needs_neither_dvc_nor_mlflow():

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from tactile_viewgcn import tracking
 from tactile_viewgcn.cli import cli
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.recognition.prediction import _summary, load_model
+from tactile_viewgcn.recognition.prediction import load_model
 from tests.glove_data import OBJECTS, SHAPE, empty_hand, model_file, recording, write
 from tests.mlflow_stores import fresh_store
 
@@ -99,15 +99,6 @@ def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(plac
     assert [rows[name]["right"] for name in (*OBJECTS, "empty", "zebra")] == [*["True"] * 4, ""]  # as many as printed
     assert (rows["cup"]["frames_used"], rows["cup"]["frames_in_contact"], rows["cup"]["frames"]) == ("20", "20", "60")
     assert sum(float(rows["cup"][f"probability_{place}"]) for place in (1, 2, 3)) == pytest.approx(1, abs=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("classes", "right"),
-    [("abc", "right: 0 of 1 (0.0 %)"), ("abcd", "right: 0 of 1 (0.0 %); among the first three: 1")],
-)
-def test_right_answers_are_counted_and_of_more_than_three_classes_also_those_among_the_first_three(classes, right):
-    record = {"object": "a", "right": False, "class_1": "b", "class_2": "c", "class_3": "a"}
-    assert _summary([record], list(classes))[-1] == right
 
 
 def test_a_network_without_validation_groups_says_that_its_probabilities_are_not_calibrated(place):
