@@ -44,20 +44,6 @@ def test_the_residual_is_the_slope_of_the_energy(motion):
         np.testing.assert_allclose(balance.residual[:, unknown], slope, rtol=2e-5, atol=2e-6)
 
 
-def test_the_hessian_is_the_sum_over_contacts_and_springs():
-    mechanics, y = gripping_hands(motion=True)
-    balance, far = balanced(mechanics, y), y.copy()
-    far[:, 12] += 1.0  # no contact: what is left are the springs
-    naive = hessian(mechanics, balanced(mechanics, far))
-    for entry, (row, patch) in enumerate(zip(balance.contacts.row, balance.contacts.patch, strict=True)):
-        slope = np.zeros(13)
-        slope[10:] = balance.slope[entry, 2:]
-        if patch < LINK_PATCHES:
-            slope[2 * (patch // 3) :][:2] = balance.slope[entry, :2]
-        naive[row] += balance.force[entry] / balance.contacts.depth[entry] * np.outer(slope, slope)
-    np.testing.assert_allclose(hessian(mechanics, balance), naive, rtol=1e-9, atol=1e-9)
-
-
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 1000), motion=st.booleans())
 def test_solving_by_blocks_equals_solving_the_whole(seed, motion):

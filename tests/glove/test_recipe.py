@@ -28,8 +28,3 @@ def test_more_recordings_or_frames_than_a_table_holds_are_refused(changes, size)
     with pytest.raises(UserError, match=size):
         recipe_from_params(load(PARAMS, tuple(f"glove.{change}" for change in changes)).glove)
     assert recipe_from_params(load(PARAMS, ("glove.sessions=1213",)).glove).sessions == 1213
-
-
-def test_many_grasps_make_as_many_frames_as_stag_has():
-    one = recipe_from_params(load(PARAMS, ("glove.grasps=79", "glove.grasp_frames=21")).glove)
-    assert len(one.recordings) * one.frames == 135_027

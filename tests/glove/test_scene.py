@@ -5,32 +5,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from tactile_viewgcn.glove import scene
 from tactile_viewgcn.glove.collision import collisions
 from tactile_viewgcn.glove.contact import GRAVITY
 from tactile_viewgcn.glove.hand import LINK_PATCHES, Hands, stag_hand
-from tactile_viewgcn.glove.scene import (
-    AWAY,
-    CLOSED,
-    FINGER,
-    HOLD,
-    IDLE,
-    OPEN,
-    OPENING,
-    PHASES,
-    RELAXED,
-    closure,
-    plan,
-    schedule,
-)
+from tactile_viewgcn.glove.scene import closure, plan, schedule
 from tactile_viewgcn.glove.shapes import Solids
 from tactile_viewgcn.randomness import stream
 from tests.glove.scenes import OBJECTS_BY_NAME
 
 HAND = stag_hand()
-FIXED = sum(PHASES.values())
+FIXED = sum(scene.PHASES.values())
 FRAMES, GRASPS = 50, 2
 PHASE, _, GRASP = schedule(FRAMES, GRASPS)
-ARRIVED = 1 + np.flatnonzero(list(PHASES).index("arrive") >= PHASE)  # knots before the object is held
+ARRIVED = 1 + np.flatnonzero(list(scene.PHASES).index("arrive") >= PHASE)  # knots before the object is held
 
 
 def solids(objects):
@@ -49,19 +37,19 @@ def planned(names, *, effects=(), frames=FRAMES, grasps=GRASPS, habit=0, seed=0)
 
 def holds(grasp):
     """Knots of the steady part of a grasp."""
-    return 1 + np.flatnonzero((PHASE == HOLD) & (grasp == GRASP))
+    return 1 + np.flatnonzero((PHASE == scene.HOLD) & (grasp == GRASP))
 
 
 @settings(max_examples=50, deadline=None)
 @given(grasps=st.integers(1, 9), each=st.integers(FIXED + 1, 40), remainder=st.integers(0, 8))
 def test_a_recording_opens_once_and_every_grasp_has_all_its_phases(grasps, each, remainder):
-    opening = OPENING + min(remainder, grasps - 1)
+    opening = scene.OPENING + min(remainder, grasps - 1)
     phase, share, grasp = schedule(opening + grasps * each, grasps)
     assert len(phase) == len(share) == len(grasp) == opening + grasps * each
     assert (phase[:opening] == -1).all() and (grasp[:opening] == 0).all() and (phase[opening:] >= 0).all()
     for number in range(grasps):
         of_grasp = phase[opening:][grasp[opening:] == number]
-        expected = [length or each - FIXED for length in PHASES.values()]
+        expected = [length or each - FIXED for length in scene.PHASES.values()]
         assert np.bincount(of_grasp).tolist() == expected and (np.diff(of_grasp) >= 0).all()
     ends = opening + np.flatnonzero(np.diff(phase[opening:], append=-1))
     np.testing.assert_array_equal(share[ends], 1)
@@ -72,29 +60,29 @@ def test_a_recording_begins_with_an_open_hand_and_between_grasps_the_object_is_a
     drive, opening = planned(["ball", "mug"]), 1 + np.flatnonzero(PHASE == -1)
     for number in range(GRASPS):
         first, end = holds(number)[0], 1 + np.flatnonzero(number == GRASP)[-1]
-        away = drive.position[:, first, None] + [0, 0, AWAY]
+        away = drive.position[:, first, None] + [0, 0, scene.AWAY]
         np.testing.assert_allclose(drive.position[:, [end]], away)
         if number == 0:
             np.testing.assert_allclose(drive.position[:, opening], np.repeat(away, len(opening), axis=1))
-        assert (drive.posture[:, end] >= OPEN - 1e-12).all()
+        assert (drive.posture[:, end] >= scene.OPEN - 1e-12).all()
         assert (drive.posture[:, end] <= drive.posture[:, first]).all()
         assert (drive.posture[:, end] < drive.posture[:, first]).any()
-    np.testing.assert_allclose(drive.posture[:, opening], np.broadcast_to(OPEN, (2, len(opening), 5, 2)))
+    np.testing.assert_allclose(drive.posture[:, opening], np.broadcast_to(scene.OPEN, (2, len(opening), 5, 2)))
     np.testing.assert_array_equal(drive.squeeze[:, ARRIVED], 0)
     for values in vars(drive).values():
         np.testing.assert_array_equal(values[:, 0], values[:, 1])  # before the first frame all stands still
 
 
 def test_recordings_of_an_object_share_a_habit_that_other_objects_do_not():
-    size = {"frames": OPENING + 300 * (FIXED + 1), "grasps": 300}
-    steady = 1 + np.flatnonzero(schedule(**size)[0] == HOLD)
+    size = {"frames": scene.OPENING + 100 * (FIXED + 1), "grasps": 100}
+    steady = 1 + np.flatnonzero(schedule(**size)[0] == scene.HOLD)
 
     def mean_squeeze(habit, seed):
         return np.log(planned(["ball"], habit=habit, seed=seed, **size).squeeze[0, steady]).mean(axis=0)
 
     first = mean_squeeze(0, 0)
     same, other = first - mean_squeeze(0, 1), first - mean_squeeze(1, 0)
-    assert np.abs(same).max() < 6 * np.sqrt(2) * (FINGER["recording"] + FINGER["grasp"] / np.sqrt(300))
+    assert np.abs(same).max() < 6 * np.sqrt(2) * (scene.FINGER["recording"] + scene.FINGER["grasp"] / np.sqrt(100))
     assert np.linalg.norm(other) > 2 * np.linalg.norm(same)
 
 
@@ -115,7 +103,7 @@ def test_fingers_close_until_they_touch():
 
     def touched(part):
         """(B, 5): whether fingers that are closed so far are inside the object."""
-        pose = hands.pose(rows, OPEN + part[..., None] * (CLOSED - OPEN), np.full(3, 0.95))
+        pose = hands.pose(rows, scene.OPEN + part[..., None] * (scene.CLOSED - scene.OPEN), np.full(3, 0.95))
         contacts = collisions(
             hands, shapes, rows, pose, position, Rotation.from_rotvec(rotation).as_matrix(), palm=False
         )
@@ -127,6 +115,6 @@ def test_fingers_close_until_they_touch():
     closed = touched(share)
     assert closed[0, :4].all() and not closed[2].any()
     assert (share > 0)[closed].any() and not touched(share - 0.05)[closed & (share > 0)].any()
-    np.testing.assert_array_equal(share[2], IDLE)
-    np.testing.assert_array_equal(share[:2][~closed[:2]], RELAXED)
+    np.testing.assert_array_equal(share[2], scene.IDLE)
+    np.testing.assert_array_equal(share[:2][~closed[:2]], scene.RELAXED)
     assert ((share >= 0) & (share <= 1)).all()

@@ -8,22 +8,13 @@ from hypothesis import strategies as st
 from tactile_viewgcn.glove import sensor
 from tactile_viewgcn.glove.hand import stag_hand
 from tactile_viewgcn.glove.recipe import EFFECTS
-from tactile_viewgcn.glove.sensor import (
-    CROSSTALK,
-    HYSTERESIS,
-    MAX_COUNT,
-    NO_SENSOR,
-    RECOVERY,
-    SATURATION,
-    SENSITIVITY,
-    Sensors,
-)
+from tactile_viewgcn.glove.sensor import Sensors
 from tactile_viewgcn.randomness import stream
 
 HAND = stag_hand()
 COUNT = len(HAND)
 FLAT = np.zeros((1, 1, 1))  # no flexion
-PA = 1 / SENSITIVITY  # of one count at little pressure
+PA = 1 / sensor.SENSITIVITY  # of one count at little pressure
 
 
 PLAIN = {
@@ -50,10 +41,21 @@ def read(pressure, *effects, **changes):
     return counts - changes.get("baseline", PLAIN["baseline"]).astype(int)
 
 
-def test_without_effects_counts_are_baseline_plus_sensitivity_times_pressure():
-    gain = np.linspace(0.5, 2, COUNT)
-    pressure = np.random.default_rng(0).uniform(0, 300, (6, COUNT))
-    np.testing.assert_array_equal(read(pressure, gain=gain), np.rint(100 + gain * pressure) - 100)
+def test_counts_follow_pressure_and_with_bending_the_flexion_each_sensor_by_its_own_share():
+    rng, gain, bend = np.random.default_rng(0), np.linspace(0.5, 2, COUNT), np.linspace(0, 3, COUNT)
+    pressure, flexion = rng.uniform(0, 300, (4, COUNT)), rng.uniform(0, 1.5, (1, 4, COUNT))
+    for effects, share in ((), 0), (("bending",), 1):
+        counts = read(pressure, *effects, gain=gain, bend=bend, flexion=flexion)
+        np.testing.assert_array_equal(counts, np.rint(100 + gain * pressure + share * bend * flexion[0]) - 100)
+
+
+def test_at_the_saturation_pressure_a_sensor_reads_half_and_never_less_when_pressed_more():
+    """Its gain would make 800 counts there, were it linear."""
+    pressure = sensor.SATURATION * sensor.SENSITIVITY
+    options = {"gain": np.full(COUNT, 800 / pressure), "baseline": np.zeros(COUNT)}
+    counts = read(np.linspace(0, 10, 101) * pressure, "saturation", **options)[:, 0]
+    np.testing.assert_array_equal(counts[[1, 10, 30, 100]], np.rint([80 / 1.1, 400, 600, 8000 / 11]))
+    assert (np.diff(counts) >= 0).all()
 
 
 def test_counts_are_integers_of_ten_bits_and_510_where_no_sensor_is():
@@ -62,22 +64,14 @@ def test_counts_are_integers_of_ten_bits_and_510_where_no_sensor_is():
     frames, there = frames_of(pressure), np.zeros((32, 32), dtype=bool)
     there[HAND.row, HAND.column] = True
     assert frames.shape == (2, 3, 32, 32) and frames.dtype == np.int16
-    assert (frames[:, :, ~there] == NO_SENSOR).all() and there.sum() == 548
-    assert (frames[0][:, there] == MAX_COUNT).all() and MAX_COUNT == 1023
+    assert (frames[:, :, ~there] == sensor.NO_SENSOR).all() and there.sum() == 548
+    assert (frames[0][:, there] == sensor.MAX_COUNT).all() and sensor.MAX_COUNT == 1023
     np.testing.assert_array_equal(frames[1][:, HAND.row, HAND.column], np.where(pressure[1] < 0, 0, 100))
 
 
-def test_at_the_saturation_pressure_a_sensor_reads_half_and_never_less_when_pressed_more():
-    gain = np.full(COUNT, 800 / (SATURATION * SENSITIVITY))  # 800 counts at the saturation pressure, were it linear
-    share = np.linspace(0, 10, 101)
-    counts = read(share * SATURATION * SENSITIVITY, "saturation", gain=gain, baseline=np.zeros(COUNT))[:, 0]
-    np.testing.assert_array_equal(counts[[1, 10, 30, 100]], np.rint([80 / 1.1, 400, 600, 8000 / 11]))
-    assert (np.diff(counts) >= 0).all()
-
-
 def test_hysteresis_by_hand():
-    pressure, peak = [100.0, 40.0, 0.0, 0.0], 100 * RECOVERY ** np.arange(4.0)  # the peak fades, and is above 40
-    expected = [now + HYSTERESIS * (top - now) for now, top in zip(pressure, peak, strict=True)]
+    pressure, peak = [100.0, 40.0, 0.0, 0.0], 100 * sensor.RECOVERY ** np.arange(4.0)  # the peak fades, and is above 40
+    expected = [now + sensor.HYSTERESIS * (top - now) for now, top in zip(pressure, peak, strict=True)]
     np.testing.assert_array_equal(read(pressure, "hysteresis")[:, 0], np.rint(expected))
 
 
@@ -90,8 +84,8 @@ def test_crosstalk_is_what_a_double_loop_over_rows_and_columns_gives(seed):
     for row in range(32):
         for column in range(32):
             if not np.isnan(frame[row, column]):
-                expected[row, column] += CROSSTALK[0] * np.nanmean(frame[row])
-                expected[row, column] += CROSSTALK[1] * np.nanmean(frame[:, column])
+                expected[row, column] += sensor.CROSSTALK[0] * np.nanmean(frame[row])
+                expected[row, column] += sensor.CROSSTALK[1] * np.nanmean(frame[:, column])
     counts = read(pressure[None], "crosstalk")[0]
     np.testing.assert_allclose(counts, expected[HAND.row, HAND.column], atol=0.5 + 1e-6)
 
@@ -104,13 +98,6 @@ def test_the_common_mode_moves_all_sensors_alike_and_wanders():
     level = drift[0, 100:]
     assert level.std() == pytest.approx(40, rel=0.4)
     assert np.corrcoef(level[1:], level[:-1])[0, 1] > 0.8
-
-
-def test_bending_adds_each_sensors_share_of_its_own_flexion():
-    bend, flexion = np.linspace(0, 3, COUNT), np.random.default_rng(0).uniform(0, 1.5, (1, 4, COUNT))
-    counts = read(np.zeros((4, COUNT)), "bending", bend=bend, flexion=flexion)
-    np.testing.assert_array_equal(counts, np.rint(100 + bend * flexion[0]) - 100)
-    np.testing.assert_array_equal(read(np.zeros((4, COUNT)), bend=bend, flexion=flexion), 0)
 
 
 def test_dead_sensors_never_move_and_stuck_ones_neither(monkeypatch):

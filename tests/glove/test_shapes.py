@@ -65,20 +65,3 @@ def test_the_gradient_is_a_unit_vector_and_the_slope_of_the_distance(part, at):
 @pytest.mark.parametrize("part", PARTS)
 def test_on_axes_and_kinks_the_gradient_is_still_a_unit_vector(part, at):
     assert np.linalg.norm(gradient(part, at)[0]) == pytest.approx(1, abs=1e-12)
-
-
-def test_many_unions_at_once_give_what_each_primitive_gives_alone():
-    rng = np.random.default_rng(0)
-    unions = [[], list(PARTS[:3]), [PARTS[9]], list(PARTS[3:])]
-    solids = Solids(unions)
-    b, p = np.nonzero(np.isfinite(solids.bounding_radius))
-    assert len(b) == 3 + 1 + 8 and solids.bounding_radius.shape == (4, 8) and (solids.bounding_radius[0] < 0).all()
-    pick = rng.integers(len(b), size=200)
-    at = rng.uniform(-0.06, 0.06, (200, 3))
-    far, slope = solids.distance(b[pick], p[pick], at), solids.gradient(b[pick], p[pick], at)
-    for n, one in enumerate(pick):
-        part = unions[b[one]][p[one]]
-        assert far[n] == pytest.approx(distance(part, at[n])[0], abs=1e-16)
-        np.testing.assert_allclose(slope[n], gradient(part, at[n])[0], atol=1e-15)
-    for n in range(len(b)):
-        assert solids.bounding_radius[b[n], p[n]] == unions[b[n]][p[n]].bounding_radius
