@@ -81,13 +81,19 @@ def test_a_damaged_checkpoint_is_refused(tmp_path):
         restore(path, [])
 
 
-def path_of(*training):
-    with training_checkpoint(*training) as path:
-        return path
-
-
-def test_another_stage_key_or_machine_has_another_file_in_the_original_repository(tmp_path, monkeypatch):
+@pytest.fixture
+def path_of(tmp_path, monkeypatch):
+    """The path of a training's checkpoint in the repository `tmp_path`."""
     monkeypatch.setenv("DVC_ROOT", str(tmp_path))
+
+    def path_of(*training):
+        with training_checkpoint(*training) as path:
+            return path
+
+    return path_of
+
+
+def test_another_stage_key_or_machine_has_another_file_in_the_original_repository(tmp_path, monkeypatch, path_of):
     machines = [CPU, Compute(torch.device("cpu"), "bfloat16"), Compute(torch.device("cuda"), "float32")]
     cases = [("finetune", "b", CPU), ("pretrain", "a", CPU), *(("finetune", "a", machine) for machine in machines)]
     paths = [path_of(*case) for case in cases]
@@ -97,19 +103,11 @@ def test_another_stage_key_or_machine_has_another_file_in_the_original_repositor
     assert path_of(*cases[0]) not in paths
 
 
-def test_of_two_processes_with_one_training_the_second_keeps_no_checkpoint(tmp_path, monkeypatch):
-    monkeypatch.setenv("DVC_ROOT", str(tmp_path))
-    with training_checkpoint("pretrain", "key", CPU) as path:
+def test_a_failed_training_keeps_its_file_and_a_second_process_with_the_same_training_has_none(path_of):
+    training = "pretrain", "key", CPU
+    with pytest.raises(Interrupted), training_checkpoint(*training) as path:
         path.write_bytes(b"under way")
-        with training_checkpoint("pretrain", "key", CPU) as second:
-            assert second is None
-        assert path.read_bytes() == b"under way"
-    assert not path.exists() and path_of("pretrain", "key", CPU) == path
-
-
-def test_what_is_kept_stays_when_the_training_fails(tmp_path, monkeypatch):
-    monkeypatch.setenv("DVC_ROOT", str(tmp_path))
-    with pytest.raises(Interrupted), training_checkpoint("pretrain", "key", CPU) as path:
-        path.write_bytes(b"under way")
+        assert path_of(*training) is None
         raise Interrupted
     assert path.read_bytes() == b"under way"
+    assert path_of(*training) == path and not path.exists()

@@ -43,19 +43,12 @@ def run(loss_of, parameters, *, epochs, steps=2, rate=0.25, validate=dict, sched
     return progress, taken
 
 
-def test_a_step_goes_down_the_loss_by_the_rate_of_its_epoch():
-    weight = nn.Parameter(torch.zeros(()))
-    progress, _ = run(lambda *_: weight * 1, [weight], epochs=3, steps=1, rate=2.0, schedule="step")
-    assert weight.item() == -2 * (1 + 0.5 + 0.25)
-    assert progress.curves == {"loss": [0.0, -2.0, -3.0]}
-
-
-def test_the_curves_are_the_mean_over_the_batches_and_what_is_validated():
+def test_a_step_goes_down_the_loss_by_its_epoch_s_rate_and_the_curves_are_means_over_batches_and_what_is_validated():
     weight, values = nn.Parameter(torch.zeros(())), iter([0.5, 0.25])
-    validate = lambda: {"validation_error": next(values)}  # noqa: E731
-    progress, taken = run(lambda *_: weight * 1, [weight], epochs=2, rate=1.0, validate=validate)
-    assert progress.curves == {"loss": [-0.5, -2.5], "validation_error": [0.5, 0.25]}
-    assert taken == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    options = {"epochs": 2, "rate": 2.0, "schedule": "step", "validate": lambda: {"validation_error": next(values)}}
+    progress, taken = run(lambda *_: weight * 1, [weight], **options)
+    assert taken == [(0, 0), (0, 1), (1, 0), (1, 1)] and weight.item() == -2 * (1 + 1 + 0.5 + 0.5)
+    assert progress.curves == {"loss": [-1.0, -4.5], "validation_error": [0.5, 0.25]}
 
 
 def going_bad(bad, at, **sizes):

@@ -3,14 +3,11 @@
 import numpy as np
 import pytest
 import torch
-from torch import nn
-from torch.nn.functional import cross_entropy
 
-from tactile_viewgcn.device import Compute
 from tactile_viewgcn.tables.frames import TRAIN
 from tactile_viewgcn.training import finetuning, pretraining
 from tactile_viewgcn.training.loop import Progress
-from tests.glove_data import CPU, fewer_anchors, table
+from tests.glove_data import fewer_anchors, table
 from tests.training.small_trainings import equal_weights, finetune, pretrain
 
 
@@ -81,10 +78,3 @@ def test_frames_carry_the_noise_of_the_recipe(fitted, train):
         train(f"{train.__name__}.noise={noise}")
         frames.append(torch.cat([batch[0] for batch in fitted["batches"]]))
     assert float((frames[1] - frames[0]).std()) == pytest.approx(0.25, rel=0.05)
-
-
-@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-def test_the_loss_of_frames_is_the_cross_entropy_of_the_linear_classifier(precision):
-    frames, labels, linear = torch.randn(20, 1, 2, 2), torch.arange(20) % 3, nn.Linear(4, 3)
-    loss = pretraining.FrameLoss(nn.Flatten(), linear, Compute(CPU.device, precision))(frames, labels)
-    torch.testing.assert_close(loss, cross_entropy(linear(frames.flatten(1)), labels))
