@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, TextIO
 
 EMPTY_HAND = "empty_hand"  # STAG's name of the class that holds nothing
+MAX_LISTED = 10  # mistakes or names in one message
 FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")  # beginnings of a formula, after OWASP
 
 
@@ -96,3 +97,9 @@ def warnings_of(notes: list[Note]) -> list[Note]:
 def several(count: int, thing: str, things: str = "") -> str:
     """`1 frame`, `1,701 frames`; `things` is a plural that does not end in s."""
     return f"{count:,} {thing if count == 1 else things or f'{thing}s'}"
+
+
+def listed(texts: list[str], mark: str = ", ") -> str:
+    """The first ten texts, and the number of the others."""
+    more = [f"and {len(texts) - MAX_LISTED} more"] if len(texts) > MAX_LISTED else []
+    return mark.join(texts[:MAX_LISTED] + more)

@@ -14,9 +14,8 @@ from tactile_viewgcn.frames.empty_hand import (
     visible_noise,
 )
 from tactile_viewgcn.frames.open_hand import HandStates
-from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, several
 from tactile_viewgcn.params import PreprocessSection
-from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 

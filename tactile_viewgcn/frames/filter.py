@@ -5,9 +5,8 @@ import math
 import numpy as np
 
 from tactile_viewgcn.frames.baseline import Baseline
-from tactile_viewgcn.messages import Note, UserError, several
+from tactile_viewgcn.messages import Note, UserError, listed, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, PreprocessSection
-from tactile_viewgcn.readers.source import listed
 from tactile_viewgcn.tables.recordings import Recordings
 
 SENSORS_IN_CONTACT = 14  # fewest in a frame of contact, of STAG's 548

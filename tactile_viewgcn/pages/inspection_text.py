@@ -9,12 +9,12 @@ import numpy as np
 
 from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.split import one_class
-from tactile_viewgcn.messages import EMPTY_HAND, Note, several, warnings_of
+from tactile_viewgcn.messages import EMPTY_HAND, Note, listed, several, warnings_of
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import SATURATED, Overview
 from tactile_viewgcn.params import MAX_SIDE, everywhere
 from tactile_viewgcn.readers.formats import are_arrays
-from tactile_viewgcn.readers.source import FRAMES_LAST, listed
+from tactile_viewgcn.readers.source import FRAMES_LAST
 from tactile_viewgcn.schema import as_change
 
 WIDTH = 80

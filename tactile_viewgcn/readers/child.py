@@ -71,7 +71,8 @@ def run_apart(module: str, request: dict[str, Any], path: Path) -> None:
 
 def serve(work: Callable[[dict[str, Any]], None]) -> None:
     """In the child: call `work` with the request, and tell the parent how it ended."""
-    parent, sys.stdout = sys.stdout, sys.stderr
+    parent = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # a library written in C prints to 1 whatever sys.stdout is
     _parents.append(parent)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.SIG_DFL)

@@ -15,8 +15,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.readers.source import NUMBERS, Form, Recording, listed, no_array
+from tactile_viewgcn.messages import UserError, listed
+from tactile_viewgcn.readers.source import NUMBERS, Form, Recording, no_array
 
 DATASETS = ("pressure", "time", "valid", "grasp", "grasp_valid")
 ATTRIBUTES = ("object", "session", "recording", "split")

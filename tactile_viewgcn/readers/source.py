@@ -1,17 +1,14 @@
-"""The form in which every reader returns recordings, how those of several files become one, and their checks."""
+"""The form in which every reader returns recordings, and the checks of their shapes, types and values."""
 
-import math
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
+from tactile_viewgcn.messages import Note, UserError, listed
 from tactile_viewgcn.params import MAX_SIDE
-from tactile_viewgcn.readers.child import reading
 
 UNLABELLED = ""  # stands for the name of an object that is to be recognised
 TRAIN, TEST = 0, 1  # codes of the published split
@@ -21,11 +18,8 @@ BLOCK_FRAMES = 4096  # frames that are read or written at once
 MAX_PRESSURE = 1e30  # absolute value; the network's input is in single precision
 MOST_SECONDS = 1e9  # absolute value of a time, thirty years
 MIN_SPREAD = 1e-30  # of the readings of the sensor that varies most; see MAX_PRESSURE
-MAX_LISTED = 10  # mistakes or names in one message
 MOST_NAMES = 2**15  # objects, recordings or sessions: ids are int16
-MOST_LETTERS = 1000  # of a name
 NUMBERS = "biuf"  # `kind` of the dtypes of numbers
-UNNAMED = {"object": UNLABELLED, "session": "session"}  # of a recording that names none
 
 #: Type of each column, one value per frame. Every source has the first five.
 COLUMNS = {
@@ -114,16 +108,10 @@ class Source:
         for kind, names in self.names.items():
             if len(names) > MOST_NAMES:
                 raise UserError(f"{self.path}: {len(names):,} {kind}s; expected at most {MOST_NAMES:,}")
-            for name in names:
-                if len(name) > MOST_LETTERS or name != name.encode(errors="ignore").replace(b"\0", b"").decode():
-                    raise UserError(f"{self.path}: the {kind} {name[:40]!r}: expected up to {MOST_LETTERS:,} letters")
+            if foreign := [name for name in names if name != name.encode(errors="ignore").decode()]:
+                raise UserError(f"{self.path}: the name {foreign[0]!r} is not in UTF-8; rename the {kind}")
         if len(set(objects := self.names["object"])) < len(objects):
             raise UserError(f"{self.path}: two objects have one name; expected each once: {listed(objects)}")
-
-
-def numbered(names: list[str]) -> list[str]:
-    """The distinct names in alphabetical order, the empty hand first: an object's id is its index here."""
-    return sorted(set(names), key=lambda name: (name != EMPTY_HAND, name))
 
 
 def storage_type(dtype: np.dtype, where: str) -> np.dtype:
@@ -176,13 +164,6 @@ def framed(values: Any, form: Form, where: str) -> Any:
     return array[:, None] if array.ndim == 2 else array
 
 
-def side_of(name: str, where: str) -> int:
-    """Code of the side of the published split that a name stands for; a UserError that begins with `where` for none."""
-    if name.lower() not in SPLITS:
-        raise UserError(f"{where}: split is {name!r}; expected one of {', '.join(SPLITS)}")
-    return SPLITS[name.lower()]
-
-
 def no_array(name: str, names: list[str], where: str) -> UserError:
     """The error of a file with arrays or datasets of other names than the expected one."""
     remedy = setting("data.columns=[pressure:NAME]")
@@ -194,107 +175,11 @@ def setting(change: str) -> str:
     return f"set '{change}' (-S of `dvc exp run`, --set of `inspect` and `predict`)"
 
 
-def listed(texts: list[str], mark: str = ", ") -> str:
-    """The first ten texts, and the number of the others."""
-    more = [f"and {len(texts) - MAX_LISTED} more"] if len(texts) > MAX_LISTED else []
-    return mark.join(texts[:MAX_LISTED] + more)
-
-
 def sliced(values: Values, frames: int) -> Iterator[Block]:
     """Pressure and columns in blocks; without a column of frames these are numbered, without one of times it is NaN."""
     values = {"frame": np.arange(frames), "time": np.full(frames, np.nan)} | values
     for start in range(0, frames, BLOCK_FRAMES):
         yield {name: column[start : start + BLOCK_FRAMES] for name, column in values.items()}
-
-
-@dataclass(frozen=True)
-class _Header:
-    """A recording before its frames are read; `columns` are the names of all but pressure and frame."""
-
-    file: Path
-    names: dict[str, str]
-    frames: int
-    shape: tuple[int, int]
-    dtype: np.dtype
-    columns: list[str]
-    channels: list[str]
-    notes: list[Note]
-    dropped: int
-
-
-def joined(path: Path, files: list[Path], opened: Callable[[Path], Recording]) -> Source:
-    """The source of recordings in the order of their files, one in memory at a time.
-
-    Args:
-        path: the source's path, for its errors.
-        opened: opens a file; it is called twice for each.
-
-    Raises:
-        UserError: lists the files that cannot be read, or else those that differ from most, or share a name.
-    """
-    headers, mistakes = list[_Header](), list[str]()
-    for file in files:
-        try:
-            with reading(file):
-                headers.append(_header(file, opened(file)))
-        except UserError as error:
-            mistakes.append(str(error))
-    if mistakes := [*dict.fromkeys(mistakes + _unlike(headers))]:
-        raise UserError(listed(mistakes, "; "))
-    notes, frames = list(headers[0].notes), sum(header.frames for header in headers)
-    if dropped := sum(header.dropped for header in headers):
-        text = f"{several(dropped, 'frame')} without readings, in which nothing is held, are left out"
-        notes.append(Note(text, topic="frames"))
-    ids = {
-        "object": numbered([header.names["object"] for header in headers]),
-        "recording": [header.names["recording"] for header in headers],
-        "session": sorted({header.names["session"] for header in headers}),
-    }
-
-    def blocks() -> Iterator[Block]:
-        for number, header in enumerate(headers):
-            with reading(header.file):
-                values = dict(opened(header.file).values)
-                if values["pressure"].shape[0] != header.frames:
-                    raise UserError(f"{header.file}: it changed during reading; read it again when it is complete")
-                id_of = {name: ids[name].index(header.names[name]) for name in UNNAMED} | {"recording": number}
-                values |= {name: np.full(header.frames, value) for name, value in id_of.items()}
-                if "time" in values and header.frames:
-                    time = values["time"][:].astype(np.float64)
-                    values["time"] = time - (0 if np.isinf(time[0]) else time[0])
-                yield from sliced(values, header.frames)
-
-    dtype, shape = np.result_type(*{header.dtype for header in headers}), headers[0].shape
-    channels = headers[0].channels if len(headers[0].channels) == math.prod(shape) else []
-    return Source(path, ids, shape, dtype, frames, blocks(), notes, channels)
-
-
-def _header(file: Path, recording: Recording) -> _Header:
-    values, pressure = recording.values, recording.values["pressure"]
-    shape, frames = check_shape(pressure.shape, str(file)), pressure.shape[0]
-    columns = [name for name in values if name not in ("pressure", "frame")]
-    for name in columns:
-        if values[name].shape != (frames,):
-            raise UserError(f"{file}: {name} has shape {values[name].shape}; expected ({frames},), one for each frame")
-    dtype, channels = storage_type(pressure.dtype, str(file)), recording.channel_names
-    names = UNNAMED | recording.names
-    return _Header(file, names, frames, shape, dtype, columns, channels, recording.notes, recording.dropped)
-
-
-def _unlike(headers: list[_Header]) -> list[str]:
-    """Mistakes of files that differ from most in shape, columns or names of sensors, or have a recording's name."""
-    mistakes, first = [], dict[str, Path]()
-    for what in ("shape", "columns", "channels") if headers else ():
-        texts = [str(getattr(header, what)) for header in headers]
-        expected = Counter(texts).most_common(1)[0][0]
-        like = f"expected {expected} as in {headers[texts.index(expected)].file}"
-        others = [(header, text) for header, text in zip(headers, texts, strict=True) if text != expected]
-        mistakes += [f"{header.file}: {what} {text}; {like}" for header, text in others]
-    for header in headers:
-        if (other := first.setdefault(name := header.names["recording"], header.file)) != header.file:
-            remedy = "expected a name for each: of its file without the ending, or in HDF5 the attribute `recording`"
-            mistakes.append(f"{header.file}: recording {name!r}, as in {other}; {remedy}")
-    return mistakes
 
 
 def checked_blocks(source: Source) -> Iterator[Block]:
@@ -315,13 +200,14 @@ def _check(column: str, values: np.ndarray, block: Block, source: Source) -> Non
     if column == "pressure" and kind.kind == "i" and np.can_cast(values.dtype, kind):
         return
     if kind.kind == "f":
-        high = np.float64(MOST_SECONDS if column == "time" else MAX_PRESSURE)  # in half precision it would be infinite
-        inside, low = np.abs(values) <= high, -high
-        inside |= np.isnan(values) & (column == "time")  # an unknown time
+        limits = np.array([-1, 1]) * (MOST_SECONDS if column == "time" else MAX_PRESSURE)
+    elif column in source.names:
+        limits = np.array([0, len(source.names[column]) - 1])
     else:
-        ids, limits = source.names.get(column), (0, 1) if kind.kind == "b" else (np.iinfo(kind).min, np.iinfo(kind).max)
-        low, high = map(np.float64, (0, len(ids) - 1) if ids else limits)
-        inside = (values >= low) & (values <= high) & (values == np.floor(values))
+        limits = np.array([0, 1] if kind.kind == "b" else [np.iinfo(kind).min, np.iinfo(kind).max])
+    low, high = limits.astype(np.float64)  # in half precision 1e30 would be infinite
+    inside = (values >= low) & (values <= high) & ((values == np.floor(values)) | (kind.kind == "f"))
+    inside |= np.isnan(values) & (column == "time")  # an unknown time
     if inside.all():
         return
     at = int(inside.reshape(len(values), -1).all(axis=1).argmin())

@@ -14,9 +14,10 @@ from typing import Any
 import h5py
 import numpy as np
 
-from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.messages import UserError, listed
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.hdf5 import dataset, kind_of, open_hdf5
+from tactile_viewgcn.readers.join import joined
 from tactile_viewgcn.readers.source import (
     NUMBERS,
     SPLITS,
@@ -25,8 +26,6 @@ from tactile_viewgcn.readers.source import (
     Source,
     Values,
     check_shape,
-    joined,
-    listed,
     sliced,
     storage_type,
 )

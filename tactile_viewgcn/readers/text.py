@@ -10,106 +10,124 @@ import gzip
 import io
 import re
 import warnings
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactile_viewgcn.messages import Note, UserError
-from tactile_viewgcn.readers.source import NUMBERS, Form, Recording, framed, listed
+from tactile_viewgcn.messages import Note, UserError, listed
+from tactile_viewgcn.readers.source import NUMBERS, Form, Recording
 
 if TYPE_CHECKING:
-    from pandas import Series
+    from pandas import DataFrame, Series
 
 TOP = 200  # lines in which the separator and the names are looked for
 COMMENT = ("#", "%")
 EMPTY = " \t\n,;"  # an empty line has nothing else
 NOT_NUMBERS = re.compile(r"^[ \t]*[#%].*$|^[ \t,;]+$", re.MULTILINE)  # comments and empty lines
-MOST_LETTERS = 40  # of a sensor's name
-UNITS = {  # seconds of a unit of time, by the words for it
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
-    **dict.fromkeys(("ms", "msec", "millis", "millisecond", "milliseconds"), 1e-3),
-    **dict.fromkeys(("us", "µs", "micros", "microsecond", "microseconds"), 1e-6),
-    **dict.fromkeys(("ns", "nanos", "nanosecond", "nanoseconds"), 1e-9),
+#: What columns without readings hold, by their names in small letters.
+HELD = {
+    **dict.fromkeys(("time", "timestamp", "t", "ms", "millis", "micros"), "time"),
+    **dict.fromkeys(("sample", "frame", "index"), "line number"),
+    **dict.fromkeys(("object", "label", "class", "gesture", "target"), "object"),
+    **dict.fromkeys(("recording", "trial"), "recording"),
+    **dict.fromkeys(("session", "subject"), "session"),
 }
-TIMES = {"time", "timestamp", "systime", "stamp", "tstamp", "elapsed", "clock", "millis", "micros", "ms", "t"}
-ABOUT_TIMES = {"date", "sys", "system", "log", "unix", "epoch", "utc", "local", "since", "start", *UNITS}
-LINE_NUMBERS = {"sample", "samples", "frame", "frames", "row", "line", "packet", "index", "idx", "id", "seq"}
-LINE_NUMBERS |= {"sequence", "n", "no", "nr", "num", "number", "count", "counter", "#", "unnamed"}
-NAMES = {
-    "object": {"object", "label", "class", "gesture", "target"},
-    "recording": {"recording", "trial"},
-    "session": {"session", "subject"},
-}
-MOSTLY = 0.9  # of the steps of a counter, which may have lost lines
-
-
-@dataclass(frozen=True)
-class Table:
-    """The table in a file of T lines of numbers.
-
-    Attributes:
-        pressure: (T, S) int64, or float64 if a cell is no whole number.
-        channel_names: of the S sensors; none if the file names no column.
-        time: (T,) seconds, by the unit in the column's name; None without such a column.
-        labels: (T,) texts of each column of names, by `object`, `recording` and `session`.
-        notes: what the columns hold that are no sensors.
-    """
-
-    file: Path
-    pressure: np.ndarray
-    channel_names: list[str]
-    time: np.ndarray | None
-    labels: dict[str, list[str]]
-    notes: list[Note]
-
-    def has_recordings(self, *, labelled: bool) -> bool:
-        """Whether it may be the one table of all recordings: lines name objects, or if these need no name, parts."""
-        restarts = self.time is not None and bool((np.diff(self.time) < 0).any())
-        return "object" in self.labels or (not labelled and (restarts or "recording" in self.labels))
-
-    def values(self, form: Form, index: Any = slice(None)) -> dict[str, np.ndarray]:
-        """`pressure` (frames, rows, columns) and, if there is one, `time` of some lines."""
-        pressure = framed(self.pressure[index], form, str(self.file))
-        return {"pressure": pressure} if self.time is None else {"pressure": pressure, "time": self.time[index]}
-
-    def recordings(self, form: Form) -> Iterator[Recording]:
-        """The recordings in one table of all: the lines of one session, object and recording.
-
-        Where no column names recordings, one begins where the object or the session changes, and where the time falls.
-        """
-        labels, frames = dict(self.labels), len(self.pressure)
-        if "recording" not in labels:
-            begins = np.arange(frames) == 0
-            for texts in labels.values():
-                begins[1:] |= np.array(texts[1:]) != np.array(texts[:-1])
-            if self.time is not None:
-                begins[1:] |= np.diff(self.time) < 0
-            labels["recording"] = [str(number) for number in np.cumsum(begins)]
-        kinds: list[str] = [kind for kind in ("session", "object", "recording") if kind in labels]
-        lines = dict[tuple[str, ...], list[int]]()
-        for line, key in enumerate(zip(*(labels[kind] for kind in kinds), strict=True)):
-            lines.setdefault(key, []).append(line)
-        for key, index in lines.items():
-            names = dict(zip(kinds, key, strict=True)) | {"recording": "/".join(key)}
-            yield Recording(names, self.values(form, index), self.channel_names, self.notes)
+LABELS = ("session", "object", "recording")
+OTHER = "data.columns names others"  # why a column that may have readings is left out
+UNIT = re.compile(r" ?[_(\[](s|ms|us|µs|ns)[)\]]?$")  # of a time, at the end of a name such as time_ms or t [s]
+SECONDS = {"ms": 1e-3, "millis": 1e-3, "us": 1e-6, "µs": 1e-6, "micros": 1e-6, "ns": 1e-9}  # of a unit; else 1
+Table = tuple[Recording, dict[str, np.ndarray]]  # of all lines, and the names in them, see `read_table`
+MOSTLY = 0.9  # of the steps of a counter, which may have lost lines or begun again
 
 
 def read_table(file: Path, form: Form) -> Table:
-    """The table in a text file, or in one that gzip has packed.
+    """The table in a text file, or in one that gzip has packed, as one recording, and the names in its lines.
+
+    Returns:
+        The recording, with pressure (T, S), and times if a column has them; what the columns without readings hold is
+        in its notes. And by `session`, `object` and `recording` the texts (T,) of the columns that have names of these.
 
     Raises:
         UserError: there are no numbers, lines of unlike length, a cell without a number or a name, or no column of a
             name that the form gives.
     """
+    names, cells = _parsed(file)
+    if missing := [name for name in form.columns.values() if name not in names]:
+        raise UserError(f"{file}: no column {missing[0]!r}; found {listed(names)}")
+    labels, time = dict[str, np.ndarray](), dict[str, np.ndarray]()
+    sensors, channels, notes = [], [], []
+    for at, name in enumerate(names):
+        values = _numbers(cells[at])
+        held = _held(name, values, form, is_index=at == 0 and not name and any(names))
+        filled = cells[at].notna() if held in LABELS else ~np.isnan(values)
+        if held in ("", *LABELS) and not filled.all():
+            place, what = f"frame {np.argmin(filled)}, column {at + 1}", "a name" if held else "a number"
+            raise UserError(f"{file}: {place} is not {what}; correct or delete the line")
+        if held:
+            notes.append(
+                Note(f"column {at + 1}{f' ({name!r})' if name else ''} is no sensor ({held})", topic="columns")
+            )
+        if not held:
+            sensors.append(values)
+            channels.append(name)
+        elif held in LABELS:
+            labels.setdefault(held, np.array([str(cell).strip() for cell in cells[at]], dtype=object))
+        elif held == "time" and filled.all():  # not texts such as 12:30:01
+            time.setdefault("time", values * SECONDS.get(_base_and_unit(name)[1], 1.0))
+    pressure = np.column_stack(sensors) if sensors else np.zeros((len(cells), 0))
+    return Recording({}, {"pressure": pressure} | time, channels if any(channels) else [], notes), labels
+
+
+def recordings_in(table: Recording, labels: dict[str, np.ndarray]) -> list[Recording]:
+    """The recordings in one table of all, see `read_table`: the lines of one session, object and recording.
+
+    Where no column names recordings, one begins where the object or the session changes, and where the time falls.
+    """
+    keys = {kind: labels[kind] for kind in LABELS if kind in labels}
+    if "recording" not in keys:
+        begins = np.arange(len(table.values["pressure"])) == 0
+        for texts in keys.values():
+            begins[1:] |= texts[1:] != texts[:-1]
+        if "time" in table.values:
+            begins[1:] |= np.diff(table.values["time"]) < 0
+        keys["recording"] = np.cumsum(begins).astype(str)
+    lines, parts = dict[tuple[str, ...], list[int]](), []
+    for line, key in enumerate(zip(*keys.values(), strict=True)):
+        lines.setdefault(key, []).append(line)
+    for key, index in lines.items():
+        names = dict(zip(keys, key, strict=True)) | {"recording": "/".join(key)}
+        parts.append(replace(table, names=names, values={name: each[index] for name, each in table.values.items()}))
+    return parts
+
+
+def _held(name: str, values: np.ndarray, form: Form, *, is_index: bool) -> str:
+    """What a column (T,) holds by its name: a value of `HELD`, `OTHER`, or "" for the readings of a sensor."""
+    for kind, column in form.columns.items():
+        if column == name:
+            return "" if kind == "pressure" else kind
+    held = "line number" if is_index else HELD.get(_base_and_unit(name)[0], "")
+    steps = np.diff(values)
+    counts, rises = (np.sum(each) > MOSTLY * len(steps) for each in (steps == 1, steps > 0))
+    if (held == "line number" and not counts) or (name.lower() == "t" and not rises):  # a finger, a temperature
+        held = ""
+    return OTHER if (held or "pressure") in form.columns else held
+
+
+def _base_and_unit(name: str) -> tuple[str, str]:
+    """A name in small letters without its unit of time, and the unit; a name such as `millis` is both."""
+    base, unit, *_ = (*UNIT.split(name.lower()), "")
+    return base, unit or base
+
+
+def _parsed(file: Path) -> tuple[list[str], "DataFrame"]:
+    """The names of a table's columns, "" without one, and its cells: as numbers in columns without any other text."""
     import pandas as pd  # here, since it loads slowly
 
     text = _text(file)
     separator, above, rows = _top(file, text)
-    decimal = "," if separator != "," and re.search(r"\d,\d", text) else "."
     # texts of pandas, since those of Arrow need more memory than the child process may take
     with warnings.catch_warnings(), pd.option_context("mode.string_storage", "python"):
         warnings.simplefilter("ignore", DeprecationWarning)  # pandas 3.1 rounds as float_precision asks for by itself
@@ -117,7 +135,7 @@ def read_table(file: Path, form: Form) -> Table:
             cells = pd.read_csv(
                 io.StringIO(NOT_NUMBERS.sub("", text)),
                 sep=separator or r"\s+",
-                decimal=decimal,
+                decimal="," if separator != "," and re.search(r"\d,\d", text) else ".",
                 header=None,
                 skiprows=above,
                 keep_default_na=False,
@@ -127,42 +145,19 @@ def read_table(file: Path, form: Form) -> Table:
                 low_memory=False,
             )
         except pd.errors.ParserError as error:  # such as `Expected 2 fields in line 3, saw 4`
-            raise UserError(
-                f"{file}: {str(error).rpartition('error: ')[2].strip()}; correct or delete the line"
-            ) from None
+            what = str(error).rpartition("error: ")[2].strip()
+            raise UserError(f"{file}: {what}; correct or delete the line") from None
     width = 1 + max(np.flatnonzero(cells.notna().any()), default=-1)
-    names = next((row[:width] for row in rows if len(row) >= width and not any(row[width:])), [""] * width)
-    if missing := [name for name in form.columns.values() if name not in names]:
-        raise UserError(f"{file}: no column {missing[0]!r}; found {listed(names)}")
-    columns = [_numbers(cells[at], decimal) for at in range(width)]
-    labels = _labels(names, form)
-    sensors, notes, time = [], list[Note](), None
-    for at, (name, values) in enumerate(zip(names, columns, strict=True)):
-        kind = next((f"the name of the {label}" for label, column in labels.items() if column == at), "")
-        kind = kind or ("time" if name == form.columns.get("time") else _kind(names, at, values))
-        if not kind and name != form.columns.get("pressure", name):
-            kind = "left out: `data.columns` names the column of the pressure"
-        if kind == "time" and not time and not np.isnan(values).any():  # else of texts such as 12:30:01
-            time = (at, next((UNITS[word] for word in _words(name) & UNITS.keys()), 1.0))
-        if kind:
-            notes.append(Note(f"column {at + 1}{f' ({name!r})' if name else ''} is {kind}", topic="columns"))
-        else:
-            sensors.append(at)
-    for at in [*sensors, *labels.values()]:
-        filled = cells[at].notna() if at in labels.values() else ~np.isnan(columns[at])
-        if not filled.all():
-            what = "a name" if at in labels.values() else "a number"
-            raise UserError(
-                f"{file}: frame {np.argmin(filled)}, column {at + 1} is not {what}; correct or delete the line"
-            )
-    return Table(
-        file,
-        np.column_stack([columns[at] for at in sensors]) if sensors else np.zeros((len(cells), 0)),
-        [names[at][:MOST_LETTERS] for at in sensors] if any(names[at] for at in sensors) else [],
-        columns[time[0]] * time[1] if time else None,
-        {kind: [str(cell).strip() for cell in cells[at]] for kind, at in labels.items()},
-        notes,
-    )
+    return next((row[:width] for row in rows if len(row) >= width and not any(row[width:])), [""] * width), cells
+
+
+def _numbers(cells: "Series") -> np.ndarray:
+    """The cells of a column (T,) as int64 or float64, NaN where one is no number."""
+    from pandas import to_numeric
+
+    if cells.dtype.kind in NUMBERS:
+        return cells.to_numpy()
+    return to_numeric(np.array([str(cell).replace(",", ".") for cell in cells], dtype=object), errors="coerce")
 
 
 def _text(file: Path) -> str:
@@ -223,36 +218,3 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _numbers(cells: "Series", decimal: str) -> np.ndarray:
-    """The cells of a column (T,) as int64 or float64, NaN where one is no number."""
-    from pandas import to_numeric
-
-    if cells.dtype.kind in NUMBERS:
-        return cells.to_numpy()
-    texts = [str(cell).replace(decimal, ".") for cell in cells]
-    return to_numeric(np.array(texts, dtype=object), errors="coerce")
-
-
-def _labels(names: list[str], form: Form) -> dict[str, int]:
-    """The first column that names objects, recordings or sessions, by what it names."""
-    words = {kind: {form.columns[kind].lower()} if kind in form.columns else known for kind, known in NAMES.items()}
-    pairs = [(kind, at) for kind in words for at, name in enumerate(names) if name.lower() in words[kind]]
-    return dict(reversed(pairs))
-
-
-def _kind(names: list[str], at: int, values: np.ndarray) -> str:
-    """What a column holds by its name and its values (T,): `time`, a line number, or "" for a sensor."""
-    words, steps = _words(names[at]), np.diff(values)
-    counts = len(steps) > 1 and np.median(steps) > 0 and (steps == np.median(steps)).mean() > MOSTLY
-    is_index = at == 0 and not names[at] and any(names)  # of pandas
-    if counts and (is_index or (words and words <= LINE_NUMBERS)):  # a finger is called `index` too
-        return "the line's number"
-    is_time = words & TIMES and words <= TIMES | ABOUT_TIMES
-    is_sensor = words == {"t"} and not (names[at].lower() == "t" and (steps > 0).mean() > MOSTLY)  # temperature, thumb
-    return "time" if is_time and not is_sensor else ""
-
-
-def _words(name: str) -> set[str]:
-    return set(re.findall(r"[a-zµ]+|#", name.lower()))

@@ -4,8 +4,7 @@ import hashlib
 
 import numpy as np
 
-from tactile_viewgcn.messages import Note, several
-from tactile_viewgcn.readers.source import listed
+from tactile_viewgcn.messages import Note, listed, several
 from tactile_viewgcn.tables.frames import sensor_names
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 

@@ -14,6 +14,7 @@ HARMS = {
     "crash": os.abort,
     "memory": lambda: np.ones(2**32),
     "time": lambda: all(repeat(True)),
+    "words of a library": lambda: os.write(1, b"libhdf5: a line\n"),
     "mistake": lambda: fail(UserError("a mistake")),
     "full disk": lambda: fail(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))),
     "fault": lambda: 1 // 0,

@@ -122,7 +122,7 @@ COLUMNS = {  # names, a line, seconds between frames, and the columns that notes
     "a time of day": ("time,a,b,c\n", lambda t, *r: [f"12:30:{t}", *r], None, ["column 1 ('time')"]),
     "line numbers": ("Sample,a,b,c\n", lambda t, *r: [t, *r], None, ["column 1 ('Sample')"]),
     "names": ("a,b,c,label,Trial\n", lambda t, *r: [*r, "x", 7], None, ["column 4 ('label')", "column 5 ('Trial')"]),
-    "counter with a gap": ("id,a,b,c\n", lambda t, *r: [t + (t > 9), *r], None, ["column 1 ('id')"]),
+    "counter with a gap": ("#,a,b,c\n", lambda t, *r: [t + (t > 9), *r], None, ["column 1 "]),
     "thumbs that rest": ("t1,t2,t3\n", lambda t, a, *r: [a, *r], None, []),
     "fingers": ("index,thumb,t\n", lambda t, *r: r, None, []),
 }
@@ -201,7 +201,7 @@ def test_a_first_frame_of_numbers_is_no_header(tmp_path, first):
 def test_of_a_table_whose_pressure_is_named_the_other_columns_are_left_out_and_named(tmp_path):
     save(tmp_path / "lab" / "mug" / "1.csv", "a,b\n1,2\n3,4\n")
     counts, table = ingested(tmp_path / "lab", form=Form(columns={"pressure": "b"}))
-    assert counts.ravel().tolist() == [2, 4] and "column 1 ('a') is left out" in str(table.notes)
+    assert counts.ravel().tolist() == [2, 4] and "column 1 ('a') is no sensor" in str(table.notes)
 
 
 def test_each_table_is_parsed_once(tmp_path, monkeypatch):

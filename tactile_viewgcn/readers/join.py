@@ -1,0 +1,105 @@
+"""How the recordings of several files become one source."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, several
+from tactile_viewgcn.readers.child import reading
+from tactile_viewgcn.readers.source import (
+    AUTO,
+    UNLABELLED,
+    Block,
+    Form,
+    Recording,
+    Source,
+    check_shape,
+    framed,
+    sliced,
+    storage_type,
+)
+
+
+def joined(path: Path, files: list[Path], opened: Callable[[Path], Recording], form: Form = AUTO) -> Source:
+    """The source of recordings in the order of their files, of which one is in memory at a time.
+
+    Args:
+        path: the source's path, for its errors.
+        opened: opens a file: first for its names and shapes, and again for its frames.
+
+    Raises:
+        UserError: lists the files that cannot be read, or are unlike the first one, or have the name of an earlier one.
+    """
+
+    def read(file: Path) -> Recording:
+        recording = opened(file)
+        pressure = framed(recording.values["pressure"], form, str(file))
+        names = {"object": UNLABELLED, "session": "session"} | recording.names
+        return replace(recording, names=names, values=recording.values | {"pressure": pressure})
+
+    known, headers, mistakes = dict[str, tuple[Any, Path]](), list[Recording](), list[str]()
+    dtypes, frames = set[np.dtype](), 0
+    for file in files:
+        try:
+            with reading(file):
+                recording = read(file)
+                dtypes.add(_check(recording, file, known))
+                frames += len(recording.values["pressure"])
+                headers.append(replace(recording, values={}))
+        except UserError as error:
+            mistakes.append(str(error))
+    if mistakes:
+        raise UserError(listed([*dict.fromkeys(mistakes)], "; "))
+    ids = {
+        "object": sorted({header.names["object"] for header in headers}, key=lambda name: (name != EMPTY_HAND, name)),
+        "recording": [header.names["recording"] for header in headers],
+        "session": sorted({header.names["session"] for header in headers}),
+    }
+    notes = list(headers[0].notes)
+    if dropped := sum(header.dropped for header in headers):
+        text = f"{several(dropped, 'frame')} without readings, in which nothing is held, are left out"
+        notes.append(Note(text, topic="frames"))
+
+    def blocks() -> Iterator[Block]:
+        for file, header in zip(files, headers, strict=True):
+            with reading(file):
+                values = read(file).values
+                count = len(values["pressure"])
+                values |= {kind: np.full(count, names.index(header.names[kind])) for kind, names in ids.items()}
+                if "time" in values:
+                    time = values["time"][:].astype(np.float64)
+                    values["time"] = time - time[:1]
+                yield from sliced(values, count)
+
+    shape, channels = known["shape"][0], known["channels"][0]
+    channels = channels if len(channels) == shape[0] * shape[1] else []
+    return Source(path, ids, shape, np.result_type(*dtypes), frames, blocks(), notes, channels)
+
+
+def _check(recording: Recording, file: Path, known: dict[str, tuple[Any, Path]]) -> np.dtype:
+    """Check a recording, see `joined`.
+
+    Args:
+        known: what the first file has, with that file, and the names of all recordings; it is added to.
+
+    Returns:
+        The type in which the table stores its pressure.
+    """
+    frames, *_ = recording.values["pressure"].shape
+    columns = [name for name in recording.values if name not in ("pressure", "frame")]
+    for name in columns:
+        if (shape := recording.values[name].shape) != (frames,):
+            raise UserError(f"{file}: {name} has shape {shape}; expected ({frames},), one for each frame")
+    shape = check_shape(recording.values["pressure"].shape, str(file))
+    for what, found in {"shape": shape, "columns": columns, "channels": recording.channel_names}.items():
+        expected, other = known.setdefault(what, (found, file))
+        if found != expected:
+            raise UserError(f"{file}: {what} {found}; expected {expected} as in {other}")
+    name = f"recording {recording.names['recording']!r}"
+    if (other := known.setdefault(name, (name, file))[1]) != file:
+        remedy = "expected a name for each: of its file without the ending, or in HDF5 the attribute `recording`"
+        raise UserError(f"{file}: {name}, as in {other}; {remedy}")
+    return storage_type(recording.values["pressure"].dtype, str(file))
