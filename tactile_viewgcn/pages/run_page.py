@@ -54,27 +54,23 @@ class Outcome:
         ((self.side, self.groups),) = run.metrics["groups"].items()
         self.guesses = not self.ends or self.ends[1] >= self.chance - ROUNDING
         self.uncertain = not self.ends or self.groups < FEW or self.ends[1] - self.ends[0] > WIDE
-        recordings = {
-            label: len(np.unique(predictions.recordings[predictions.labels == label]))
-            for label in np.flatnonzero(self.counts.any(axis=1)).tolist()
-        }
-        self.objects = sorted(
-            ((str(predictions.classes[label]), count, *self._answers(label)) for label, count in recordings.items()),
-            key=lambda row: -row[3],
-        )
-        fewest, most = min(recordings.values()), max(recordings.values())
-        each = f"{fewest} to {most}" if fewest < most else fewest
-        self.tested = f"{several(sum(recordings.values()), 'recording')}, {each} of each object"
+        rows = [self._object(label) for label in np.flatnonzero(self.counts.any(axis=1)).tolist()]
+        self.objects = sorted(rows, key=lambda row: -row[3])
+        recordings = [row[1] for row in rows]
+        each = f"{min(recordings)} to {max(recordings)}" if min(recordings) < max(recordings) else recordings[0]
+        self.tested = f"{several(sum(recordings), 'recording')}, {each} of each object"
         self.candidates = [note.value for note in run.notes("info") if note.topic == "candidates"]
         self.members = choices.get("model.members", run.params["model.members"])
         self.warnings = run.notes("warning")
 
-    def _answers(self, label: int) -> tuple[int, float, str]:
-        """Number of answers to an object, share of wrong ones, and what it is most often taken for."""
-        wrong = np.where(np.arange(len(self.counts)) == label, 0, self.counts[label])
-        answers, other = int(self.counts[label].sum()), int(wrong.argmax())
-        taken_for = f"{self.run.predictions.classes[other]} ({percent(wrong[other] / answers)})" if wrong[other] else ""
-        return answers, float(wrong.sum() / answers), taken_for
+    def _object(self, label: int) -> tuple[str, int, int, float, str]:
+        """See `objects`."""
+        predictions, wrong = self.run.predictions, self.counts[label].copy()
+        recordings, answers, wrong[label] = predictions.recordings[predictions.labels == label], int(wrong.sum()), 0
+        other = int(wrong.argmax())
+        taken_for = f"{predictions.classes[other]} ({percent(wrong[other] / answers)})" if wrong[other] else ""
+        share = float(wrong.sum() / answers)
+        return str(predictions.classes[label]), len(np.unique(recordings)), answers, share, taken_for
 
     def verdict(self) -> Verdict:
         """Whether the result is good, and why."""

@@ -1,10 +1,9 @@
 """Distances, neighbours, furthest points and edges of the view-graph."""
 
-import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.nn.graph import edge_geometry, furthest_points, gather_nodes, nearest
+from tactile_viewgcn.nn.graph import edge_geometry, furthest_points, nearest
 from tactile_viewgcn.views.viewpoints import viewpoints
 
 FOUR = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]])
@@ -16,13 +15,6 @@ def test_ties_go_to_the_lowest_index():
     assert nearest(CUBE, 3)[0].tolist() == [0, 1, 2]
     assert furthest_points(torch.zeros(5, 3), 3).tolist() == [0, 0, 0]
     assert furthest_points(CUBE, 4).tolist() == [0, 7, 1, 2]
-
-
-def test_gathering_equals_the_plain_loop():
-    values, index = torch.rand(2, 5, 3), torch.randint(5, (2, 4, 2))
-    out = gather_nodes(values, index)
-    for b, i, j in np.ndindex(2, 4, 2):
-        assert torch.equal(out[b, i, j], values[b, index[b, i, j]])
 
 
 @pytest.mark.parametrize(("distance", "last"), [("squared", 9.0), ("plain", 3.0)])
