@@ -22,7 +22,7 @@ def cluster(job: Job, needs: Path, frames: Path, out: Path) -> str:
     index = table.on(TRAIN, VALIDATION)
     pools, empty = len(np.unique(views.pool[index])), int(sets_of(views, index, rng).empty.sum())
     save_table(out, views)
-    job.counts = {"pools": pools, "empty_clusters": empty}
+    job.record.counts |= {"pools": pools, "empty_clusters": empty}
     if not job.needed:
         return "cluster: left out, model.system does not need it"
     if empty:

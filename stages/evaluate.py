@@ -1,54 +1,59 @@
 """Ten trials on the test side: error with its interval, run time, confusion."""
 
 from pathlib import Path
+from typing import Any
 
 from stages.command import Job, run
 from tactile_viewgcn.evaluation import results
-from tactile_viewgcn.evaluation.evaluate import evaluate_table
+from tactile_viewgcn.evaluation.evaluate import Evaluation, evaluate_table
 from tactile_viewgcn.evaluation.predictions import write_predictions
-from tactile_viewgcn.process import peak_mb, seconds_since_start
+from tactile_viewgcn.process import peak_mb
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.tables.frames import read_frames
+from tactile_viewgcn.tracking import Run
 
 
-def evaluate(job: Job, frames: Path, classifier: Path, after: tuple[Path, ...], out: Path) -> str:
-    row, table = job.run, read_frames(frames)
-    model, content = load_classifier(classifier)
-    records = results.read_records(after)
+def evaluate(job: Job, frames: Path, classifier: Path, records: Path, out: Path) -> str:
+    table, (model, content), earlier = read_frames(frames), load_classifier(classifier), results.read_records(records)
     evaluation = evaluate_table(model, table, job.params, job.compute(), content.temperature)
+    timing = results.costs(evaluation, earlier, job.seconds, peak_mb())
+    write_predictions(out / "predictions.npz", evaluation.predictions)
+    results.write_results(out, evaluation, timing)
+    for stage in earlier:
+        job.record.inputs[stage] = {"path": str(records / f"{stage}.json")}
+        job.md5(stage)  # by which `report` sees that a stage ran again
+    log_row(job.run, evaluation, timing, earlier)
+    for folder in (out, records):
+        job.run.log("log_artifacts", str(folder))
+    frame = {"shape": list(table.live.shape), "dtype": str(table.counts.dtype)}
+    address = job.run.model(classifier, {"classes": table.classes, "views": model.views} | frame)
+    lines = results.summary_lines(evaluation.metrics, timing)
+    if address:
+        lines.append(f"  in a program: mlflow.pyfunc.load_model({address!r})")
+    return "\n".join([*lines, f"  next: tactile-viewgcn report; tactile-viewgcn predict {classifier} NEW_RECORDINGS"])
+
+
+def log_row(row: Run, evaluation: Evaluation, timing: dict[str, Any], records: results.Records) -> None:
+    """Log the data set, what the stages chose and counted, errors with their costs, and a picture of the confusions."""
     metrics, predictions = evaluation.metrics, evaluation.predictions
-    write_predictions(out / "predictions.npz", predictions)
     if "ingest" in records:
         source = records["ingest"].inputs["source"]
         row.dataset(source["path"], source["md5"][:8])
-    for path in after:
-        job.md5(path.stem)  # `report` sees by it that a stage ran again
-    if row.id:
-        from tactile_viewgcn.plots import confusions
-
-        counts = {f"{name} protocol, all trials": predictions.confusion(name) for name in predictions.predicted}
-        row.log("log_figure", confusions(counts, table.classes), "confusion.png")
-    frame = {"shape": list(table.live.shape), "dtype": str(table.counts.dtype)}
-    address = row.model(classifier, {"classes": table.classes, "views": model.views} | frame)
-    timing = results.costs(evaluation, records, seconds_since_start(), peak_mb())
-    results.write_results(out, evaluation, timing)
     tags, constants, scores = results.row_tags_parameters_metrics(metrics, timing, records)
     row.log("set_tags", tags)
     row.log("log_params", constants)
-    row.log("log_artifacts", str(out))
-    for path in after:
-        row.log("log_artifact", str(path))
     row.log("log_metrics", scores)
     for protocol in predictions.predicted:
         for trial, error in enumerate(predictions.errors(protocol).tolist(), start=1):
             row.log("log_metrics", {f"trials.error.{protocol}": error}, trial)
         for views, error in metrics[protocol]["by_views"].items():
             row.log("log_metrics", {f"views.error.{protocol}": error["mean"]}, int(views))
-    lines = results.summary_lines(metrics, timing)
-    if address:
-        lines.append(f"  in a program: mlflow.pyfunc.load_model({address!r})")
-    return "\n".join([*lines, f"  next: tactile-viewgcn report; tactile-viewgcn predict {classifier} NEW_RECORDINGS"])
+    if row.id:
+        from tactile_viewgcn.plots import confusions  # here, since it loads Matplotlib
+
+        counts = {f"{name} protocol, all trials": predictions.confusion(name) for name in predictions.predicted}
+        row.log("log_figure", confusions(counts, predictions.classes.tolist()), "confusion.png")
 
 
 if __name__ == "__main__":
-    run(evaluate, "frames", "classifier", row=True)
+    run(evaluate, "frames", "classifier", "records")

@@ -8,16 +8,17 @@ from stages.command import Job, run
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.nn.network import ViewNetwork, count_weights
 from tactile_viewgcn.params import on_sensors
-from tactile_viewgcn.recognition.fitting import fit_classifier
+from tactile_viewgcn.recognition.fitting import Fitted, fit_classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.tables.frames import Views, load_table, read_frames
 from tactile_viewgcn.training.checkpoint import training_checkpoint
+from tactile_viewgcn.training.loop import Progress
 
 
 def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> str:
     params, table, clusters, compute = job.params, read_frames(frames), load_table(views, Views), job.compute()
-    alone, pretrained = on_sensors(params.model.system), {}
-    if not alone:
+    pretrained = {}
+    if not on_sensors(params.model.system):
         with readable(backbone):
             pretrained = torch.load(backbone, map_location="cpu", weights_only=True)
     key = job.checkpoint_key()
@@ -26,17 +27,26 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
         save_classifier(out, fitted.classifier, fitted.model, table, compute.precision, fitted.temperature)
     for note in fitted.notes:
         job.note(note)
-    classifier, progress = fitted.classifier, fitted.progress
-    job.counts = {"weights.head": 0, "seconds_before_interruption": progress.resumed[1]}
-    line = f"{params.model.system} is not fine-tuned"
-    if alone:
-        job.counts["resolved.model.members"] = " + ".join(fitted.model.members)
-        line = f"{job.counts['resolved.model.members']} fitted in {progress.seconds:.1f} s"
-    if isinstance(classifier, ViewNetwork):
-        job.counts["weights.head"] = count_weights(classifier.head)
-        if classifier.head.trainable:
-            line = f"{progress} on {compute.device} in {compute.precision}"
-    return f"finetune: {line}"
+    job.record.seconds = fitted.progress.resumed[1]  # before an interruption
+    if isinstance(fitted.classifier, ViewNetwork):
+        return f"finetune: {_network(job, fitted.classifier, fitted.progress)}"
+    return f"finetune: {_members(job, fitted)}"
+
+
+def _network(job: Job, network: ViewNetwork, progress: Progress) -> str:
+    """Count the weights of the part that joins the views, and say how the training went."""
+    job.record.counts["weights.head"] = count_weights(network.head)
+    if not network.head.trainable:
+        return f"{job.params.model.system} is not fine-tuned"
+    origin = job.record.origin
+    return f"{progress} on {origin['device']} in {origin['precision']}"
+
+
+def _members(job: Job, fitted: Fitted) -> str:
+    """Keep the members that were chosen, and name them."""
+    members = " + ".join(fitted.model.members)
+    job.record.counts |= {"weights.head": 0, "resolved.model.members": members}
+    return f"{members} fitted in {fitted.progress.seconds:.1f} s"
 
 
 if __name__ == "__main__":

@@ -20,10 +20,11 @@ def ingest(job: Job, source: Path, out: Path) -> str:
         job.note(note)
     used = {f"{name}s": len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
     names = [several(count, name.removesuffix("s")) for name, count in used.items()]
-    job.counts = {"frames": len(table), "sensors": int(table.live.sum())} | used
+    counts = {"frames": len(table), "sensors": int(table.live.sum())} | used
+    job.record.counts |= counts
     return (
         f"ingest: {several(len(table), 'frame')} of {table.shape[0]} x {table.shape[1]}, "
-        f"{several(job.counts['sensors'], 'sensor')}, {', '.join(names)}"
+        f"{several(counts['sensors'], 'sensor')}, {', '.join(names)}"
     )
 
 

@@ -25,11 +25,11 @@ def preprocess(job: Job, recordings: Path, out: Path) -> str:
         lines.append("  {}: {} in {}, {}".format(side, *texts))
     for note in made.notes:
         job.note(note)
-    job.counts = {"frames.kept": len(frames), "frames.dropped": len(table) - len(frames)}
-    job.counts |= {"recordings.kept": len(np.unique(frames.recording)), "classes": len(frames.classes)}
+    job.record.counts |= {"frames.kept": len(frames), "frames.dropped": len(table) - len(frames)}
+    job.record.counts |= {"recordings.kept": len(np.unique(frames.recording)), "classes": len(frames.classes)}
     chosen = {f"resolved.{note.key}": note.value for note in made.choice.notes if note.level == "choice"}
     leak = asdict(made.choice.leak) if made.choice.leak else {}
-    job.counts |= counts | {f"leak.{name}": value for name, value in leak.items()} | chosen
+    job.record.counts |= counts | {f"leak.{name}": value for name, value in leak.items()} | chosen
     return "\n".join(lines)
 
 

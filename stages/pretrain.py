@@ -29,8 +29,8 @@ def _pretrain(job: Job, frames: Path, out: Path) -> str:
         states = {"backbone": backbone.cpu().state_dict(), "classifier": classifier.cpu().state_dict()}
         with atomic_write(out) as part:
             torch.save(states | {"classes": table.classes}, part)
-    job.counts = {"weights.backbone": sum(weight.numel() for weight in backbone.parameters())}
-    job.counts["seconds_before_interruption"] = progress.resumed[1]
+    job.record.counts["weights.backbone"] = sum(weight.numel() for weight in backbone.parameters())
+    job.record.seconds = progress.resumed[1]  # before an interruption
     return f"pretrain: {progress} on {compute.device} in {compute.precision}"
 
 

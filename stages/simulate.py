@@ -14,7 +14,7 @@ def simulate(job: Job, out: Path) -> str:
     cost = write_recordings(recipe, out, workers=cpu_count())
     recordings = len(recipe.recordings)
     frames = recordings * recipe.frames
-    job.counts = {
+    counts = {
         "frames": frames,
         "recordings": recordings,
         "version": VERSION,
@@ -23,10 +23,11 @@ def simulate(job: Job, out: Path) -> str:
         "steps_forced": cost["forced"],
         "stages_unsolved": cost["unsolved"],
     }
+    job.record.counts |= counts
     return (
         "simulate: {frames:,} simulated frames of {recordings} recordings, virtual glove version {version}\n"
         "  {steps_per_frame:.1f} steps and {evaluations_per_frame:.0f} evaluations a frame; of {steps:,} steps "
-        "{steps_forced:,} missed the tolerance".format(steps=cost["steps"], **job.counts)
+        "{steps_forced:,} missed the tolerance".format(steps=cost["steps"], **counts)
     )
 
 

@@ -1,7 +1,6 @@
 """The command `tactile-viewgcn`: inspect recordings, print presets, predict, report."""
 
 import io
-import signal
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactile_viewgcn.files import check_output, readable
-from tactile_viewgcn.messages import UserError, shown, user_message
+from tactile_viewgcn.messages import UserError, shown
 from tactile_viewgcn.params import MAX_SIDE, default_params, preset_changes, presets
+from tactile_viewgcn.process import program
 
 if TYPE_CHECKING:
     from tactile_viewgcn.readers.source import Form
@@ -120,20 +120,8 @@ def _say(*lines: str) -> None:
 
 def main() -> None:
     """Run the command; a mistake of the user ends in one line and exit code 1, without a traceback."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # temporary folders are removed
     for stream in (sys.stdout, sys.stderr):  # characters that the terminal's encoding lacks are escaped
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    try:
-        cli(standalone_mode=False)
-    except click.ClickException as error:
-        error.show()
-        raise SystemExit(error.exit_code) from None
-    except click.Abort:
-        raise SystemExit(1) from None
-    except Exception as error:
-        message = user_message(error)
-        if message is None or "--debug" in sys.argv:  # click has taken the option from its context
-            raise
-        click.echo(f"Error: {message}", err=True)
-        raise SystemExit(1) from None
+    with program(debug="--debug" in sys.argv):
+        cli()

@@ -13,7 +13,7 @@ from tactile_viewgcn.messages import UserError
 
 LEAST_FREE = 2**16  # bytes; with less a disk counts as full
 NO_ROOM = errno.ENOSPC, errno.EDQUOT, errno.EFBIG  # on the disk, for this user, or in one file
-PART, OLD = ".unfinished", ".replaced"  # endings of a file or folder being written, and of a folder being replaced
+PART = ".unfinished"  # ending of a file or folder that is being written
 _md5 = partial(hashlib.md5, usedforsecurity=False)
 LEFT_BEHIND = ("__MACOSX", "Thumbs.db", "desktop.ini")  # by programs that look into a folder or pack it
 VIDEO_SUFFIX = ".jpg"  # STAG's folders hold gigabytes of video frames too, which no reader reads
@@ -29,8 +29,7 @@ def atomic_write(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
     """A temporary path beside `path`: it takes the place of `path` at the end of the block and is removed on an error.
 
     The file is synced before it takes that place. Its temporary name is the same on every call, because torch.save
-    writes it into the file and equal seeds give equal bytes. What a killed run has left under that name is removed; the
-    old folder is restored if a killed run left none in its place.
+    writes it into the file and equal seeds give equal bytes. What a killed run has left under that name is removed.
 
     Args:
         folder: the temporary path is an empty folder, else a file that the block writes.
@@ -44,25 +43,17 @@ def atomic_write(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
         check_is_file(path)
     elif path.exists() and (path.is_symlink() or not path.is_dir()):
         raise UserError(f"{path}: exists and is no folder; remove it or name another")
-    part, old = path.with_name(path.name + PART), path.with_name(path.name + OLD)
-    temporary = (part, old) if folder else (part,)
+    part = path.with_name(path.name + PART)
     remove = partial(shutil.rmtree, ignore_errors=True) if folder else partial(Path.unlink, missing_ok=True)
-
-    def settle() -> None:
-        if folder and old.exists() and not path.exists():  # moved away, and nothing took its place
-            old.replace(path)
-        for stale in temporary:
-            remove(stale)
-
-    settle()
+    remove(part)
     (part if folder else path.parent).mkdir(parents=True, exist_ok=not folder)
     try:
         yield part
         for file in filter(Path.is_file, part.rglob("*") if folder else [part]):
             with file.open("rb+") as stream:
                 os.fsync(stream)  # some file systems learn only here that a disk is full
-        if folder and path.exists():
-            path.replace(old)
+        if folder:
+            remove(path)
         part.replace(path)
     except Exception as error:
         full = error if isinstance(error, OSError | UserError) else _append(part / PART if folder else part)
@@ -70,7 +61,7 @@ def atomic_write(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
             raise OSError(full.errno, f"{full.strerror}; make room", str(path)) from error
         raise
     finally:
-        settle()
+        remove(part)
 
 
 def _append(file: Path) -> OSError | None:

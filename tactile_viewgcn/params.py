@@ -27,27 +27,10 @@ COLUMN = "^(pressure|time|object|recording|session):.+$"
 LAYOUT = "^(auto|[^A-Z]*((SESSION|SPLIT)[^A-Z]+){0,2}OBJECT([^A-Z]+(SESSION|SPLIT)){0,2}([^A-Z]+FILE)?)$"
 CORNERS = 8  # viewpoints of the cube
 
-# all but sensors are networks on the pretrained backbone
-System = Literal[
-    "view_gcn",
-    "stag",
-    "cnn_lstm",
-    "conv_lstm",
-    "mvcnn",
-    "mean",
-    "gvcnn",
-    "rotationnet",
-    "gcn",
-    "vote",
-    "sensors",
+System = Literal[  # all but sensors are networks on the pretrained backbone
+    "view_gcn", "stag", "cnn_lstm", "conv_lstm", "mvcnn", "mean", "gvcnn", "rotationnet", "gcn", "vote", "sensors"
 ]
-Member = Literal[  # of sensors; one may be alone
-    "trees",
-    "svm",
-    "convolutions",
-    "kernel",
-    "pooled_kernel",
-]
+Member = Literal["trees", "svm", "convolutions", "kernel", "pooled_kernel"]  # of sensors; one may be alone
 Count = Annotated[StrictInt, Interval(ge=1, le=MOST)]
 Side = Annotated[StrictInt, Interval(ge=1, le=MAX_SIDE)]  # rows or columns of a frame
 Natural = Annotated[StrictInt, Interval(ge=0, le=MOST)]

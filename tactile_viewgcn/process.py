@@ -1,24 +1,37 @@
-"""This process: its run time, processor and memory."""
+"""This process: how it ends, its processor and memory."""
 
-import os
 import platform
 import re
 import resource
+import signal
 import sys
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-LOADED = time.time()
+from tactile_viewgcn.messages import user_message
 
 
-def seconds_since_start() -> float:
-    """Seconds since this process began, with imports; outside Linux since this module was loaded."""
-    with suppress(OSError):
-        uptime = float(Path("/proc/uptime").read_text().split()[0])
-        ticks = Path("/proc/self/stat").read_text().rpartition(")")[2].split()[19]
-        return uptime - int(ticks) / os.sysconf("SC_CLK_TCK")
-    return time.time() - LOADED
+@contextmanager
+def program(*, debug: bool = False) -> Iterator[None]:
+    """Context of a whole program: an error that the user can correct ends it with exit code 1 and one line.
+
+    SIGTERM, which `dvc queue kill` sends, ends it with code 143, as an exception, so that temporary files are removed.
+
+    Args:
+        debug: such an error keeps its traceback too.
+    """
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    try:
+        yield
+    except Exception as error:
+        message = user_message(error)
+        if debug or message is None:
+            raise
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the process ends already, and has to print why
+        print(f"Error: {message}", file=sys.stderr)
+        raise SystemExit(1) from None
 
 
 def idle_cores(seconds: float = 0.3) -> float:

@@ -1,18 +1,13 @@
-"""The record of a stage, runs/STAGE.json: what it did, with which code and parameters, on which machine, at what cost.
-
-A run in MLflow is named by the parameters that differ from the params.yaml in git.
-"""
+"""The record of a stage: what it did, with which code and parameters, on which machine, at what cost."""
 
 import json
 import os
 import platform
 import socket
 import subprocess
-import sys
-from contextlib import suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -20,40 +15,36 @@ from tactile_viewgcn.messages import Note
 from tactile_viewgcn.process import processor
 from tactile_viewgcn.schema import as_change, flatten, parse
 
+ROW = "evaluate"  # the stage whose run is the pipeline's row in MLflow
+EARLIER = "ingest", "preprocess", "cluster", "pretrain", "finetune"  # the stages whose records it reads
 WRITTEN = "params.yaml", "dvc.lock", "results/summary.json"  # no change of the code: a record has its parameters
-PACKAGES = ("torch", "scikit-learn", "numpy", "dvc", "mlflow")  # a record has their versions
+PACKAGES = "torch", "scikit-learn", "numpy"  # a record has their versions
 
 
-@dataclass(frozen=True)
+@dataclass
 class Record:
-    """The content of runs/STAGE.json.
+    """The content of a stage's record: runs/STAGE.json, and results/evaluate.json.
 
     Attributes:
-        stage: the stage's name.
-        run_id: of the stage's run in MLflow; None where it has none.
+        name, run_id: of the stage's run in MLflow; None where it has none.
         seconds: of the process, and of the training before an interruption; peak_mb: see `process.peak_mb`.
         inputs: `path` of each input, by its name, and its `md5` where the stage needs it.
         counts: single values; curves: a value for each epoch; both by name.
         params: `values`, the parameters that the stage reads, and `changed`, those that differ from git; by dotted key.
-        notes: the stage's remarks.
         origin: see `origin`; and `device` and `precision` of a stage that computes with torch.
     """
 
     stage: str
-    run_id: str | None
-    seconds: float
-    peak_mb: float
-    inputs: dict[str, dict[str, str]]
-    counts: dict[str, Any]
-    curves: dict[str, list[float]]
-    params: dict[str, dict[str, Any]]
-    notes: list[Note]
-    origin: dict[str, str]
-
-    @property
-    def tags(self) -> dict[str, str]:
-        """Tags of the run in MLflow: origin, and md5 of inputs."""
-        return self.origin | {f"md5.{name}": each["md5"] for name, each in self.inputs.items() if "md5" in each}
+    name: str | None = None
+    run_id: str | None = None
+    seconds: float = 0.0
+    peak_mb: float = 0.0
+    inputs: dict[str, dict[str, str]] = field(default_factory=dict)
+    counts: dict[str, Any] = field(default_factory=dict)
+    curves: dict[str, list[float]] = field(default_factory=dict)
+    params: dict[str, dict[str, Any]] = field(default_factory=dict)
+    notes: list[Note] = field(default_factory=list)
+    origin: dict[str, str] = field(default_factory=dict)
 
     @property
     def text(self) -> str:
@@ -62,10 +53,9 @@ class Record:
 
     @classmethod
     def read(cls, text: str | bytes) -> "Record":
-        """The record that a file holds as `text`; any exception where it is damaged, or a field is missing."""
+        """The record that a file holds as `text`; any exception where it is damaged."""
         content = json.loads(text)
-        values = {field.name: content[field.name] for field in fields(cls)}
-        return cls(**values | {"notes": [Note(**note) for note in content["notes"]]})
+        return cls(**content | {"notes": [Note(**note) for note in content["notes"]]})
 
 
 def git_revision() -> dict[str, str]:
@@ -84,7 +74,7 @@ def changed_params(values: dict[str, Any], path: Path) -> dict[str, Any]:
 
 
 def run_name(changed: dict[str, Any], *words: str) -> str:
-    """A name for people, such as `views=12 pretrain.lr=0.01 mvcnn`: changed values, then words.
+    """Name of a run for people, such as `views=12 pretrain.lr=0.01 mvcnn`: changed parameters, then words.
 
     The shortest stands first: a list cuts long names, and runs with one long path differ in a short value.
     """
@@ -92,25 +82,20 @@ def run_name(changed: dict[str, Any], *words: str) -> str:
 
 
 def origin(stage: str) -> dict[str, str]:
-    """Stage, command, DVC experiment, git revision, time, machine, and versions of Python and of `PACKAGES`."""
+    """Stage, DVC experiment, git revision, time, machine, and versions of Python and of `PACKAGES`."""
     from joblib import cpu_count  # respects a container's limit; here, since a logged model does without joblib
 
-    versions = {}
-    for name in PACKAGES:
-        with suppress(PackageNotFoundError):
-            versions[name] = version(name)
+    experiment = os.environ.get("DVC_EXP_NAME")
     return {
         "stage": stage,
-        "command": " ".join(sys.orig_argv[1:]),
-        "mlflow.source.name": f"stages/{stage}.py",
-        **({"dvc.experiment": os.environ["DVC_EXP_NAME"]} if "DVC_EXP_NAME" in os.environ else {}),
+        **({"dvc.experiment": experiment} if experiment else {}),
         **git_revision(),
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
         "host": socket.gethostname(),
         "processor": processor(),
         "cores": str(cpu_count()),
         "python": platform.python_version(),
-        **versions,
+        **{name: version(name) for name in PACKAGES},
     }
 
 

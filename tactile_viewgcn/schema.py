@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 from pydantic import AfterValidator, ConfigDict, TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
 
 from tactile_viewgcn.files import check_is_file
 from tactile_viewgcn.messages import UserError
@@ -67,19 +68,21 @@ def build(kind: Any, tree: dict[str, Any], name: str, changes: tuple[str, ...] =
     try:
         built = TypeAdapter(kind).validate_python(tree)
     except ValidationError as error:
-        keys = list(_keys(kind))
-        for one in error.errors(include_url=False):
-            key, text = ".".join(map(str, one["loc"])), one["msg"].removeprefix("Value error, ")
-            if one["type"] == "unexpected_keyword_argument":
-                near = get_close_matches(key, keys, n=1)
-                mistakes.append(f"unknown key {key}" + (f"; did you mean {near[0]}?" if near else ""))
-                continue
-            while key and key not in keys:  # pydantic goes on into a list or to a branch of a union
-                key = key.rpartition(".")[0]
-            mistakes.append(f"{key}: {text} (got {repr(one['input'])[:MOST_SHOWN]})" if key else text)
+        mistakes += [_mistake(list(_keys(kind)), one) for one in error.errors(include_url=False)]
     if mistakes:
         raise UserError(f"{name}: " + "; ".join(mistakes))
     return built
+
+
+def _mistake(keys: list[str], error: ErrorDetails) -> str:
+    """One of pydantic's errors with the key it is about, one of `keys`, and the value."""
+    key, text = ".".join(map(str, error["loc"])), error["msg"].removeprefix("Value error, ")
+    if error["type"] == "unexpected_keyword_argument":
+        near = get_close_matches(key, keys, n=1)
+        return f"unknown key {key}" + (f"; did you mean {near[0]}?" if near else "")
+    while key and key not in keys:  # pydantic goes on into a list or to a branch of a union
+        key = key.rpartition(".")[0]
+    return f"{key}: {text} (got {repr(error['input'])[:MOST_SHOWN]})" if key else text
 
 
 def _keys(kind: Any, prefix: str = "") -> Iterator[str]:
@@ -91,11 +94,12 @@ def _keys(kind: Any, prefix: str = "") -> Iterator[str]:
 
 
 def flatten(section: Any, prefix: str = "") -> dict[str, Any]:
-    """Every value of a dataclass, or of a mapping of mappings, under its dotted key: {"cluster.method": "kmeans"}."""
+    """Every value of an object or of a mapping of mappings under its dotted key: {"cluster.method": "kmeans"}."""
+    if not isinstance(section, dict) and not hasattr(section, "__dict__"):
+        return {prefix.removesuffix("."): section}
     values: dict[str, Any] = {}
     for name, value in (section if isinstance(section, dict) else vars(section)).items():
-        nested = isinstance(value, dict) or is_dataclass(value)
-        values |= flatten(value, f"{prefix}{name}.") if nested else {prefix + name: value}
+        values |= flatten(value, f"{prefix}{name}.")
     return values
 
 
@@ -106,21 +110,14 @@ def set_value(tree: dict[str, Any], change: str) -> None:
         raise UserError(f"--set {change!r}: expected key=value")
     *sections, name = key.split(".")
     for section in sections:
-        tree = tree.setdefault(section, {})
-        if not isinstance(tree, dict):
-            raise UserError(f"--set {key}: {section} is no section")
+        if not isinstance(tree.get(section), dict):
+            tree[section] = {}  # refused by its type, if it is no section
+        tree = tree[section]
     tree[name] = parse(text, f"--set {change[:MOST_SHOWN]!r}")
 
 
 def as_change(key: str, value: Any) -> str:
-    """`key=value` as `dvc exp run -S` and `set_value` read it, with every digit: [3,3,2], true, 0.001, "two words".
-
-    Raises:
-        UserError: YAML has no such value.
-    """
+    """`key=value` as `dvc exp run -S` and `set_value` read it, with every digit: [3,3,2], true, 0.001, "two words"."""
     if isinstance(value, str) and re.fullmatch(r"[\w/.-]+", value, re.ASCII) and isinstance(parse(value, key), str):
         return f"{key}={value}"
-    try:
-        return f"{key}={json.dumps(value, ensure_ascii=False, separators=(',', ':'))}"
-    except TypeError:
-        raise UserError(f"{key}: {value!r} cannot be written as YAML") from None
+    return f"{key}={json.dumps(value, ensure_ascii=False, separators=(',', ':'), default=str)}"

@@ -14,7 +14,7 @@ import tempfile
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from filelock import FileLock
 
 from tactile_viewgcn.files import root
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.provenance import Record, origin
+from tactile_viewgcn.provenance import ROW, Record
 
 EXPERIMENT = "tactile-viewgcn"
 DISABLED, SQLITE = "disabled", "sqlite:///"
@@ -51,16 +51,17 @@ class Run:
 
     def log(self, function: str, *values: Any) -> Any:
         """What one of MLflow's functions returns, such as `log_metrics`, called for this run; None without a run."""
-        return self._try(lambda mlflow: getattr(mlflow, function)(*values))
+        return self.attempt(lambda mlflow: getattr(mlflow, function)(*values))
 
-    def record(self, record: Record) -> None:
-        """Log a stage's record: counts, tags, its notes as the run's description, and all of it as `STAGE.json`."""
-        chosen = {name: value for name, value in record.counts.items() if name.startswith("resolved.")}
-        self.log("log_params", chosen)
-        self.log("log_metrics", {name: value for name, value in record.counts.items() if name not in chosen})
-        notes = "\n".join(f"- {note}" for note in record.notes)
-        self.log("set_tags", record.tags | {"mlflow.note.content": notes[:LONGEST]})
-        self.log("log_text", record.text, f"{record.stage}.json")
+    def attempt(self, log: Callable[[Any], Any]) -> Any:
+        """What `log` returns, called with the module MLflow; None without a run, and after an error, with a warning."""
+        if not self.id:
+            return None
+        try:
+            return log(self._mlflow)
+        except Exception as error:
+            _warn(error)
+            self.id = None
 
     def dataset(self, source: str, digest: str) -> None:
         """Log the path and digest of the data set, which MLflow shows in its column of datasets."""
@@ -69,7 +70,7 @@ class Run:
             dataset = mlflow.entities.Dataset(source, digest, "local", source)
             mlflow.MlflowClient().log_inputs(self.id, [mlflow.entities.DatasetInput(dataset)])
 
-        self._try(log)
+        self.attempt(log)
 
     def model(self, checkpoint: Path, metadata: dict[str, Any]) -> str | None:
         """Log the classifier as an MLflow model, from recordings of raw counts to a column for each class.
@@ -100,7 +101,20 @@ class Run:
                     metadata=metadata,
                 ).model_uri
 
-        return self._try(log)
+        return self.attempt(log)
+
+    def record(self, record: Record) -> None:
+        """Log what a stage did: its counts and costs, md5 of inputs, and the record itself; notes as description."""
+        chosen = {name: value for name, value in record.counts.items() if name.startswith("resolved.")}
+        numbers = {name: value for name, value in record.counts.items() if name not in chosen}
+        if record.stage != ROW:  # it has the costs of all stages
+            numbers |= {"seconds": record.seconds, "peak_mb": record.peak_mb}
+        digests = {f"md5.{name}": entry["md5"] for name, entry in record.inputs.items() if "md5" in entry}
+        notes = "\n".join(f"- {note}" for note in record.notes)
+        self.log("log_params", chosen)
+        self.log("log_metrics", numbers)
+        self.log("set_tags", record.origin | digests | {"mlflow.note.content": notes[:LONGEST]})
+        self.log("log_text", record.text, f"{record.stage}.json")
 
     def end(self, status: str) -> None:
         """End the run with a status; FAILED after the store has failed, since the run lacks something."""
@@ -108,29 +122,19 @@ class Run:
             with suppress(Exception):
                 self._mlflow.end_run(status if self.id else "FAILED")
 
-    def _try(self, log: Callable[[Any], Any]) -> Any:
-        if not self.id:
-            return None
-        try:
-            return log(self._mlflow)
-        except Exception as error:
-            _warn(error)
-            self.id = None
-
 
 @contextmanager
-def stage_run(stage: str, name: str = "", params: dict[str, Any] | None = None, *, row: bool = False) -> Iterator[Run]:
-    """The run of one stage: FINISHED when the block ends well, else FAILED or KILLED, with the traceback as artifact.
+def stage_run(record: Record) -> Iterator[Run]:
+    """The run of a stage: it begins with the record's name, parameters and origin, and ends with all of the record.
 
-    Args:
-        name: for people; the stage's name by default.
-        params: parameters that are logged at once.
-        row: whether it is an evaluated pipeline, a row of the experiment that people compare.
+    It is FINISHED when the block ends well, else FAILED or KILLED, with the traceback as artifact.
     """
-    run = _begin(stage, name or stage, row=row)
-    run.log("log_params", params or {})
+    run = _begin(record)
+    record.run_id = run.id
+    run.log("log_params", record.params.get("values", {}))
     try:
         yield run
+        run.record(record)
     except BaseException as error:
         run.log("log_text", traceback.format_exc(), "traceback.txt")
         run.end("FAILED" if isinstance(error, Exception) else "KILLED")
@@ -138,35 +142,30 @@ def stage_run(stage: str, name: str = "", params: dict[str, Any] | None = None, 
     run.end("FINISHED")
 
 
-def _begin(stage: str, name: str, *, row: bool) -> Run:
+def _begin(record: Record) -> Run:
     """A new run in the experiment of rows or of stages, which are made if needed; on an error none, and a warning."""
-    if (uri := _address()) == DISABLED:
+    uri = _address()
+    if uri == DISABLED:
         return Run()
-    rows = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT)
+    rows, database = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT), _database(uri)
     try:
         import mlflow
 
         mlflow.set_tracking_uri(uri)
-        with _one_at_a_time(uri):  # one process makes the tables
+        place = (database.parent / "mlruns").as_uri() if database else None
+        lock = FileLock(database.with_name("mlflow.db.lock"), timeout=LOCKED) if database else nullcontext()
+        with lock:  # one process of this machine makes the tables
             client = mlflow.MlflowClient()
-            place = (_database(uri).parent / "mlruns").as_uri() if uri.startswith(SQLITE) else None
-            for each in (rows, f"{rows}/stages"):
-                if not client.get_experiment_by_name(each):
+            for name in (rows, f"{rows}/stages"):
+                if not client.get_experiment_by_name(name):
                     with suppress(Exception):  # a process on another machine may be faster
-                        client.create_experiment(each, place, KIND)
-        experiment = mlflow.set_experiment(rows if row else f"{rows}/stages")
-        run = mlflow.start_run(experiment_id=experiment.experiment_id, run_name=name, tags=origin(stage))
+                        client.create_experiment(name, place, KIND)
+        mlflow.set_experiment(rows if record.stage == ROW else f"{rows}/stages")
+        run = mlflow.start_run(run_name=record.name or record.stage, tags=record.origin)
         return Run(mlflow, run.info.run_id)
     except Exception as error:
         _warn(error)
         return Run()
-
-
-def _one_at_a_time(uri: str) -> AbstractContextManager[Any]:
-    """Context in which no other process of this machine makes tables in a database; a server needs no lock."""
-    if not uri.startswith(SQLITE):
-        return nullcontext()
-    return FileLock(_database(uri).parent / "mlflow.db.lock", timeout=LOCKED)
 
 
 def _address() -> str:
@@ -177,8 +176,9 @@ def _address() -> str:
     return f"{SQLITE}{root() / uri.removeprefix(SQLITE)}" if uri.startswith(SQLITE) else uri
 
 
-def _database(uri: str) -> Path:
-    return Path(uri.removeprefix(SQLITE).partition("?")[0])
+def _database(uri: str) -> Path | None:
+    """The file of an SQLite store; None for a server."""
+    return Path(uri.removeprefix(SQLITE).partition("?")[0]) if uri.startswith(SQLITE) else None
 
 
 def _warn(error: Exception) -> None:
@@ -186,12 +186,9 @@ def _warn(error: Exception) -> None:
 
 
 def _reason(error: Exception) -> str:
-    """The store and its error in one line; of an address with a password no text, which might repeat it."""
+    """The store and its error in one line: its text, or its kind alone where that might repeat a password."""
     address, secret = re.subn("://.*@", "://", _address())
-    text = str(error).partition("\n[SQL:")[0]
-    if secret:
-        name = type(error).__name__
-        text = f"{name}; MLFLOW_TRACKING_USERNAME and MLFLOW_TRACKING_PASSWORD, out of the address, show its text"
+    text = type(error).__name__ if secret else str(error).partition("\n[SQL:")[0]
     return " ".join(f"MLflow store {address}: {text}".split())[:SHOWN]
 
 
@@ -215,7 +212,8 @@ def download_model(name: str, folder: Path) -> Path:
 
 def _download(name: str, folder: Path) -> Path:
     uri = _address()
-    if uri == DISABLED or (uri.startswith(SQLITE) and not _database(uri).exists()):
+    database = _database(uri)
+    if uri == DISABLED or (database and not database.exists()):
         raise UserError(f"{name}: no MLflow store: {uri}; set MLFLOW_TRACKING_URI to the store that has it")
     import mlflow
 

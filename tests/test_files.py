@@ -5,7 +5,6 @@ import hashlib
 import os
 from contextlib import nullcontext
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -48,21 +47,6 @@ def test_a_folder_takes_the_place_of_the_old_one_whole(tmp_path):
         with atomic_write(tmp_path / "folder", folder=True) as part:
             (part / name).touch()
     assert [file.name for file in (tmp_path / "folder").iterdir()] == ["second"]
-
-
-@pytest.mark.parametrize("killed", [True, False], ids=["killed between the two moves", "the second move fails"])
-def test_a_folder_that_was_moved_away_for_another_comes_back(tmp_path, monkeypatch, killed):
-    place = tmp_path / "folder"
-    with atomic_write(place, folder=True) as part:
-        put(part, "first")
-    if killed:
-        place.rename(tmp_path / "folder.replaced")
-    replace = Path.replace
-    failing = lambda path, to: replace(path, to) if path.suffix != ".unfinished" else Path("/nowhere").stat()  # noqa: E731
-    monkeypatch.setattr(Path, "replace", failing)
-    with pytest.raises(FileNotFoundError), atomic_write(place, folder=True) as part:
-        put(part, "second")
-    assert content(place) == "first" and list(tmp_path.iterdir()) == [place]
 
 
 VALUES = np.random.default_rng(0).random((90, 100))

@@ -92,7 +92,7 @@ def test_a_mistake_names_its_key_its_value_and_what_is_allowed(change, parts):
 
 def test_all_mistakes_are_listed_at_once():
     text = refusal("views=0", "cluster.scop=recording", "pretrain.lr=-1", "evaluate.trials=ten", "seed.count=3")
-    for part in ("views: ", "cluster.scope?", "pretrain.lr: ", "evaluate.trials: ", "seed.count: "):
+    for part in ("views: ", "cluster.scope?", "pretrain.lr: ", "evaluate.trials: ", "seed: "):
         assert text.count(part) == 1
 
 

@@ -1,7 +1,6 @@
 """The results of `evaluate`: metrics, costs, tables, the row in MLflow and `dvc exp show`, and lines of text."""
 
 import json
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -10,19 +9,19 @@ from tactile_viewgcn.evaluation.trials import PROTOCOLS
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import several, write_csv
-from tactile_viewgcn.provenance import Record
+from tactile_viewgcn.provenance import EARLIER, Record
 from tactile_viewgcn.schema import flatten
 
 Records = dict[str, Record]  # of the earlier stages, by stage
 
 
-def read_records(paths: Iterable[Path]) -> Records:
-    """The records of earlier stages, by stage; a `UserError` names one that is damaged, or of another version."""
+def read_records(folder: Path) -> Records:
+    """The records that a folder holds, by stage; a `UserError` names one that is damaged, or of another version."""
     records = {}
-    for path in paths:
-        with readable(path):
-            record = Record.read(path.read_text())
-            records[record.stage] = record
+    for path in (folder / f"{stage}.json" for stage in EARLIER):
+        if path.exists():
+            with readable(path):
+                records[path.stem] = Record.read(path.read_text())
     return records
 
 

@@ -13,9 +13,8 @@ from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import VIRTUAL
-from tactile_viewgcn.provenance import Record
+from tactile_viewgcn.provenance import EARLIER, ROW, Record
 
-STAGES = ("ingest", "preprocess", "cluster", "pretrain", "finetune", "evaluate")
 REMEDY = "run `dvc repro`, or name a DVC experiment or an MLflow run"
 MLFLOW_ID = re.compile(r"[0-9a-f]{32}")
 
@@ -75,8 +74,8 @@ def read_run(name: str = "") -> FinishedRun:
         except FileNotFoundError:
             raise UserError(f"{where}: no {path}; {REMEDY}") from None
 
-    contents = {stage: read(f"runs/{stage}.json") for stage in STAGES}
-    metrics, timing = (read(f"results/{file}.json") for file in ("metrics", "timing"))
+    contents = {stage: read(f"runs/{stage}.json") for stage in EARLIER}
+    contents[ROW], metrics, timing = (read(f"results/{file}.json") for file in (ROW, "metrics", "timing"))
     predictions = read("results/predictions.npz")
     with readable(f"{where}: a file of runs/ or results/"):
         records = {stage: Record.read(content) for stage, content in contents.items()}

@@ -9,7 +9,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from benchmarks.stability.rows import REFUSED, RIGHT, WRONG, Quantity, max_rel_error, share_different, share_not_finite
-from tactile_viewgcn.schema import as_change
+from tactile_viewgcn.params import default_params
 from tests.glove_data import ROOT
 from tests.stability import refusal
 
@@ -22,8 +22,8 @@ from tests.stability import refusal
         (Quantity("x", math.nan, 1e-6), WRONG),
         (Quantity("x", math.inf, 1e-6), WRONG),
         (Quantity("x", math.nan, math.nan, refused=True), REFUSED),
-        (refusal("x", lambda: as_change("a", object()), "^a: "), REFUSED),
-        (refusal("x", lambda: as_change("a", object()), "^b: "), WRONG),
+        (refusal("x", lambda: default_params(("a=1",)), "^parameters: "), REFUSED),
+        (refusal("x", lambda: default_params(("a=1",)), "^b: "), WRONG),
         (refusal("x", lambda: TypeAdapter(int).validate_python("a"), "int"), WRONG),  # in several lines
         (refusal("x", lambda: None, ""), WRONG),
     ],

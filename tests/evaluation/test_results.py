@@ -56,11 +56,11 @@ def timing(evaluation):
 
 @pytest.mark.parametrize("content", ["", '{"stage": "ingest", "seconds": 1}', "[]"])
 def test_records_are_read_by_stage_and_a_damaged_one_is_named(tmp_path, content):
-    (tmp_path / "any.json").write_text(RECORD.text)
-    assert read_records([tmp_path / "any.json"]) == {"pretrain": RECORD}
+    (tmp_path / "pretrain.json").write_text(RECORD.text)
+    assert read_records(tmp_path) == {"pretrain": RECORD}
     (tmp_path / "ingest.json").write_text(content)
     with pytest.raises(UserError, match=r"ingest\.json: damaged"):
-        read_records([tmp_path / "ingest.json"])
+        read_records(tmp_path)
 
 
 def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tmp_path, evaluation, timing):

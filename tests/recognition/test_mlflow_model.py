@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn import tracking
+from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
@@ -64,7 +65,7 @@ def objects(recordings: list) -> np.ndarray:
 
 
 def test_the_logged_model_gives_the_recogniser_s_answers_in_a_column_for_each_class(checkpoint, store, client):
-    with tracking.stage_run("evaluate") as run:
+    with tracking.stage_run(Record("evaluate")) as run:
         address = run.model(checkpoint, METADATA)
         assert runs_of(client)[0].info.status == "RUNNING"  # the stage goes on
     assert runs_of(client)[0].info.status == "FINISHED"
@@ -138,7 +139,7 @@ def serve(folder: Path, model: str, **variables: str) -> Iterator[str]:
 @pytest.mark.slow
 def test_a_registered_model_is_served(checkpoint, store, client):
     """PYTHONPATH is empty: the model brings its code."""
-    with tracking.stage_run("evaluate") as run:
+    with tracking.stage_run(Record("evaluate")) as run:
         address = run.model(checkpoint, METADATA)
     client.create_registered_model("glove")
     entry = client.create_model_version("glove", address, run.id)

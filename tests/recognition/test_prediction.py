@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from tactile_viewgcn import tracking
 from tactile_viewgcn.cli import cli
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.recognition.prediction import load_model
 from tests.glove_data import OBJECTS, SHAPE, empty_hand, model_file, recording, write
 from tests.mlflow_stores import fresh_store
@@ -135,7 +136,7 @@ def test_a_model_in_mlflow_is_found_by_its_run_or_its_name(place, monkeypatch):
         load_model("models:/glove/1")
     assert not (place / "mlflow.db").exists()
     fresh_store(place / "mlflow.db")
-    with tracking.stage_run("evaluate") as run:
+    with tracking.stage_run(Record("evaluate")) as run:
         address = run.model(place / "classifier.pt", {"classes": list(OBJECTS)})
     import mlflow
 

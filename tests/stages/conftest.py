@@ -8,7 +8,7 @@ import pytest
 
 from tests.mlflow_stores import fresh_store
 from tests.stag_files import metadata, save_matlab5
-from tests.stages.running import FILES, SENSORS, changed, run_stage
+from tests.stages.running import FILES, SENSORS, changed, record_of, run_stage
 
 ROOT = Path(__file__).parents[2]
 
@@ -33,7 +33,7 @@ def finished(tmp_path_factory) -> Path:
         store = fresh_store(place / "mlflow.db")
         results = {}
         for stage, files in FILES.items():
-            words = (*files.split(), "--record", f"runs/{stage}.json", *changed(*SENSORS))
+            words = (*files.split(), "--record", record_of(stage), *changed(*SENSORS))
             results[stage] = run_stage(stage, *words, cwd=place, store=store)
     for result in results.values():
         assert result.returncode == 0 and "warning: MLflow" not in result.stderr, result.stderr

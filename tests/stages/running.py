@@ -18,7 +18,6 @@ import yaml
 
 from tests.glove_data import ROOT, SMALL
 
-RECORDS = [f"runs/{stage}.json" for stage in ("ingest", "preprocess", "cluster", "pretrain", "finetune")]
 #: A system without a network, on recordings beside params.yaml
 SENSORS = (*SMALL, "data.source=metadata.mat", "model.system=sensors", "model.members=[kernel]", "device=cpu")
 #: Options of the stages' inputs and outputs
@@ -29,9 +28,13 @@ FILES = {
     "cluster": "--needs data/needs.json --frames data/frames --out data/views",
     "pretrain": "--needs data/needs.json --frames data/frames --out models/backbone.pt",
     "finetune": "--frames data/frames --views data/views --backbone models/backbone.pt --out models/classifier.pt",
-    "evaluate": "--frames data/frames --classifier models/classifier.pt --out results "
-    + " ".join(f"--after {record}" for record in RECORDS),
+    "evaluate": "--frames data/frames --classifier models/classifier.pt --records runs --out results",
 }
+
+
+def record_of(stage) -> str:
+    """Path of a stage's record."""
+    return f"{'results' if stage == 'evaluate' else 'runs'}/{stage}.json"
 
 
 def sh(*words, cwd, **variables):

@@ -11,8 +11,8 @@ import torch
 
 from stages import pipeline
 from stages.command import Job, run
-from tactile_viewgcn.files import md5
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.tracking import Run
 from tests.full_disk import room_for
 from tests.stages.running import captured, changed, left, refused, run_stage
@@ -37,10 +37,10 @@ def test_debug_shows_the_traceback(place):
 def failing(error, place):
     """A stage that raises this."""
 
-    def needs(job):
+    def needs(job, out):
         raise error
 
-    return captured(lambda: run(needs, outputs=()), "--record", "record.json", cwd=place)
+    return captured(lambda: run(needs), "--out", "y", "--record", "record.json", cwd=place)
 
 
 @pytest.mark.parametrize(
@@ -59,12 +59,12 @@ def test_what_a_user_can_mend_ends_in_one_line(place, error, says):
 
 
 def test_a_stage_whose_record_has_no_room_does_not_say_that_it_is_done(place):
-    def needs(job):
+    def needs(job, out):
         return "needs: done"
 
     for size, (code, said) in {10: (1, ""), 2**20: (0, "needs: done\n")}.items():
         with room_for(size):
-            result = captured(lambda: run(needs, outputs=()), "--record", "record.json", cwd=place)
+            result = captured(lambda: run(needs), "--out", "y", "--record", "record.json", cwd=place)
         assert (result.returncode, result.stdout) == (code, said) and len(left(place)) == (not code)
 
 
@@ -74,58 +74,38 @@ def test_a_fault_of_ours_keeps_its_traceback(place, error):
 
 
 def test_sigterm_ends_a_stage_with_its_own_code(place):
-    def needs(job):
+    def needs(job, out):
         os.kill(os.getpid(), signal.SIGTERM)
 
-    assert captured(lambda: run(needs, outputs=()), cwd=place).returncode == 143
+    assert captured(lambda: run(needs), "--out", "y", cwd=place).returncode == 143
 
 
 def test_an_epoch_is_kept_for_the_record_and_logged_at_once():
-    class Logged(Run):
-        def log(self, function, *values):
-            epochs.append((function, *values))
-
-    epochs = []
-    job = Job("pretrain", SimpleNamespace(pretrain=SimpleNamespace(epochs=2)), {}, Logged())
+    epochs, run = [], Run()
+    run.log = lambda *values: epochs.append(values)
+    job = Job(SimpleNamespace(pretrain=SimpleNamespace(epochs=2)), Record("pretrain", seconds=1e6), run=run)
     for epoch in (1, 2):
         job.epoch(epoch, {"loss": 1.0 / epoch})
-    assert job.curves == {"loss": [1.0, 0.5]}
-    assert epochs == [
-        ("log_metrics", {"loss": 1.0}, 1),
-        ("log_metrics", {"loss": 0.5}, 2),
-    ]
+    assert job.record.curves == {"loss": [1.0, 0.5]} and job.seconds > 1e6  # with those before an interruption
+    assert epochs == [("log_metrics", {"loss": 1.0}, 1), ("log_metrics", {"loss": 0.5}, 2)]
 
 
-def test_a_record_counts_the_time_before_an_interruption_and_has_the_md5s_that_were_asked_for(tmp_path):
-    paths = {name: tmp_path / name for name in ("frames", "needs")}
-    paths["frames"].write_text("a")
-    job = Job("pretrain", SimpleNamespace(), paths)
-    job.counts = {"seconds_before_interruption": 1e6, "weights": 7}
-    assert job.md5("frames") == md5(paths["frames"])
-    record = job.record({})
-    assert record.seconds > 1e6 and record.counts == {"weights": 7}
-    expected = {name: {"path": str(path)} for name, path in paths.items()}
-    expected["frames"]["md5"] = md5(paths["frames"])
-    assert record.inputs == expected and record.tags["md5.frames"] == md5(paths["frames"])
-
-
-def checkpoint_key(**changes):
-    values = SimpleNamespace(seed=0, system="sensors", md5="a", stage="finetune")
-    vars(values).update(changes)
-    params = SimpleNamespace(seed=values.seed, model=SimpleNamespace(system=values.system))
-    return Job(values.stage, params, {"frames": Path("f")}, _md5s={"frames": values.md5}).checkpoint_key()
+def checkpoint_key(frames, seed=0, system="sensors", stage="finetune"):
+    params = SimpleNamespace(seed=seed, model=SimpleNamespace(system=system))
+    return Job(params, Record(stage, inputs={"frames": {"path": str(frames)}})).checkpoint_key()
 
 
 def test_another_parameter_input_or_code_is_another_training(monkeypatch, tmp_path):
-    key = checkpoint_key()
-    others = [checkpoint_key(seed=1), checkpoint_key(md5="b"), checkpoint_key(stage="pretrain")]
-    assert len({key, *others, checkpoint_key(system="mean")}) == 5 and checkpoint_key() == key
-    ignored = shutil.ignore_patterns("__pycache__")
+    (frames := tmp_path / "frames").write_text("a")
+    (other := tmp_path / "other").write_text("b")
+    key = checkpoint_key(frames)
+    others = [checkpoint_key(frames, seed=1), checkpoint_key(other), checkpoint_key(frames, stage="pretrain")]
+    assert len({key, *others, checkpoint_key(frames, system="mean")}) == 5 and checkpoint_key(frames) == key
     for folder in ("stages", "tactile_viewgcn", "data/virtual"):
-        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=ignored)
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "dvc.yaml", tmp_path)
     monkeypatch.setattr(pipeline, "ROOT", tmp_path)
-    assert checkpoint_key() == key
+    assert checkpoint_key(frames) == key
     for name, same in (("plots.py", True), ("systems/mvcnn.py", True), ("views/sampling.py", False)):
         (tmp_path / "tactile_viewgcn" / name).write_text("# another version\n")
-        assert (checkpoint_key() == key) == same
+        assert (checkpoint_key(frames) == key) == same

@@ -69,7 +69,7 @@ def test_dvc_simulates_where_the_source_is_what_the_glove_writes_and_nowhere_els
     sh("dvc", "init", "-q", cwd=place)
     assert repro(place)[0] == ["simulate", "ingest"]
     assert open_source(place / "data" / "virtual" / "recordings").names["object"] == ["empty_hand", "ball"]
-    assert (place / "runs" / "simulate.json").is_file()
+    assert (place / "data" / "virtual" / "recordings.json").is_file()
     assert repro(place)[0] == []
     status = sh("git", "status", "--porcelain", "-uall", cwd=place)
     kept = {line[3:] for line in status.splitlines()}
@@ -185,7 +185,7 @@ def test_an_unclustered_run_without_tracking_takes_no_scikit_learn_and_no_mlflow
     words = {
         "needs": "--out needs.json",
         "cluster": "--frames frames --needs needs.json --out views --record cluster.json",
-        "evaluate": "--frames frames --classifier classifier.pt --out results --record evaluate.json",
+        "evaluate": "--frames frames --classifier classifier.pt --records . --out results",
     }
     _, imported = run_apart(place, words, *SMALL, "cluster.method=none", "evaluate.trials=1", "device=cpu")
     row("scikit-learn in an unclustered run", "sklearn" in imported)
