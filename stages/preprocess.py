@@ -34,4 +34,4 @@ def preprocess(job: Job, recordings: Path, out: Path) -> str:
 
 
 if __name__ == "__main__":
-    run(preprocess, "recordings", outputs=("out",))
+    run(preprocess, "recordings")

@@ -73,15 +73,6 @@ def test_preset_prints_options_of_dvc_and_one_that_dvc_refuses_for_an_unknown_na
     assert done.returncode and b"no-such-preset" in done.stderr
 
 
-@pytest.mark.stability("libraries")
-def test_help_takes_no_heavy_imports(row):
-    code = "import sys; from tactile_viewgcn.cli import cli; cli(['--help'], standalone_mode=False)\n"
-    code += "print('imported', *{'torch', 'mlflow', 'numpy', 'scipy', 'sklearn'} & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True, text=True)
-    imported = done.stdout.split("imported")[-1].split()
-    row("torch, NumPy, SciPy, scikit-learn or MLflow in --help", len(imported), 0, " ".join(imported))
-
-
 def test_a_command_that_needs_a_missing_library_names_the_extra_in_one_line():
     program = (
         "import sys; sys.modules |= {'dvc': None, 'mlflow': None}; sys.argv = ['tactile-viewgcn', 'report', 'exp-1']\n"

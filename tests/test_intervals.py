@@ -58,16 +58,6 @@ def test_view_sets_all_alike_have_an_interval_of_no_width(row):
         row(name, max_rel_error(interval, (value, value)))
 
 
-def test_the_same_generator_gives_the_same_interval_in_batches_too(monkeypatch):
-    correct, groups = simulated(np.random.default_rng(2))
-    first, again = (group_interval(correct, groups, np.random.default_rng(3)) for _ in range(2))
-    assert first == again
-    monkeypatch.setattr(intervals, "DRAWN_AT_ONCE", 100)
-    assert group_interval(correct, groups, np.random.default_rng(3)) == first
-    low, high = first
-    assert low < correct.mean() < high
-
-
 @pytest.mark.stability("intervals")
 @pytest.mark.parametrize("count", [2, 400])
 @pytest.mark.parametrize(("name", "share"), [("right", 1.0), ("wrong", 0.0)])

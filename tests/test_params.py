@@ -1,17 +1,16 @@
 """params.yaml, its presets and changes, and what `load` refuses before any stage works."""
 
-import shutil
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tactile_viewgcn import TactileClassifier, cli
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import System, default_params, load, on_sensors, preset_changes, presets
 from tactile_viewgcn.schema import as_change, flatten, parse, set_value
@@ -156,28 +155,14 @@ def test_a_key_that_a_file_lacks_has_its_default(tmp_path):
     assert load(tmp_path / "p.yaml") == default_params(("views=12", "finetune.epochs=2"))
 
 
-FITTED = """
-import numpy as np
-from tactile_viewgcn import TactileClassifier
-
-recordings = [np.random.default_rng(i).integers(500 + 40 * (i % 2), 530 + 40 * (i % 2), (20, 4)) for i in range(8)]
-print(TactileClassifier(system="kernel").fit(recordings, [0, 1] * 4).params_)
-"""
-
-
-def test_the_class_and_inspect_do_not_read_the_pipeline_s_params_yaml(tmp_path):
-    """In a clone whose params.yaml is edited a class has the recipe and its arguments; broken, it stops no command."""
-    shutil.copytree(ROOT / "tactile_viewgcn", tmp_path / "tactile_viewgcn", symlinks=True)
-
-    def python(*words, file):
-        (tmp_path / "params.yaml").write_text(file)
-        return subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
-
-    edited = FILE.read_text().replace("\n  transform: clip", "\n  transform: log")
+def test_neither_the_class_nor_inspect_reads_the_params_yaml_of_the_working_folder(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("params.yaml").write_text("broken: [")
+    recordings = [np.random.default_rng(i).integers(500 + 40 * (i % 2), 530 + 40 * (i % 2), (20, 4)) for i in range(8)]
     expected = default_params(("model.system=sensors", "model.members=[kernel]"))
-    assert python("-c", FITTED, file=edited).stdout == f"{expected}\n"
-    inspected = python("-m", "tactile_viewgcn", "inspect", "nowhere", file="broken: [")
-    assert inspected.stderr.startswith("Error: nowhere: no such file")
+    assert TactileClassifier(system="kernel").fit(recordings, [0, 1] * 4).params_ == expected
+    with pytest.raises(OSError, match=r"^nowhere: no such file"):
+        cli.cli(["inspect", "nowhere"], standalone_mode=False)
 
 
 @pytest.mark.stability("batches of one")

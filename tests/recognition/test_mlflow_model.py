@@ -67,8 +67,8 @@ def objects(recordings: list) -> np.ndarray:
 def test_the_logged_model_gives_the_recogniser_s_answers_in_a_column_for_each_class(checkpoint, store, client):
     with tracking.stage_run(Record("evaluate")) as run:
         address = run.model(checkpoint, METADATA)
-        assert runs_of(client)[0].info.status == "RUNNING"  # the stage goes on
-    assert runs_of(client)[0].info.status == "FINISHED"
+        assert runs_of(client, tracking.EXPERIMENT)[0].info.status == "RUNNING"  # the stage goes on
+    assert runs_of(client, tracking.EXPERIMENT)[0].info.status == "FINISHED"
     import mlflow
 
     mlflow.set_tracking_uri(f"sqlite:///{store / 'mlflow.db'}")

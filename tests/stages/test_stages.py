@@ -17,10 +17,9 @@ from tactile_viewgcn.files import md5
 from tactile_viewgcn.params import System
 from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.tables.frames import Views, load_table, save_table
 from tactile_viewgcn.tracking import EXPERIMENT
-from tests.glove_data import ROOT, SMALL, fewer_anchors, recipe, table, trained
+from tests.glove_data import ROOT, SMALL, fewer_anchors, table
 from tests.mlflow_stores import runs_of
 from tests.readers.files import save
 from tests.stag_files import metadata, save_matlab5
@@ -155,41 +154,24 @@ print("imported", *sys.modules)
 """
 
 
-def run_apart(place, stages, *changes):
-    """The output of stages, by name with their options, in a separate process, and the modules that it imported."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "DVC_ROOT": str(place), "MLFLOW_TRACKING_URI": "disabled"}
-    run = [sys.executable, "-c", PROGRAM.format(stages=stages), *changed(*changes)]
-    done = subprocess.run(run, check=False, cwd=place, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    output, _, modules = done.stdout.rpartition("imported ")
-    return output, set(modules.split())
-
-
-def test_a_pretraining_that_is_left_out_loads_no_torch_and_makes_no_run_but_a_record(place):
-    (place / "frames").write_text("not opened")
+@pytest.mark.stability("libraries")
+def test_stages_that_are_left_out_load_neither_torch_nor_scikit_learn_nor_mlflow(row, place):
+    save_table(place / "frames", table())
     needs_of("sensors", place)
-    words = "--needs needs.json --frames frames --out backbone.pt --record pretrain.json"
-    output, imported = run_apart(place, {"pretrain": words})
-    assert LEFT_OUT in output and (place / "backbone.pt").read_text() == LEFT_OUT
-    assert imported.isdisjoint({"torch", "mlflow", "sklearn", "scipy"})
+    words = {
+        "cluster": "--needs needs.json --frames frames --out views",
+        "pretrain": "--needs needs.json --frames frames --out backbone.pt --record pretrain.json",
+    }
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "DVC_ROOT": str(place)}  # and MLflow is not disabled
+    command = [sys.executable, "-c", PROGRAM.format(stages=words), *changed(*SMALL)]
+    done = subprocess.run(command, check=False, cwd=place, env=environment, capture_output=True, text=True)
+    assert "cluster: left out" in done.stdout and LEFT_OUT in done.stdout, done.stderr
+    imported = {"torch", "mlflow", "sklearn"} & set(done.stdout.rpartition("imported ")[2].split())
+    row("torch, scikit-learn or MLflow in what is left out", len(imported), 0, " ".join(imported))
+    assert (place / "backbone.pt").read_text() == LEFT_OUT
     record = Record.read((place / "pretrain.json").read_text())
     assert (record.stage, record.run_id, record.counts) == ("pretrain", None, {})
     assert record.seconds > 0 and set(record.inputs) == {"needs", "frames"}
-
-
-@pytest.mark.slow
-@pytest.mark.stability("libraries")
-def test_an_unclustered_run_without_tracking_takes_no_scikit_learn_and_no_mlflow(row, place):
-    save_table(place / "frames", table())
-    save_classifier(place / "classifier.pt", trained(), recipe().model, table())
-    words = {
-        "needs": "--out needs.json",
-        "cluster": "--frames frames --needs needs.json --out views --record cluster.json",
-        "evaluate": "--frames frames --classifier classifier.pt --records . --out results",
-    }
-    _, imported = run_apart(place, words, *SMALL, "cluster.method=none", "evaluate.trials=1", "device=cpu")
-    row("scikit-learn in an unclustered run", "sklearn" in imported)
-    row("MLflow in a run with tracking disabled", "mlflow" in imported)
 
 
 @pytest.mark.parametrize(("system", "fitted"), [("sensors", True), ("mean", False)])
