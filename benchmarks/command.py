@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from torch.utils.benchmark import Timer
 
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import Params, load
+from tactile_viewgcn.process import program
 
 BLOCK = 0.2  # seconds that a variant runs in a round, at least
 Result = tuple[str, list[dict], Figure | None]  # text above the table, its rows, and the picture
@@ -31,10 +31,8 @@ def benchmark(measure: Callable[[Params, bool], Result]) -> click.Command:
     @click.option("--quick", is_flag=True, help="Measure less; nothing is written unless --out says where.")
     @wraps(measure)
     def command(out: Path | None, quick: bool) -> None:
-        try:
+        with program():
             text, rows, picture = measure(load("params.yaml"), quick)
-        except UserError as error:
-            raise click.ClickException(str(error)) from None
         click.echo(f"{text}\n\n{markdown(rows)}")
         if quick and out is None:
             return

@@ -9,29 +9,24 @@ from studies.cells import code_of_stages, key_of, read_answers, stored
 from studies.grid import FOLDER, Cell, Study, names, read_study
 from studies.run import run_cells
 from tactile_viewgcn.messages import UserError, several
+from tactile_viewgcn.process import program
 
 
 @click.command()
 @click.argument("name", required=False)
-@click.option("--jobs", type=int, default=1, show_default=True, help="Cells at once on this machine.")
+@click.option("--jobs", type=click.IntRange(1), default=1, show_default=True, help="Cells at once on this machine.")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask's scheduler, tcp://HOST:8786: its workers run the cells.")
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Change a key of every cell; needs --out.")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results.")
 def main(name: str | None, jobs: int, scheduler: str | None, changes: tuple[str, ...], out: Path | None) -> None:
     """Run the cells of the study NAME that are missing; without NAME, list all studies."""
-    try:
-        if jobs < 1:
-            raise UserError(f"--jobs is {jobs}; expected 1 or more cells at once")
+    with program():
         if changes and not out:
             raise UserError("--set without --out: name a folder, as the study's own results are those without changes")
         if name is None:
             list_studies()
         else:
             run(read_study(name), jobs=jobs, scheduler=scheduler, changes=changes, out=out)
-    except UserError as error:
-        raise click.ClickException(" ".join(str(error).split())) from None
-    except KeyboardInterrupt:
-        raise click.ClickException("stopped; the same command goes on with the cells that are missing") from None
 
 
 def list_studies() -> None:

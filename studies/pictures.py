@@ -4,9 +4,8 @@ from collections.abc import Collection
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.ticker import NullLocator
 
 from studies.comparison import pareto_front, with_seconds
 
@@ -32,8 +31,8 @@ def errors_by_cost(rows: pd.DataFrame, cost: str, label: str, references: Collec
             at = costs[place], errors[place]
             axes.annotate(str(number), at, (-7, 0), textcoords="offset points", ha="right", va="center", fontsize=9)
             axes.plot([], [], " ", label=f"{number}  {variants[place]}")
-        _log_axis(axes, costs)
-        axes.set(xlabel=label, title=f"{panel['protocol'].iloc[0]} protocol")
+        axes.grid(alpha=0.3)
+        axes.set(xscale="log", xlabel=label, title=f"{panel['protocol'].iloc[0]} protocol")
     stars = "; ".join(["blue: Pareto front", *(f"star: {name}" for name in variants[named])])
     _finish(figure, f"{title}\n{stars}", handlelength=0, handletextpad=0)
     return figure
@@ -70,16 +69,6 @@ def _finish(figure: Figure, title: str, **legend: float) -> None:
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=9, **legend)
     figure.suptitle(title, fontsize=10)
-
-
-def _log_axis(axes: Axes, costs: np.ndarray) -> None:
-    """Make the x axis logarithmic, with few enough labels for these costs that none touch."""
-    axes.set_xscale("log")
-    reach = costs.max() / costs.min()
-    steps = range(1, 10) if reach < 5 else (1, 2, 5) if reach < 1e4 else (1,)
-    axes.xaxis.set(major_locator=LogLocator(subs=steps), minor_locator=NullLocator(), major_formatter="{x:g}")
-    axes.tick_params(axis="x", labelsize=7)
-    axes.grid(alpha=0.3)
 
 
 def _bars(rows: pd.DataFrame) -> np.ndarray:

@@ -111,7 +111,6 @@ def test_a_cell_is_known_by_what_its_source_holds_wherever_it_lies(tmp_path):
     ("words", "expected"),
     [
         (["nosuch"], "expected one of claims, compare"),
-        (["compare", "--jobs", "0"], "--jobs is 0"),
         (["compare", "--set", "views=4"], "--set without --out"),
         (["compare", "--set", "vews=4", "--out", "elsewhere"], "did you mean views?"),
         (["compare", "--set", "seed=4", "--out", "elsewhere"], "--set seed: every cell has its own"),
