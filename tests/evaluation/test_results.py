@@ -42,8 +42,7 @@ def evaluation():
         for name, answers in predicted.items()
     }
     protocols["recording"].fewer[1] = np.array([[1, 0, 0, 0], [0, 0, 0, 0]])
-    layout = np.zeros((3, 1, 1)), np.ones((1, 1))
-    predictions = Predictions(predicted, LABELS, groups, groups, np.array(CLASSES), *layout)
+    predictions = Predictions(predicted, LABELS, groups, groups, np.array(CLASSES))
     metrics = {"views": 4, "classes": 4, "trials": 2, "frames": {"train": 9, "test": 4}, "groups": {"test": 2}}
     metrics |= {protocol: scores_of(one, groups, np.random.default_rng(0), 4) for protocol, one in protocols.items()}
     return Evaluation(predictions, metrics, LATENCY)

@@ -25,8 +25,6 @@ def answers(variant, wrong, *, seed=0, deal=0, fold=0, groups=GROUPS, **costs):
         groups,
         np.array([f"recording {group}" for group in groups]),
         np.array(["mug", "pen"]),
-        np.zeros((2, 4, 4), np.float32),
-        np.ones((4, 4), dtype=bool),
     )
     cell = Cell(variant=variant, seed=seed, deal=deal, fold=fold, changes=(f"seed={seed}",))
     return Answers(cell, predictions, COSTS | costs)
