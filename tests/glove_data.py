@@ -12,6 +12,8 @@ import numpy as np
 import torch
 
 from tactile_viewgcn.device import Compute
+from tactile_viewgcn.frames.empty_hand import session_moments
+from tactile_viewgcn.frames.open_hand import HandStates, hand_states
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.params import Params, load, preset_changes
@@ -73,6 +75,11 @@ def written(path: Path, counts: np.ndarray, **changes: object) -> Recordings:
     """The same as a table written to `path` and opened."""
     write_recordings(path, source(counts, **changes))
     return Recordings(path)
+
+
+def states_of(recordings: Recordings, sensors: int = 5) -> HandStates:
+    """Frames of contact, of so many sensors, and of the open hand."""
+    return hand_states(recordings, sensors, session_moments(recordings))
 
 
 # A glove that drifts: its open hand, contact and baseline are known

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tactile_viewgcn.frames.baseline import Baseline, measure_baseline
-from tactile_viewgcn.frames.empty_hand import has_empty_hand
+from tactile_viewgcn.frames.empty_hand import has_empty_hand, require_empty_hand, session_moments
 from tactile_viewgcn.frames.filter import flagged, sensors_in_contact
 from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_notes, quietest_are_contact
 from tactile_viewgcn.frames.open_hand import HandStates, hand_states
@@ -18,7 +18,6 @@ from tactile_viewgcn.sensors.features import is_array
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
-TOPICS = {"contact_sensors": "contact", "zero": "baseline"}  # of notes, where it is not the key
 SAMPLE = 2000  # frames whose readings are compared
 NEAR_ZERO = 0.05  # of the range of readings
 MOST_LOST = 0.05  # share of recordings without a frame in contact, above which contact is no filter
@@ -68,10 +67,13 @@ def choose(recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, g
         sensors = sensors_in_contact(live)
         chosen["contact_sensors"] = sensors, f"a fortieth of {several(live, 'sensor')}, 14 at most"
     empty_hand, published = has_empty_hand(recordings), has_published_split(recordings)
+    if asked.baseline == "empty_hand":
+        require_empty_hand(recordings)
     as_they_are = asked.baseline == "auto" and not (empty_hand or is_array(training.live))
-    states = hand_states(training, sensors, all_contact=as_they_are)
-    if not as_they_are and quietest_are_contact(training, states):
-        states = replace(states, contact=np.ones_like(states.contact), open=np.zeros_like(states.open))
+    moments = session_moments(training)
+    states = hand_states(training, sensors, moments, all_contact=as_they_are)
+    if not as_they_are and quietest_are_contact(training, states, sensors):
+        states = states.as_contact()
 
     kinds, reason, zero = [asked.baseline], "", asked.zero
     if asked.baseline == "auto":
@@ -79,7 +81,7 @@ def choose(recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, g
         zero = smallest_reading(training)
     tried = list[tuple[float, Any, Baseline, QuickError | None]]()
     for kind in kinds:
-        baseline = measure_baseline(training, replace(asked, baseline=kind, zero=zero), states)
+        baseline = measure_baseline(training, replace(asked, baseline=kind, zero=zero), moments, states)
         leak = check_leak(training, baseline, states, group[rows])
         tried.append((leak.error if leak else 0.0, kind, baseline, leak))
         if not (leak and leak.beats_chance):
@@ -98,25 +100,21 @@ def choose(recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, g
     if asked.scale == "auto":
         chosen["scale"] = _scale(contact_readings(training, states, baseline))
     params = replace(asked, **{key: value for key, (value, _) in chosen.items()})
-    notes = [
-        Note(text, "choice", TOPICS.get(key, key), f"preprocess.{key}", value) for key, (value, text) in chosen.items()
-    ]
+    notes = [Note(text, "choice", key, f"preprocess.{key}", value) for key, (value, text) in chosen.items()]
     if kind == "grasp" and states.all_contact:
         text = (
             "grasp is made of frames in contact, as even the quietest are, so it is subtracted from the signal; set "
             "preprocess.baseline to auto, which takes the recordings as they are"
         )
         notes.append(Note(text, "warning", "baseline", "preprocess.baseline", "auto"))
-    advised = kind != "grasp" and (asked.baseline != "auto" or published)  # else `auto` has tried it
-    return Choice(params, states, baseline, leak, notes + leak_notes(training, states, leak, advised=advised))
+    notes += leak_notes(training, states, leak, advised="grasp" not in kinds)
+    return Choice(params, states, baseline, leak, notes)
 
 
 def _baselines(training: Recordings, states: HandStates, *, empty_hand: bool, published: bool) -> tuple[list[Any], str]:
-    """The baselines to try, each if the one before leaks, and why.
+    """The baselines to try, the second only if the first leaks, and why.
 
-    Recordings like the paper's get the paper's baseline, and recordings without a known open hand get `none`. All other
-    arrays get `grasp`, which follows drift; if open-hand frames then still predict the object, and every session has an
-    empty hand, `empty_hand` is tried too, and the one that leaks less is taken.
+    Recordings like the paper's have the paper's baseline, and those without a known open hand `none`.
     """
     array = is_array(training.live)
     if empty_hand and (published or not array):

@@ -1,7 +1,7 @@
 """The baseline of each frame, by `preprocess.baseline`: the same for a training's recordings and for new ones."""
 
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -9,17 +9,17 @@ from tactile_viewgcn.frames.empty_hand import (
     MIN_FRAMES,
     MOST_FRAMES,
     SAMPLE,
-    session_moments,
+    Moments,
+    sessions_with_empty_hand,
     trimmed_moments,
     visible_noise,
 )
 from tactile_viewgcn.frames.open_hand import HandStates
-from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, several
+from tactile_viewgcn.messages import Note, listed, several
 from tactile_viewgcn.params import PreprocessSection
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
-Moments = tuple[np.ndarray, np.ndarray]  # mean and noise
 #: What gives the baseline of a recording in which the hand does not open.
 EMPTY, OPEN, TRAINED = "their session's empty hand", "their session's open hand", "the training's baseline"
 QUIETEST = "their five quietest frames"
@@ -43,127 +43,94 @@ class Baseline:
 
 
 def measure_baseline(
-    recordings: Recordings,
-    preprocess: PreprocessSection,
-    states: HandStates | None = None,
-    trained: list[Moments] | None = None,
+    recordings: Recordings, preprocess: PreprocessSection, moments: list[Moments], states: HandStates | None = None
 ) -> Baseline:
     """Measure the baseline that `preprocess.baseline` names.
 
     - `empty_hand`: of each session over its frames of the empty hand, as the paper subtracts it;
-    - `grasp`: of each grasp over the open hand before it;
+    - `grasp`: of each grasp over the open hand before it; a recording without any has its session's, see
+      `_open_hand_of_session`, else its five quietest frames;
     - `none`: the constant `preprocess.zero` for every sensor, as the released code subtracts it, with unknown noise.
 
     Frames of the test side's empty hand count too: it calibrates the glove, and a user records it anew in each session.
     The accuracy of the class empty hand is too high because of that.
 
     Args:
-        states: of these recordings; needed by `grasp`, and by `empty_hand` with `trained`.
-        trained: mean and noise (H, W) of each session from a model's training. With them no session is refused: the
-            open hand stands in for an empty hand that was not recorded, and the training's baseline for both.
-
-    Raises:
-        UserError: `empty_hand` without `trained`, and the empty hand was not recorded in a session.
+        moments: of each session, see `session_moments`.
+        states: of these recordings; needed by `grasp`, and where a session lacks an empty hand.
     """
+    dtype = np.result_type(recordings.dtype, np.float32)
     if preprocess.baseline == "none":
-        mean = np.full((1, *recordings.shape), preprocess.zero, dtype=np.result_type(recordings.dtype, np.float32))
-        return Baseline(mean, np.full_like(mean, np.nan), np.zeros(len(recordings), dtype=np.int16))
-    if preprocess.baseline == "grasp":
-        assert states
-        return _of_grasps(recordings, states, trained)
-    return _of_sessions(recordings, states, trained)
-
-
-def _of_sessions(recordings: Recordings, states: HandStates | None, trained: list[Moments] | None) -> Baseline:
-    session, live = recordings.columns["session"], int(recordings.live.sum())
-    unknown = "", np.zeros(live), np.ones(live)
-    means, noises, notes = list[np.ndarray](), list[np.ndarray](), list[Note]()
-    for number, name in enumerate(recordings.sessions):
-        frames = session == number
-        kind, mean, noise = _open_hand_of_session(recordings, states, trained, number) or unknown
-        if kind != EMPTY and not trained and frames.any():
-            raise UserError(
-                f"session {name!r} has {several(int((frames & recordings.empty_hand).sum()), 'frame')} of "
-                f"{EMPTY_HAND!r}; preprocess.baseline empty_hand needs {MIN_FRAMES} or more: record the empty hand, or "
-                "set preprocess.baseline to auto"
-            )
-        if kind == TRAINED and frames.any():
-            text = f"session {name!r} has fewer than {MIN_FRAMES} frames of the open hand: the training's is used"
-            notes.append(Note(text, topic="baseline"))
-        means.append(mean)
-        noises.append(noise)
-    return _on_all_cells(recordings, means, noises, session, list(dict.fromkeys(notes)))
-
-
-def _of_grasps(recordings: Recordings, states: HandStates, trained: list[Moments] | None) -> Baseline:
-    """Baseline of each grasp over the open-hand frames since the grasp before it, five at least.
-
-    A grasp with fewer has the baseline of the nearest earlier grasp of its recording, or else of the nearest later one.
-    A recording without any has that of its session, see `_open_hand_of_session`, else its five quietest frames. The
-    noise is the session's.
-    """
+        zero = np.full((1, *recordings.shape), preprocess.zero, dtype)
+        return Baseline(zero, np.full_like(zero, np.nan), np.zeros(len(recordings), dtype=np.int16))
     session, recording = recordings.columns["session"], recordings.columns["recording"]
-    of_session = cache(lambda number: _open_hand_of_session(recordings, states, trained, number))
-    of_frame, means, sessions = np.empty(len(session), dtype=np.int32), list[np.ndarray](), list[int]()
-    shared: dict[int, int] = {}  # by session: the baseline of its recordings without an open hand
-    replaced: dict[str, list[str]] = {}  # by what is used instead of an open hand: recordings
-    recorded = frames_by_recording(recordings)
-    for index, quietest in zip(recorded, states.quiet, strict=True):
-        number, grasp = int(session[index[0]]), grasps(states.open[index], states.contact[index])
-        source = _sources(grasp, states.open[index])
-        if source is None:
-            kind, mean, _ = of_session(number) or (QUIETEST, quietest, None)
-            if kind == QUIETEST or number not in shared:
-                shared[number] = len(means)
-                means.append(mean)
-                sessions.append(number)
-            of_frame[index] = shared[number]
-            replaced.setdefault(kind, []).append(recordings.recordings[recording[index[0]]])
+    by_grasp = preprocess.baseline == "grasp"
+    parts = [np.flatnonzero(session == number) for number in np.unique(session)]
+    if by_grasp:
+        parts = frames_by_recording(recordings)
+    of_session = cache(partial(_open_hand_of_session, recordings, moments, states))
+    of_frame, means, noises = np.empty(len(session), dtype=np.int32), list[np.ndarray](), list[np.ndarray]()
+    shared: dict[int, int] = {}  # by session: the baseline that its recordings share
+    replaced: dict[str, list[str]] = {}  # by what is used instead of the baseline that was asked for: recordings
+    for at, index in enumerate(parts):
+        number = session[index[0]]
+        if by_grasp and states and (own := _of_grasps(states, index)):
+            of_frame[index] = len(means) + own[0]
+            means += own[1]
+            noises += [moments[number][1]] * len(own[1])
             continue
-        for one in np.unique(source):
-            of_frame[index[source == one]] = len(means)
-            opened = index[states.open[index] & (grasp == one)]
-            means.append(trimmed_moments(states.counts[evenly(opened, MOST_FRAMES)])[0])
-            sessions.append(number)
-    notes = [
-        Note(
-            f"{len(names)} of {several(len(recorded), 'recording')} without {MIN_FRAMES} open-hand frames: baseline "
-            f"from {kind}: {listed(names)}",
-            topic="baseline",
-        )
-        for kind, names in replaced.items()
-    ]
-    return _on_all_cells(recordings, means, [states.noise[number] for number in sessions], of_frame, notes)
+        hand = of_session(number)
+        if not hand:
+            assert states
+            hand = QUIETEST, states.quiet[at], moments[number][1]
+        kind, mean, noise = hand
+        if kind == QUIETEST or number not in shared:
+            shared[number] = len(means)
+            means.append(mean)
+            noises.append(moments[number][1] if by_grasp else noise)
+        of_frame[index] = shared[number]
+        if by_grasp or kind == TRAINED:
+            replaced.setdefault(kind, []).append(recordings.recordings[recording[index[0]]])
+    maps = np.empty((2, len(means), *recordings.shape), dtype)
+    maps[0], maps[1] = recordings.counts[np.zeros(1, dtype=int)], 1.0  # cells without a sensor never change
+    maps[..., recordings.live] = means, noises
+    total = several(len(np.unique(recording)), "recording")
+    texts = [f"{len(names)} of {total}: it is from {kind}: {listed(names)}" for kind, names in replaced.items()]
+    return Baseline(maps[0], maps[1], of_frame, [Note(text, topic="baseline") for text in texts])
+
+
+def _of_grasps(states: HandStates, index: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]] | None:
+    """The baseline (n,) of each frame of a recording, counted from 0, and the mean (S,) of each baseline.
+
+    It is that of the open-hand frames since the grasp before, five at least. A grasp with fewer has the baseline of the
+    nearest earlier grasp, or else of the nearest later one; None if all have fewer.
+    """
+    opened = states.open[index]
+    grasp = grasps(opened, states.contact[index])
+    numbers, count = np.unique(grasp[opened], return_counts=True)
+    numbers = numbers[count >= MIN_FRAMES]
+    if not len(numbers):
+        return None
+    frames = [evenly(index[opened & (grasp == one)], MOST_FRAMES) for one in numbers]
+    nearest = np.maximum(np.searchsorted(numbers, grasp, side="right") - 1, 0)
+    return nearest, [trimmed_moments(states.counts[one])[0] for one in frames]
 
 
 def _open_hand_of_session(
-    recordings: Recordings, states: HandStates | None, trained: list[Moments] | None, number: int
+    recordings: Recordings, moments: list[Moments], states: HandStates | None, number: int
 ) -> tuple[str, np.ndarray, np.ndarray] | None:
     """What stands for the open hand in all of session `number`, its mean (S,) and noise (S,); None without any.
 
     It is the empty hand, else the open hand of the session's recordings, else what was measured in the training.
     """
-    mean, noise = session_moments(recordings, number)
-    if mean is not None:
+    mean, noise = moments[number]
+    if mean is not None and sessions_with_empty_hand(recordings)[number]:
         return EMPTY, mean, noise
-    if states:
-        of_session = recordings.columns["session"] == number
-        index = np.flatnonzero(of_session & states.open)
-        if len(index) >= MIN_FRAMES:
-            visible = visible_noise(states.counts[evenly(np.flatnonzero(of_session), SAMPLE)])
-            return OPEN, *trimmed_moments(states.counts[evenly(index, MOST_FRAMES)], visible)
-    return (TRAINED, *(values[recordings.live] for values in trained[number])) if trained else None
-
-
-def _on_all_cells(
-    recordings: Recordings, means: list, noises: list, of_frame: np.ndarray, notes: list[Note]
-) -> Baseline:
-    """The Baseline of means and noises (R, S) of the live sensors."""
-    mean = np.empty((len(means), *recordings.shape), dtype=np.result_type(recordings.dtype, np.float32))
-    mean[:] = recordings.counts[np.zeros(1, dtype=int)]  # cells without a sensor never change
-    noise = np.ones_like(mean)
-    mean[:, recordings.live], noise[:, recordings.live] = np.stack(means), np.stack(noises)
-    return Baseline(mean, noise, of_frame, notes)
+    of_session = recordings.columns["session"] == number
+    if states and len(index := np.flatnonzero(of_session & states.open)) >= MIN_FRAMES:
+        visible = visible_noise(states.counts[evenly(np.flatnonzero(of_session), SAMPLE)])
+        return OPEN, *trimmed_moments(states.counts[evenly(index, MOST_FRAMES)], visible)
+    return None if mean is None else (TRAINED, mean, noise)
 
 
 def grasps(opened: np.ndarray, contact: np.ndarray) -> np.ndarray:
@@ -175,10 +142,3 @@ def grasps(opened: np.ndarray, contact: np.ndarray) -> np.ndarray:
     begins = np.zeros(len(opened), dtype=np.int64)
     begins[certain[1:]] = opened[certain[1:]] & contact[certain[:-1]]
     return 1 + np.cumsum(begins)
-
-
-def _sources(grasp: np.ndarray, opened: np.ndarray) -> np.ndarray | None:
-    """For each frame of a recording the grasp (n,) whose open hand is its baseline; None if all have under five."""
-    numbers, count = np.unique(grasp[opened], return_counts=True)
-    numbers = numbers[count >= MIN_FRAMES]
-    return numbers[np.maximum(np.searchsorted(numbers, grasp, side="right") - 1, 0)] if len(numbers) else None

@@ -2,9 +2,11 @@
 
 import numpy as np
 
+from tactile_viewgcn.messages import EMPTY_HAND, UserError, several
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings
 
+Moments = tuple[np.ndarray | None, np.ndarray]  # mean and noise
 ROUNDING_SD = 12**-0.5  # standard deviation of rounding to whole steps, in steps
 OUTLIER_SD = 3.0  # standard deviations; frames further away are left out, since the empty hand bumps into objects
 MAX_PASSES = 5  # over the frames, to leave out outliers
@@ -32,16 +34,42 @@ def has_empty_hand(recordings: Recordings) -> bool:
     return bool(sessions_with_empty_hand(recordings)[recordings.columns["session"]].all())
 
 
-def session_moments(recordings: Recordings, session: int) -> tuple[np.ndarray | None, np.ndarray]:
-    """Mean (S,) of a session's empty hand, None without enough frames of it, and noise (S,), of the live sensors.
+def require_empty_hand(recordings: Recordings) -> None:
+    """Raise a UserError if a session that has frames has too few of the empty hand for a baseline."""
+    session, enough = recordings.columns["session"], sessions_with_empty_hand(recordings)
+    for number in np.unique(session[~enough[session]])[:1]:
+        frames = several(int(recordings.empty_hand[session == number].sum()), "frame")
+        raise UserError(
+            f"session {recordings.sessions[number]!r} has {frames} of {EMPTY_HAND!r}; preprocess.baseline empty_hand "
+            f"needs {MIN_FRAMES} or more: record the empty hand, or set preprocess.baseline to auto"
+        )
 
-    Without it the noise is that of differences of successive frames: drift adds little to them, and contact changes in
-    few of them.
+
+def session_moments(
+    recordings: Recordings, trained: list[tuple[np.ndarray, np.ndarray]] | None = None
+) -> list[Moments]:
+    """Of each session the mean (S,) of the empty hand and the noise (S,), of the live sensors.
+
+    Without enough frames of the empty hand they are those of `trained`, mean and noise (H, W) of each session from a
+    model's training. Without both, the mean is None, and the noise that of differences of successive frames: drift adds
+    little to them, and contact changes in few of them.
     """
-    index, counts = np.flatnonzero(recordings.columns["session"] == session), recordings.live_counts()
+    session, live = recordings.columns["session"], recordings.live
+    moments = [_moments(recordings, np.flatnonzero(session == number)) for number in range(len(recordings.sessions))]
+    if not trained:
+        return moments
+    return [
+        (mean[live], noise[live]) if own[0] is None else own
+        for own, (mean, noise) in zip(moments, trained, strict=True)
+    ]
+
+
+def _moments(recordings: Recordings, index: np.ndarray) -> Moments:
+    """The same of one session, whose frames are `index` (n,)."""
+    counts, empty = recordings.live_counts(), index[recordings.empty_hand[index]]
     if len(index) < 2:
         return None, np.ones(counts.shape[1])
-    empty, visible = index[recordings.empty_hand[index]], visible_noise(counts[evenly(index, SAMPLE)])
+    visible = visible_noise(counts[evenly(index, SAMPLE)])
     if len(empty) >= MIN_FRAMES:
         return trimmed_moments(counts[evenly(empty, MOST_FRAMES)], visible)
     sample = evenly(np.arange(len(index) - 1), SAMPLE)

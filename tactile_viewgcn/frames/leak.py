@@ -123,7 +123,7 @@ def check_leak(recordings: Recordings, baseline: Baseline, states: HandStates, g
     return quick_error(excess, untouched, recordings.columns["object"], group)
 
 
-def quietest_are_contact(recordings: Recordings, states: HandStates) -> bool:
+def quietest_are_contact(recordings: Recordings, states: HandStates, contact_sensors: int) -> bool:
     """Whether even the quietest frames are contact, so that there is no open hand to take a baseline from.
 
     False if every session has an empty hand. True if few frames are quiet or none presses more, or if the quietest
@@ -136,15 +136,15 @@ def quietest_are_contact(recordings: Recordings, states: HandStates) -> bool:
     opened, contact = ([mask[index].sum() for index in recorded] for mask in (states.open, states.contact))
     if np.median(opened) < MIN_FRAMES or np.median(contact) == 0:
         return True
-    quietest = np.array([index[0] for index in states.quietest])
-    label, session = recordings.columns["object"][quietest], recordings.columns["session"][quietest]
+    first = np.array([index[0] for index in recorded])
+    label, session = recordings.columns["object"][first], recordings.columns["session"][first]
     difference = states.quiet.copy()
     for number in np.unique(session):
         difference[session == number] -= np.median(states.quiet[session == number], axis=0)
     pressed = (np.abs(difference) > CONTACT_SIGMAS * states.noise[session]).sum(axis=1)
-    if np.median(pressed) < states.contact_sensors:
+    if np.median(pressed) < contact_sensors:
         return False
-    of_object = ~recordings.empty_hand[quietest]
+    of_object = ~recordings.empty_hand[first]
     for group in (session, np.arange(len(label))):
         if error := quick_error(difference.__getitem__, of_object, label, group):
             return error.beats_chance
@@ -166,12 +166,9 @@ def leak_notes(recordings: Recordings, states: HandStates, leak: QuickError | No
         f"({100 * leak.low:.1f} to {100 * leak.high:.1f}), chance {100 * leak.chance:.1f} %; "
         f"{several(leak.frames, 'frame')} in {several(leak.groups, 'group')}"
     )
-    notes = [Note(text, topic=TOPIC)]
-    if leak.beats_chance:
-        text = "frames without contact predict the object better than chance, so errors say less about touch: "
-        key, value = ("preprocess.baseline", "grasp") if advised else ("", None)
-        remedy = (
-            "set preprocess.baseline to grasp, or choose another split.by" if advised else "choose another split.by"
-        )
-        notes.append(Note(text + remedy, "warning", TOPIC, key, value))
-    return notes
+    if not leak.beats_chance:
+        return [Note(text, topic=TOPIC)]
+    warning = "frames without contact predict the object better than chance, so errors say less about touch: "
+    warning += "set preprocess.baseline to grasp, or " * advised + "choose another split.by"
+    remedy = ("preprocess.baseline", "grasp") if advised else ("", None)
+    return [Note(text, topic=TOPIC), Note(warning, "warning", TOPIC, *remedy)]

@@ -16,12 +16,12 @@ It fails, and nothing says so,
 A flag of the source that an object is held always counts as contact.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from tactile_viewgcn.frames.empty_hand import MIN_FRAMES, session_moments
+from tactile_viewgcn.frames.empty_hand import MIN_FRAMES, Moments
 from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.tables.counts import Counts
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
@@ -46,68 +46,47 @@ class HandStates:
         open: bool (T,) the hand is open in this frame and in the two before and after it: at most one sensor is in
             contact, few reach three fifths of that, and no flag says that an object is held. In other frames the hand
             is closing or opening, or presses weakly.
-        quietest: indices (5,) of the five quietest successive frames of each of R recordings with frames; all of a
-            shorter one.
-        contact_sensors: fewest sensors that are pressed in a frame of contact.
+        quiet: (R, S) mean in counts over the five quietest successive frames of each recording with frames.
     """
 
     counts: Counts
     noise: np.ndarray
     contact: np.ndarray
     open: np.ndarray
-    quietest: list[np.ndarray]
-    contact_sensors: int
+    quiet: np.ndarray
 
     @property
     def all_contact(self) -> bool:
         """Whether even the quietest frames are contact, so that no open hand gives a baseline."""
         return bool(self.contact.all())
 
-    @property
-    def quiet(self) -> np.ndarray:
-        """Mean (R, S) over the quietest frames of each recording, in counts."""
-        return np.stack([self.counts[index].mean(axis=0, dtype=np.float64) for index in self.quietest])
+    def as_contact(self) -> "HandStates":
+        """The same with every frame in contact."""
+        return replace(self, contact=np.ones_like(self.contact), open=np.zeros_like(self.open))
 
 
 def hand_states(
-    recordings: Recordings,
-    contact_sensors: int,
-    trained: list[tuple[np.ndarray, np.ndarray]] | None = None,
-    *,
-    all_contact: bool = False,
+    recordings: Recordings, contact_sensors: int, moments: list[Moments], *, all_contact: bool = False
 ) -> HandStates:
     """Find the frames of contact and those of the open hand.
 
     Args:
         contact_sensors: fewest sensors that are pressed in a frame of contact.
-        trained: mean and noise (H, W) of each session from the training of a model, for sessions without enough frames
-            of the empty hand.
-        all_contact: the training side is contact from end to end, so every frame counts as contact.
+        moments: of each session, see `session_moments`.
+        all_contact: look for no open hand: every frame counts as contact, and the quietest frames are not known.
     """
-    counts, session = recordings.live_counts(), recordings.columns["session"]
-    of_session = [session_moments(recordings, number) for number in range(len(recordings.sessions))]
-    if trained:
-        live = recordings.live
-        of_session = [
-            (mean[live], noise[live]) if own[0] is None else own
-            for own, (mean, noise) in zip(of_session, trained, strict=True)
-        ]
+    counts, noises = recordings.live_counts(), np.stack([noise for _, noise in moments])
+    contact, opened, quiet = np.full(len(counts), all_contact), np.zeros(len(counts), dtype=bool), []
     flags = [recordings.columns[name] for name in ("valid", "grasp_valid") if name in recordings.columns]
-    held = np.any([np.zeros(len(counts), dtype=bool), *flags], axis=0) & ~recordings.empty_hand
-    contact, opened = np.zeros((2, len(counts)), dtype=bool)
-    quietest_of_all = []
-    for index in frames_by_recording(recordings):
-        mean, noise = of_session[session[index[0]]]
+    held = np.any([opened, *flags], axis=0) & ~recordings.empty_hand
+    for index in [] if all_contact else frames_by_recording(recordings):
+        empty, noise = moments[recordings.columns["session"][index[0]]]
         of_recording = counts[index].astype(np.float64)
-        if all_contact:
-            start, contact[index] = quietest(of_recording), True
-        else:
-            pressed, still, start = _pressed(of_recording, CONTACT_SIGMAS * noise, contact_sensors, mean)
-            contact[index] = (pressed >= contact_sensors) | held[index]
-            opened[index] = minimum_filter1d(still & ~contact[index], 2 * MARGIN + 1, mode="nearest")
-        quietest_of_all.append(index[start : start + MIN_FRAMES])
-    noises = np.stack([noise for _, noise in of_session])
-    return HandStates(counts, noises, contact, opened, quietest_of_all, contact_sensors)
+        pressed, still, start = _pressed(of_recording, CONTACT_SIGMAS * noise, contact_sensors, empty)
+        contact[index] = (pressed >= contact_sensors) | held[index]
+        opened[index] = minimum_filter1d(still & ~contact[index], 2 * MARGIN + 1, mode="nearest")
+        quiet.append(of_recording[start : start + MIN_FRAMES].mean(axis=0))
+    return HandStates(counts, noises, contact, opened, np.array(quiet))
 
 
 def _pressed(

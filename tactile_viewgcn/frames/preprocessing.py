@@ -6,11 +6,11 @@ import numpy as np
 
 from tactile_viewgcn.frames.auto import Choice, choose
 from tactile_viewgcn.frames.baseline import Baseline, measure_baseline
-from tactile_viewgcn.frames.empty_hand import with_empty_hand
+from tactile_viewgcn.frames.empty_hand import session_moments, with_empty_hand
 from tactile_viewgcn.frames.filter import passing
 from tactile_viewgcn.frames.open_hand import hand_states
 from tactile_viewgcn.frames.split import SPLIT_SEED, Sides, deal, draw_anchors, keep_testable
-from tactile_viewgcn.messages import Note, UserError
+from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import PreprocessSection, Split
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.frames import SIDES, Frames
@@ -59,17 +59,14 @@ def preprocess_recordings(
 
     passed, notes = passing(recordings, baseline, choice.params)
     keep = passed & (asked.empty_hand_class | ~recordings.empty_hand)
-    if groups is None:
-        keep, of_classes = keep_testable(recordings, sides, keep, split)
-        notes += of_classes
-    _require_classes(recordings, keep)
+    keep, of_classes = keep_testable(recordings, sides, keep, split)
 
     published = groups is None and split.by == "source" and choice.params.filter == "flags"
     anchor = draw_anchors(recordings.columns, sides.side, keep, rng, published=published)
     keep &= ~sides.surplus  # only now, so that the anchors of the other sides stay the same
 
     frames = _table(recordings, choice, baseline, sides, keep, anchor, float(passed[sides.training].mean()))
-    return Preprocessed(frames, choice, sides, passed, keep, [*choice.notes, *baseline.notes, *notes])
+    return Preprocessed(frames, choice, sides, passed, keep, [*choice.notes, *baseline.notes, *notes, *of_classes])
 
 
 def _measure(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> tuple[Choice, Baseline]:
@@ -80,9 +77,11 @@ def _measure(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> 
     for frames in sides.others:
         rows = with_empty_hand(recordings, frames)
         part, states = recordings.part(rows, recordings.live), None
+        moments = session_moments(part)
         if choice.params.baseline == "grasp":
-            states = hand_states(part, choice.states.contact_sensors, all_contact=choice.states.all_contact)
-        parts.append((frames, rows, measure_baseline(part, choice.params, states)))
+            states = hand_states(part, int(choice.params.contact_sensors), moments)
+            states = states.as_contact() if choice.states.all_contact else states
+        parts.append((frames, rows, measure_baseline(part, choice.params, moments, states)))
     of_frame, count = np.zeros(len(recordings), dtype=np.int32), 0
     for frames, rows, baseline in parts:
         of_frame[frames] = count + baseline.of_frame[frames[rows]]
@@ -130,14 +129,6 @@ def _table(
         kept_share=share,
         channel_names=recordings.channel_names or None,
     )
-
-
-def _require_classes(recordings: Recordings, keep: np.ndarray) -> None:
-    """Raise a UserError if fewer than two classes are left."""
-    left = np.unique(recordings.columns["object"][keep])
-    if len(left) < 2:
-        names = ", ".join(recordings.objects[i] for i in left) or "none"
-        raise UserError(f"fewer than two classes left ({names}); loosen preprocess.filter or change split.by")
 
 
 def frame_counts(frames: Frames) -> dict[str, int]:

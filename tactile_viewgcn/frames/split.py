@@ -146,32 +146,34 @@ def keep_testable(
 ) -> tuple[np.ndarray, list[Note]]:
     """The frames of `keep` bool (T,) whose class has training frames, and notes on dropped classes and on the split.
 
-    The empty hand without test frames is dropped, too; any other class without them is kept.
+    The empty hand without test frames is dropped, too; any other class without them is kept. Without a test side all
+    frames are kept.
 
     Raises:
-        UserError: a side that is needed has no frames.
+        UserError: a side that is needed has no frames; fewer than two classes are left.
     """
     objects, recording = recordings.columns["object"], recordings.columns["recording"]
     left, tested, notes = keep.copy(), sides.side == TEST, list[Note]()
-    if split.by == "source":
-        shared = np.intersect1d(recording[keep & (sides.side == TRAIN)], recording[keep & tested])
-        text = f"the published split has {several(len(shared), 'recording')} on both sides"
-        notes.append(Note(text, topic="split"))
-    for label in np.unique(objects[keep]):
-        name, of_class = recordings.objects[label], keep & (objects == label)
-        trains, tests = (of_class & sides.training).any(), (of_class & tested).any()
-        if trains and tests:
-            continue
-        if name == EMPTY_HAND:
-            text = "is not on both sides and is dropped; it still gives the baseline"
-        elif trains:
-            text = "has no test frames; it is kept as a class that others can be mistaken for"
-        else:
-            text = "has no training frames and is dropped"
-        if name == EMPTY_HAND or not trains:
-            left &= ~of_class
-        notes.append(Note(f"{name} {text}", topic="objects"))
-    _require_frames(sides.side, left & ~sides.surplus, split)
+    if tested.any():
+        if split.by == "source":
+            shared = np.intersect1d(recording[keep & (sides.side == TRAIN)], recording[keep & tested])
+            text = f"the published split has {several(len(shared), 'recording')} on both sides"
+            notes.append(Note(text, topic="split"))
+        for label in np.unique(objects[keep]):
+            name, of_class = recordings.objects[label], keep & (objects == label)
+            trains, tests = (of_class & sides.training).any(), (of_class & tested).any()
+            if trains and tests:
+                continue
+            dropped = name == EMPTY_HAND or not trains
+            left &= ~(of_class & dropped)
+            text = f"{name} has no {'test' if trains else 'training'} frames and is "
+            text += "dropped" if dropped else "kept as a class that others can be mistaken for"
+            notes.append(Note(text, topic="objects"))
+        _require_frames(sides.side, left & ~sides.surplus, split)
+    classes = np.unique(objects[left])
+    if len(classes) < 2:
+        names = ", ".join(recordings.objects[i] for i in classes) or "none"
+        raise UserError(f"fewer than two classes left ({names}); loosen preprocess.filter or change split.by")
     return left, notes
 
 

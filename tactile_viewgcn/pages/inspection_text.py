@@ -56,7 +56,8 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
     objects = several(len(np.unique(overview.label)), "object")
     sessions = several(len(np.unique(overview.session)), "session")
     lengths = f"{low} to {high} frames" if low < high else f"{several(int(low), 'frame')} each"
-    pressed = "even in the quietest" if states.all_contact else f"{states.contact_sensors} or more sensors are pressed"
+    pressed = f"{overview.choice.params.contact_sensors} or more sensors are pressed"
+    pressed = "even in the quietest" if states.all_contact else pressed
     rows = [
         (f"{frames.sum():,}", f"frames of {height} x {width}, kept as {table.dtype}"),
         (f"{len(frames):,}", f"recordings of {objects} in {sessions}: {lengths}"),

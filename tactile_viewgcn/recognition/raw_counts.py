@@ -3,7 +3,7 @@
 import numpy as np
 
 from tactile_viewgcn.frames.baseline import Baseline, measure_baseline
-from tactile_viewgcn.frames.empty_hand import sessions_with_empty_hand
+from tactile_viewgcn.frames.empty_hand import session_moments, sessions_with_empty_hand
 from tactile_viewgcn.frames.filter import flagged, pressed_frames
 from tactile_viewgcn.frames.open_hand import hand_states
 from tactile_viewgcn.messages import UserError
@@ -62,15 +62,17 @@ def find_contact(fitted: FittedPreprocessing, recordings: Recordings) -> tuple[B
     if params.baseline != "none":
         average = fitted.mean_baseline()
         trained = [(fitted.baselines.get(name, average), fitted.noise) for name in recordings.sessions]
-        states = hand_states(recordings, sensors, trained)
-    baseline = measure_baseline(recordings, params, states, trained)
+    moments = session_moments(recordings, trained)
+    if params.baseline != "none":
+        states = hand_states(recordings, sensors, moments)
+    baseline = measure_baseline(recordings, params, moments, states)
     if params.filter == "flags" and {"valid", "grasp_valid"} & recordings.columns.keys():
         return baseline, flagged(recordings)
     if params.filter == "none" or (params.baseline == "none" and fitted.kept_share >= ALL_KEPT):
         return baseline, np.ones(len(recordings), dtype=bool)
     if np.isfinite(baseline.noise).all():
         return baseline, pressed_frames(recordings, baseline, sensors)
-    return baseline, hand_states(recordings, sensors).contact
+    return baseline, hand_states(recordings, sensors, moments).contact
 
 
 def _apart(recordings: Recordings) -> Recordings:

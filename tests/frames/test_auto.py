@@ -11,13 +11,12 @@ from tactile_viewgcn.frames.baseline import measure_baseline
 from tactile_viewgcn.frames.empty_hand import MIN_FRAMES
 from tactile_viewgcn.frames.filter import sensors_in_contact
 from tactile_viewgcn.frames.leak import QuickError
-from tactile_viewgcn.frames.open_hand import hand_states
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.messages import UserError, warnings_of
 from tactile_viewgcn.params import PreprocessSection, load
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
-from tests.glove_data import FILE, all_contact, drifting, written
+from tests.glove_data import FILE, all_contact, drifting, states_of, written
 
 BY_RECORDING = ("split.by=recording", "split.folds=2")
 
@@ -150,9 +149,9 @@ def test_the_released_scale_is_kept_at_one_to_ten_times_the_readings_and_none_is
 
 
 def test_readings_in_contact_lie_above_five_standard_deviations_of_noise_and_not_on_them(glove):
-    states, constant = hand_states(glove, 5), PreprocessSection(baseline="none", zero=514.0)
+    states, constant = states_of(glove), PreprocessSection(baseline="none", zero=514.0)
     states = replace(states, noise=np.full_like(states.noise, 6))
-    readings = contact_readings(glove, states, measure_baseline(glove, constant))
+    readings = contact_readings(glove, states, measure_baseline(glove, constant, []))
     assert readings.min() == 31 and 32 <= np.percentile(readings, 99) < 35  # of a pressed sensor about 30
 
 

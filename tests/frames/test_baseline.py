@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.frames.baseline import measure_baseline
-from tactile_viewgcn.frames.empty_hand import MAX_PASSES, OUTLIER_SD, ROUNDING_SD, trimmed_moments
+from tactile_viewgcn.frames.empty_hand import MAX_PASSES, OUTLIER_SD, ROUNDING_SD, session_moments, trimmed_moments
 from tactile_viewgcn.params import PreprocessSection
 from tests.glove_data import written
 
@@ -27,10 +27,9 @@ def test_the_baseline_of_each_session_is_estimated_to_a_twentieth_of_a_count_bel
     recordings = written(tmp_path / "t", counts, session=sessions, object=objects)
     second = recordings.part(np.flatnonzero(sessions))
     kind = PreprocessSection(baseline="empty_hand")
-    measured, alone = measure_baseline(recordings, kind), measure_baseline(second, kind)
-    for one in (measured, alone):  # of two sessions, and of the second, to which the first adds nothing
-        assert (one.mean.shape, one.mean.dtype, one.noise.dtype) == ((2, 1, 2), np.float32, np.float32)
-        np.testing.assert_array_equal((one.mean[1], one.noise[1]), (measured.mean[1], measured.noise[1]))
+    measured, alone = (measure_baseline(one, kind, session_moments(one)) for one in (recordings, second))
+    assert (measured.mean.shape, measured.mean.dtype, measured.noise.dtype) == ((2, 1, 2), np.float32, np.float32)
+    np.testing.assert_array_equal((alone.mean[0], alone.noise[0]), (measured.mean[1], measured.noise[1]))
     np.testing.assert_allclose(measured.mean, baseline, atol=0.05)
     np.testing.assert_allclose(measured.noise, np.hypot(SD, ROUNDING_SD), atol=0.05)
     np.testing.assert_array_equal(measured.of_frame, sessions)

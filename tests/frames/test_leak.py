@@ -6,17 +6,19 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames.baseline import measure_baseline
+from tactile_viewgcn.frames.empty_hand import session_moments
 from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_notes, quick_error
-from tactile_viewgcn.frames.open_hand import hand_states
 from tactile_viewgcn.frames.split import split_groups
 from tactile_viewgcn.params import PreprocessSection
-from tests.glove_data import drifting
+from tests.glove_data import drifting, states_of
 
 
 def checked(recordings, *, by="grasp", baseline="empty_hand", zero=0.0):
     """The leak check of recordings, and its notes; contact is of five sensors."""
-    states = hand_states(recordings, 5)
-    measured = measure_baseline(recordings, PreprocessSection(baseline=baseline, zero=zero), states)
+    states = states_of(recordings)
+    measured = measure_baseline(
+        recordings, PreprocessSection(baseline=baseline, zero=zero), session_moments(recordings), states
+    )
     leak = check_leak(recordings, measured, states, split_groups(recordings.columns, by))
     return leak, leak_notes(recordings, states, leak, advised=True)
 
@@ -77,7 +79,7 @@ def test_what_cannot_be_held_out_is_not_checked_and_the_note_counts_the_frames_w
 
 def test_a_leak_is_a_warning_whose_remedy_is_the_baseline_of_each_grasp(tmp_path):
     recordings = drifting().table(tmp_path / "t")
-    states = hand_states(recordings, 5)
+    states = states_of(recordings)
     leak = QuickError(0.05, 0.02, 0.08, 0.96, 1, 2000)
     assert leak.beats_chance and not replace(leak, high=0.96).beats_chance
     for high, advised, expected in [

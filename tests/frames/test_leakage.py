@@ -1,12 +1,11 @@
 """The training side is the same to the last byte, whatever the frames of the other sides read."""
 
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames import filter, preprocessing, split
+from tactile_viewgcn.frames import filter, split
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.recognition.model_file import FittedPreprocessing
 from tactile_viewgcn.tables.frames import TRAIN
@@ -93,19 +92,3 @@ def test_the_empty_hand_of_another_side_gives_baseline_and_noise_alone(tmp_path,
     assert other.any() and not made.frames.live[0, 0]
     np.testing.assert_array_equal(again.frames.live, made.frames.live)
     assert again.choice.params == made.choice.params
-
-
-def test_a_side_that_is_all_contact_does_not_make_another_one_so(tmp_path, monkeypatch):
-    """Each side's open hand is looked for as on the training side, whatever the side before had."""
-    made, asked = drifting(objects=2, recordings=4, grasps=2), []
-    find = preprocessing.hand_states
-
-    def watched(recordings, sensors, *, all_contact=False):
-        asked.append(all_contact)
-        states = find(recordings, sensors, all_contact=all_contact)
-        return replace(states, contact=np.ones_like(states.contact))  # as of a side without an open hand
-
-    monkeypatch.setattr(preprocessing, "hand_states", watched)
-    params = recipe("preprocess.baseline=grasp", "split.by=recording", "split.folds=4", "split.validation=0.3")
-    preprocess_recordings(made.table(tmp_path / "t"), params.preprocess, params.split)
-    assert asked == [False, False]

@@ -7,10 +7,10 @@ import pytest
 
 from tactile_viewgcn.frames import open_hand as module
 from tactile_viewgcn.frames.baseline import grasps, measure_baseline
-from tactile_viewgcn.frames.empty_hand import trimmed_moments
-from tactile_viewgcn.frames.open_hand import MARGIN, hand_states
+from tactile_viewgcn.frames.empty_hand import session_moments, trimmed_moments
+from tactile_viewgcn.frames.open_hand import MARGIN
 from tactile_viewgcn.params import PreprocessSection
-from tests.glove_data import CLOSED, NOISE, OPEN, SIGNAL, drifting
+from tests.glove_data import CLOSED, NOISE, OPEN, SIGNAL, drifting, states_of
 
 CONTACT = 5  # sensors
 SD = np.hypot(NOISE, 12**-0.5)  # of counts, which are rounded
@@ -25,7 +25,9 @@ DRIFTS = {
 
 def of_grasps(recordings, states, trained=None):
     """The baseline of each grasp."""
-    return measure_baseline(recordings, PreprocessSection(baseline="grasp"), states, trained)
+    return measure_baseline(
+        recordings, PreprocessSection(baseline="grasp"), session_moments(recordings, trained), states
+    )
 
 
 def away(opened):
@@ -44,7 +46,7 @@ BETWEEN = "each sensor between recordings", "all sensors between recordings"
 )
 def test_the_open_hand_and_contact_are_detected_whatever_drifts(tmp_path, drift, first):
     glove = drifting(**DRIFTS[drift])
-    states = hand_states(glove.table(tmp_path / "t", objects=[first, "mug", "pen", "ball", "coin"]), CONTACT)
+    states = states_of(glove.table(tmp_path / "t", objects=[first, "mug", "pen", "ball", "coin"]), CONTACT)
     np.testing.assert_array_equal(states.contact, ~glove.open)
     assert (states.open != away(glove.open)).mean() < 0.01  # drift during a grasp lifts sensors at its end
     if first == "cloth":
@@ -56,7 +58,7 @@ def test_a_flag_makes_contact_where_nothing_is_pressed_but_not_of_the_empty_hand
     glove = drifting()
     pressed = np.where(glove.open[:, None, None], glove.counts, np.rint(glove.baseline))
     flags = {flag: ~glove.open | (glove.columns["object"] == 0)}
-    states = hand_states(replace(glove, counts=pressed.astype(np.int16)).table(tmp_path / "t", **flags), CONTACT)
+    states = states_of(replace(glove, counts=pressed.astype(np.int16)).table(tmp_path / "t", **flags), CONTACT)
     np.testing.assert_array_equal(states.open, away(glove.open))
     np.testing.assert_array_equal(states.contact, ~glove.open)
 
@@ -92,7 +94,7 @@ def test_a_grasp_begins_when_the_hand_opens_after_contact_and_frames_between_bel
 def test_each_grasp_has_the_baseline_of_the_open_hand_before_it(tmp_path, drift):
     glove = drifting(**drift)
     recordings = glove.table(tmp_path / "t")
-    baseline = of_grasps(recordings, hand_states(recordings, CONTACT))
+    baseline = of_grasps(recordings, states_of(recordings, CONTACT))
     assert baseline.notes == []
     assert len(baseline.mean) == 1 + 4 * 6  # the empty hand never closes
     for recording, grasp in np.ndindex(4, 6):
@@ -110,7 +112,7 @@ def test_the_noise_is_that_of_the_grasp_s_session(tmp_path):
     more = np.random.default_rng(1).normal(0, 4, glove.counts.shape) * (session == 1)[:, None, None]
     noisy = replace(glove, counts=glove.counts + np.rint(more).astype(np.int16))
     recordings = noisy.table(tmp_path / "t", session=session)
-    baseline = of_grasps(recordings, hand_states(recordings, CONTACT))
+    baseline = of_grasps(recordings, states_of(recordings, CONTACT))
     for number, sd in enumerate((SD, np.hypot(SD, 4))):
         of_session = np.unique(baseline.of_frame[session == number])
         np.testing.assert_allclose(baseline.noise[of_session].mean(), sd, rtol=0.1)
@@ -121,7 +123,7 @@ def test_a_grasp_without_open_hand_has_the_nearest_one_s_of_its_recording(tmp_pa
     recording, grasp = glove.columns["recording"], glove.columns["grasp"]
     brief = (recording == 1) & np.isin(grasp, [0, 3]) & glove.open & (np.arange(len(grasp)) % (OPEN + CLOSED) >= 6)
     recordings = glove.table(tmp_path / "t", ~brief)  # 4 and 3 open-hand frames are left
-    baseline = of_grasps(recordings, hand_states(recordings, CONTACT))
+    baseline = of_grasps(recordings, states_of(recordings, CONTACT))
     last = dict(zip(zip(recording[~brief], grasp[~brief], strict=True), baseline.of_frame, strict=True))
     assert last[1, 0] == last[1, 1] and last[1, 3] == last[1, 2] != last[1, 1]
     assert len(baseline.mean) == 1 + 24 - 2
@@ -143,7 +145,7 @@ def test_a_recording_without_open_hand_is_named_and_has(tmp_path, case):
     recording, session = glove.columns["recording"], glove.columns["recording"] % 2
     objects = ["empty_hand" if has_empty else "cloth", "mug", "pen", "ball"]
     recordings = glove.table(tmp_path / "t", session=session, objects=objects)
-    states = hand_states(recordings, CONTACT)
+    states = states_of(recordings, CONTACT)
     states = replace(states, open=states.open & ~np.isin(recording, [4, 5] if has_open else range(8)))
     trained = [(np.full((5, 8), 500.0 + number), np.ones((5, 8))) for number in range(2)]
     baseline = of_grasps(recordings, states, trained if has_trained else None)

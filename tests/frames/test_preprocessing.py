@@ -107,7 +107,7 @@ def test_the_empty_hand_can_be_left_out_of_the_classes(tmp_path):
 def test_an_empty_hand_that_is_not_on_both_sides_is_no_class_and_still_the_baseline(tmp_path, by):
     part = selected((SESSION == 0) & ((OBJECT > 0) | (RECORDING == 0)))  # one recording of the empty hand
     frames, made = prepared(tmp_path, f"split.by={by}", **part)
-    assert [note.text.split()[0] for note in notes_on(made, "objects", "baseline")] == ["empty_hand"]
+    assert [note.text.split()[0] for note in notes_on(made, "objects", "dropped")] == ["empty_hand"]
     assert frames.classes == ["object1", "object2"]
     assert not (made.keep & (part["columns"]["object"] == 0)).any()
     np.testing.assert_allclose(frames.baseline_mean.mean(), 514, atol=0.2)

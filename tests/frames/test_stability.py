@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.stability.rows import max_rel_error, share_different
 from tactile_viewgcn.frames.baseline import measure_baseline
-from tactile_viewgcn.frames.empty_hand import ROUNDING_SD, trimmed_moments
+from tactile_viewgcn.frames.empty_hand import ROUNDING_SD, session_moments, trimmed_moments
 from tactile_viewgcn.frames.filter import pressed_frames
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.views.clustering import cluster_frames
@@ -69,7 +69,8 @@ def test_a_signal_in_the_last_digits_of_a_billion(row, tmp_path, name, offset, k
     row(f"noise of the baseline, {name}", max_rel_error(noise, spread), ROUNDING)
     pressed = np.concatenate([counts, counts, counts + kind(120)])
     recordings = written(tmp_path / "t", pressed, object=np.arange(1200) // 400)
-    row(f"network input, {name}", input_error(pressed, measure_baseline(recordings, PARAMS.preprocess).mean), ROUNDING)
+    baseline = measure_baseline(recordings, PARAMS.preprocess, session_moments(recordings)).mean
+    row(f"network input, {name}", input_error(pressed, baseline), ROUNDING)
 
 
 @pytest.mark.stability("a million frames of drift")
@@ -92,7 +93,7 @@ def test_of_a_sensor_without_noise_one_count_more_is_noise_and_two_are_contact(r
     touched = np.broadcast_to(500 + pressed[:, None, None], (20, 3, 3))
     counts = (unit * np.concatenate([quiet, touched])).astype(kind)
     recordings = written(tmp_path / "t", counts, object=np.arange(40) // 20)
-    baseline = measure_baseline(recordings, PARAMS.preprocess)
+    baseline = measure_baseline(recordings, PARAMS.preprocess, session_moments(recordings))
     contact = pressed_frames(recordings, baseline, 8)
     noise = baseline.noise.ravel()[:8]
     row(f"noise of the baseline, {name}", max_rel_error(noise, np.full(8, ROUNDING_SD * unit)), 1e-4)
