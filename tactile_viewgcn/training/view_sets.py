@@ -22,20 +22,20 @@ from tactile_viewgcn.views.sampling import anchor_first, sets_of
 
 
 class Batch(NamedTuple):
-    """B view sets of k frames each; the frames that pass through the backbone, n in all.
+    """B view sets of k frames each, and the n of their frames that pass through the backbone.
 
-    Two sets, around the frames 7 and 3, of k = 4 frames, with `feature_reuse: 2`:
+    An example of two sets with k = 4 and `feature_reuse: 2`. Their anchors are the frames 7 and 3:
 
         sets      [[2, 7, 5, 9],
                    [3, 8, 5, 7]]
-        passing   [1, 3, 4, 7]     places in `sets`, counted row by row: of each set the anchor and one more frame
-        frames    7, 9, 3, 7       what stands there; the features of the others, 2, 5, 8 and 5, come from the bank
+        passing   [1, 3, 4, 7]     places in `sets`, counted row by row: in each set the anchor's and one more
+        frames    7, 9, 3, 7       what stands there; the others, 2, 5, 8 and 5, have their features from the bank
 
     Attributes:
         frames: (n, 1, H, W) with noise.
         labels: (B,) classes.
         sets: (B, k) indices of frames.
-        passing: (n,) places of `frames` in `sets`, in order.
+        passing: (n,) places of `frames` in `sets`, rising.
     """
 
     frames: Tensor
@@ -72,19 +72,25 @@ class SideViewSets:
                 by_time = np.argsort(sets, axis=1, kind="stable")
                 sets, passes = (np.take_along_axis(each, by_time, axis=1) for each in (sets, passes))
             frames = self.frames.noisy(torch.from_numpy(sets[passes]))
-            members, passing = (
-                self._compute.to_device(torch.from_numpy(part)) for part in (sets, np.flatnonzero(passes))
-            )
-            yield Batch(frames, self.frames.labels[members[:, 0]], members, passing)
+            on_device = self._compute.to_device(torch.from_numpy(sets))
+            passing = self._compute.to_device(torch.from_numpy(np.flatnonzero(passes)))
+            yield Batch(frames, self.frames.labels[on_device[:, 0]], on_device, passing)
 
 
 def choose_passing(
     sets: np.ndarray, anchors: np.ndarray, config: Finetune, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which frames of view sets (B, V) around anchors (B,) pass through the backbone: the sets (B, k), and bool (B, k).
+    """The size of a batch's view sets, and which of their frames pass through the backbone.
 
-    With `num_views: full` k is V. With `random` it is drawn from 1 to V, one number for the batch, and a set of fewer
-    than V frames begins with its anchor. Of each set k / `feature_reuse` frames pass, rounded up, the anchor always.
+    With `num_views: full` all V frames of a set are used. With `random` the number k is drawn from 1 to V for the whole
+    batch, and a set of fewer than V frames begins with its anchor. Of each set k / `feature_reuse` frames pass, rounded
+    up: the anchor, and others at random.
+
+    Args:
+        sets: (B, V) indices of frames; anchors: (B,) the anchor of each.
+
+    Returns:
+        The sets, (B, k), and which of their frames pass, bool (B, k).
     """
     columns, views = anchor_first(sets, anchors, rng), sets.shape[1]
     if config.num_views == "random" and (fewer := int(rng.integers(1, views + 1))) < views:
