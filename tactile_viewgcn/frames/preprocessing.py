@@ -13,7 +13,7 @@ from tactile_viewgcn.frames.split import SPLIT_SEED, Sides, deal, draw_anchors, 
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import PreprocessSection, Split
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.tables.frames import SIDES, Frames
+from tactile_viewgcn.tables.frames import SIDES, TEST, VALIDATION, Frames
 from tactile_viewgcn.tables.recordings import Recordings
 
 
@@ -74,7 +74,9 @@ def _measure(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> 
     rows = with_empty_hand(recordings, sides.training)
     choice = choose(recordings, rows, asked, sides.group)
     parts = [(sides.training, rows, choice.baseline)]
-    for frames in sides.others:
+    for frames in (sides.side == VALIDATION, sides.side == TEST, sides.surplus):
+        if not frames.any():
+            continue
         rows = with_empty_hand(recordings, frames)
         part, states = recordings.part(rows, recordings.live), None
         moments = session_moments(part)

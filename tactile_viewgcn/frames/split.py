@@ -41,11 +41,6 @@ class Sides:
         """bool (T,): frames that are trained on."""
         return (self.side == TRAIN) & ~self.surplus
 
-    @property
-    def others(self) -> list[np.ndarray]:
-        """Frames bool (T,) of the validation side, of the test side, and of those left out, if there are any."""
-        return [frames for frames in (self.side == VALIDATION, self.side == TEST, self.surplus) if frames.any()]
-
 
 def deal(
     recordings: Recordings,

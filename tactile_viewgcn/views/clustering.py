@@ -4,18 +4,15 @@ The paper says "kNN"; clusters of unlabelled frames and the released code mean k
 """
 
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
+from threadpoolctl import ThreadpoolController
 from tqdm import tqdm
 
 from tactile_viewgcn.params import Cluster
 from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import NO_CLUSTER, TRAIN, VALIDATION, Frames, Views
 from tactile_viewgcn.views.sampling import random_clusters
-
-if TYPE_CHECKING:
-    from threadpoolctl import ThreadpoolController
 
 COMPONENTS = 8  # released: principal components that k-means uses
 MIN_DIFFERENCE = 2.0**-20  # of two rows, relative to the largest score: k-means' distances have no more digits
@@ -114,10 +111,9 @@ def kmeans(scores: np.ndarray, views: int, *, restarts: int, seed: int) -> np.nd
 
 
 @cache
-def _libraries() -> "ThreadpoolController":
+def _libraries() -> ThreadpoolController:
     """The numerical libraries whose threads can be limited, listed once: that takes half as long as a small k-means."""
     import sklearn.cluster  # noqa: F401  loads them
-    from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
 

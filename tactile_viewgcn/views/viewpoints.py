@@ -28,17 +28,12 @@ def viewpoints(views: int, kind: str = "auto", seed: int = 0) -> np.ndarray:
     """
     match AUTO.get(views, "sphere") if kind == "auto" else kind:
         case "cube":
-            return _cube()
+            return np.array(list(product((-1.0, 1.0), repeat=3)))
         case "circle":
             return _circle(views)
         case "random":
             return _random(views, stream(seed, "viewpoints"))
     return _sphere(views)
-
-
-def _cube() -> np.ndarray:
-    """Vertices (8, 3) of the cube."""
-    return np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
 def _circle(views: int) -> np.ndarray:

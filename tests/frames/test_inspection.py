@@ -52,23 +52,6 @@ GLOVES = {
 }
 
 
-@pytest.mark.parametrize(("name", "interval"), [("time", 0.125), ("X", None)])
-def test_a_clock_is_left_out_by_its_name_and_warned_of_by_its_values(tmp_path, name, interval):
-    rng = np.random.default_rng(0)
-    for label, number in np.ndindex(3, 6):
-        readings = 500 + rng.normal(0, 1, (40, 6)) + 30 * (np.arange(40) > 9)[:, None]
-        time = 1.7e9 + 3600 * label + 300 * number + np.arange(40) / 8
-        (folder := tmp_path / "lab" / f"o{label}").mkdir(parents=True, exist_ok=True)
-        table = np.column_stack([time, readings])
-        np.savetxt(
-            folder / f"{number}.csv", table, delimiter=",", header=f"{name},a,b,c,d,e,f", comments="", fmt="%.3f"
-        )
-    overview = inspect_source(tmp_path / "lab")
-    assert overview.recordings.live.sum() == 6 + (name == "X") and overview.interval == interval
-    assert overview.error.beats_chance == (name == "X")  # objects differ in the clock alone
-    assert [note.topic for note in warnings(overview) if note.topic == "ramps"] == ["ramps"] * (name == "X")
-
-
 @pytest.mark.parametrize("name", GLOVES)
 def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(tmp_path, name, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -114,21 +97,6 @@ def test_a_baseline_that_leaks_the_object_or_drifts_as_far_as_contact_is_taken_o
     asked = ("preprocess.contact_sensors=5", "preprocess.baseline=empty_hand", "split.by=grasp")
     of_session = preprocessed(recordings, *asked)
     assert of_session.choice.leak.beats_chance == (between > 0)
-
-
-@pytest.mark.parametrize("in_test", [(1, 2, 3, 4, 5, 6), (1, 2)])
-def test_an_inspection_is_a_rehearsal_of_preprocess(tmp_path, in_test):
-    """A published split of all objects is the paper's, whatever leaks."""
-    glove = drifting(objects=6, between=1.5, same=True, shape=(8, 9))
-    split = np.isin(glove.columns["object"], in_test) & (glove.columns["grasp"] == 0)
-    recordings = glove.table(tmp_path / "t", split=split.astype(np.int8))
-    page = inspected(recordings)
-    by = [f"{note.key}={note.value}" for note in page.settings if note.key.startswith("split.")]
-    choice = preprocessed(recordings, "preprocess.contact_sensors=5", *by).choice
-    published = len(in_test) == 6
-    assert choice.params == page.choice.params
-    assert choice.params.baseline == ("empty_hand" if published else "grasp")
-    assert page.setting("split.by") == ("source" if published else "grasp")
 
 
 def test_stuck_and_saturated_sensors_and_gaps_in_time_are_detected(tmp_path):

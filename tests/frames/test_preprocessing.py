@@ -203,19 +203,3 @@ def test_the_real_blindfolded_file_is_split_by_recording(tmp_path, stag_data):
     assert (made.passed.sum(), len(made.frames)) == (525, 520)
     assert "empty_hand" not in made.frames.classes and notes_on(made, "objects", "empty_hand")
     assert [len(made.frames.on(side)) for side in (TRAIN, TEST)] == [26 * 3 * 5, 26 * 5]
-
-
-def test_a_gripper_s_opening_that_closes_evenly_is_a_sensor(tmp_path):
-    """It begins alike in every recording, as a clock does, and stops where the object is."""
-    label, number = np.repeat([1, 2], 6), np.arange(12)
-    opening = [np.linspace(0, 20 * (1 + kind), 40 * (1 + kind)) for kind in label - 1]
-    counts = [
-        np.stack([one, *np.random.default_rng(n).normal(0, 1, (3, len(one)))], axis=1) for n, one in enumerate(opening)
-    ]
-    lengths = [len(one) for one in counts]
-    columns = {"object": np.repeat(label, lengths), "recording": np.repeat(number, lengths)}
-    params = load(FILE, ("split.by=recording", "split.folds=3"))
-    recordings = written(tmp_path / "t", np.concatenate(counts)[:, None], **columns)
-    made = preprocess_recordings(recordings, params.preprocess, params.split)
-    assert made.frames.live.tolist() == [[True] * 4]
-    np.testing.assert_array_equal(made.frames.counts[np.arange(len(made.frames))], recordings.counts[made.keep])
