@@ -111,13 +111,6 @@ def read_study(name: str) -> Study:
         for each in study.references if key == "reference" else getattr(study, key):
             if each not in names_of:
                 raise UserError(f"{path}: {key} is {each!r}; expected one of {', '.join(names_of)}")
-    places = [place for axis in study.cross for place in axis]
-    numbered = len(study.cross) == 1 and all(place.partition(" ")[0].isdecimal() for place in places)
-    if study.picture == "curves" and not numbered:
-        raise UserError(
-            f"{path}: picture is 'curves' and cross has {', '.join(map(repr, places)) or 'no names'}; "
-            "expected one mapping in `cross`, whose names begin with a number"
-        )
     return study
 
 

@@ -157,12 +157,9 @@ def results(experiment: str, revision: str) -> dict[str, bytes]:
 
 
 def last_error(log: str) -> str:
-    """The last error of a Python program in a log, else DVC's last error, else the last line."""
-    lines = [line.strip() for line in log.splitlines() if line.strip()]
-    for form in (r"\w*(Error|Exception): ", r"ERROR: "):
-        if errors := [line for line in lines if re.match(form, line)]:
-            return errors[-1]
-    return (lines or ["no log"])[-1]
+    """The last error of a Python program in a log, else DVC's last error, else `no error`."""
+    errors = re.findall(r"^\w*(?:Error|Exception): .*", log, re.MULTILINE)
+    return (errors or re.findall(r"^ERROR: .*", log, re.MULTILINE) or ["no error in the log"])[-1]
 
 
 def git(*words: str) -> str:

@@ -4,12 +4,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tactile_viewgcn.messages import shown
 
 FRAMES = "viridis"  # colours of frames
-LONGEST_NAME = 22  # characters above a small picture
+LONGEST = 22  # characters above a small picture
 NO_SENSOR = "#e9edef"
 
 
@@ -33,29 +34,21 @@ def confusions(counts: dict[str, np.ndarray], classes: list[str]) -> Figure:
     return figure
 
 
-def mean_frames(frames: np.ndarray, live: np.ndarray, titles: list[str], label: str, *, columns: int = 4) -> Figure:
+def mean_frames(frames: np.ndarray, live: np.ndarray, titles: list[str], label: str) -> Figure:
     """Frames (n, H, W), each under its title, with one scale for all.
 
     Args:
         live: bool (H, W), the sensors that vary; the others are grey.
         label: label of the colour bar.
-        columns: most frames in a row.
     """
-    columns = min(columns, len(frames))
-    rows, (height, width) = -(-len(frames) // columns), live.shape
-    tall = min(max(height / width, 0.3), 1.6)
-    side = 1.9 if len(frames) > 1 else 3.2  # inches
-    figure = Figure(figsize=(side * columns + 0.9, (side * tall + 0.35) * rows), layout="compressed")
-    panels = figure.subplots(rows, columns, squeeze=False)
-    shown = np.where(live, frames, np.nan)
-    top, colours = np.nanpercentile(shown, 99.5) or 1, colormaps[FRAMES].with_extremes(bad=NO_SENSOR)
-    for axes in panels.flat:
-        axes.set_axis_off()
-    for axes, frame, title in zip(panels.flat, shown, titles, strict=False):
+    height, width = live.shape
+    figure, panels = _panels(titles, 5, 1.9, 1.9 * min(max(height / width, 0.6), 1.6) + 0.35)
+    masked = np.where(live, frames, np.nan)
+    top, colours = np.nanpercentile(masked, 99.5) or 1, colormaps[FRAMES].with_extremes(bad=NO_SENSOR)
+    for axes, frame in zip(panels, masked, strict=True):
         image = axes.imshow(frame, cmap=colours, vmin=0, vmax=top, interpolation="none")
-        axes.set_title(shortened(title), fontsize=9, parse_math=False)
-    bar = figure.colorbar(image, ax=panels, shrink=1 if rows == 1 else 0.6, fraction=0.04)
-    bar.set_label(label, fontsize=8)
+        axes.set_axis_off()
+    figure.colorbar(image, ax=panels, fraction=0.04).set_label(label, fontsize=8)
     return figure
 
 
@@ -86,12 +79,6 @@ def errors_by_views(errors: dict[str, dict[str, dict[str, Any]]], chance: float)
     return figure
 
 
-def shortened(name: str) -> str:
-    """A name, cut to fit above a small picture."""
-    name = shown(name)
-    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"
-
-
 def time_lines(
     lines: list[np.ndarray], in_contact: list[np.ndarray], seconds: list[float], titles: list[str]
 ) -> Figure:
@@ -102,19 +89,24 @@ def time_lines(
         in_contact: share of each point's frames that are in contact.
         seconds: length of each recording; NaN where it is unknown, and the axis is then a share of the recording.
     """
-    columns = min(3, len(lines))
-    rows = -(-len(lines) // columns)
-    figure = Figure(figsize=(3.1 * columns, 1.75 * rows + 0.3), layout="constrained")
-    panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
-    for axes in panels.flat[len(lines) :]:
-        axes.set_visible(False)
-    for axes, line, share, length, title in zip(panels.flat, lines, in_contact, seconds, titles, strict=False):
+    figure, panels = _panels(titles, 3, 3.1, 1.75)
+    for axes, line, share, length in zip(panels, lines, in_contact, seconds, strict=True):
         at = np.linspace(0, 1 if np.isnan(length) else length, len(line))
         axes.plot(at, line, color="#12485c", linewidth=1)
         axes.fill_between(at, 0, line, where=share >= 0.5, color="#f2b45c", alpha=0.8, linewidth=0)
-        axes.set_title(shortened(title), fontsize=9, parse_math=False)
         axes.tick_params(labelsize=8)
-    timed = not np.isnan(seconds).any()
-    figure.supxlabel("seconds" if timed else "share of the recording", fontsize=9)
+    figure.supxlabel("share of the recording" if np.isnan(seconds).any() else "seconds", fontsize=9)
     figure.supylabel("mean reading above baseline", fontsize=9)
     return figure
+
+
+def _panels(titles: list[str], columns: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
+    """A figure with a panel of that size (inches) for each title, which is cut to fit; at most `columns` in a row."""
+    columns = min(columns, len(titles))
+    rows = -(-len(titles) // columns)
+    figure = Figure(figsize=(width * columns + 0.6, height * rows + 0.3), layout="compressed")
+    panels = [figure.add_subplot(rows, columns, number) for number in range(1, len(titles) + 1)]
+    for axes, title in zip(panels, map(shown, titles), strict=True):
+        axes.sharey(panels[0])
+        axes.set_title(title if len(title) <= LONGEST else f"{title[: LONGEST - 1]}…", fontsize=9, parse_math=False)
+    return figure, panels

@@ -44,7 +44,7 @@ def _mean_frames(overview: Overview) -> Figure:
         sample = evenly(np.flatnonzero(overview.in_contact & (label == one)), SAMPLE)
         frame[recordings.live] = overview.excess(sample).mean(axis=0)
     names = [recordings.objects[one] for one in drawn] or ["no contact"]
-    return plots.mean_frames(frames, recordings.live, names, f"{overview.unit} above baseline", columns=5)
+    return plots.mean_frames(frames, recordings.live, names, f"{overview.unit} above baseline")
 
 
 def _time_lines(overview: Overview) -> Figure:

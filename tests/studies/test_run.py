@@ -174,7 +174,7 @@ def test_a_clone_at_another_commit_and_changed_parameters_are_refused_before_any
     [
         ("Running\nError: views is 0\nERROR: failed to reproduce 'cluster'\nWrite to us", "Error: views is 0"),
         ("Reproducing\nERROR: s3 is supported\n\nWrite to us\n", "ERROR: s3 is supported"),
-        ("", "no log"),
+        ("", "no error in the log"),
     ],
 )
 def test_a_failed_cell_has_the_stage_s_error_or_else_dvc_s(log, fault):
