@@ -9,7 +9,7 @@ from pathlib import Path
 
 from stages.pipeline import code_of, stages
 from studies.grid import COLUMNS, FOLDER, Cell
-from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
+from tactile_viewgcn.evaluation.trials import Predictions, read_predictions
 from tactile_viewgcn.files import atomic_write, md5
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import VIRTUAL, load

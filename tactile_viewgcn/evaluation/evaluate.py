@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.evaluation.predictions import Predictions, predictions_of
-from tactile_viewgcn.evaluation.trials import PROTOCOLS, TOP, Trials, run_trials
+from tactile_viewgcn.evaluation.trials import PROTOCOLS, TOP, Predictions, Trials, predictions_of, run_trials
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream

@@ -1,11 +1,13 @@
-"""Trials on the evaluated side: each clusters it anew and classifies one view set per anchor frame."""
+"""Trials on the evaluated side, each of which clusters it anew and classifies one view set per anchor; their file."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 from tqdm import tqdm
 
+from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.calibration import recording_answers
@@ -78,3 +80,60 @@ def run_trials(
         logits = classifier.view_sets(values, drawn) if of_recordings is None else of_recordings
         best.append(np.argsort(-logits, axis=1, kind="stable")[:, :TOP])
     return Trials(np.stack(best), truth, {size: np.stack(each) for size, each in fewer.items()}, frames, whole)
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """Answers to A view sets in T trials.
+
+    Attributes:
+        predicted: by protocol, int16 (T, A) predicted class.
+        labels, groups: (A,) true class and split group of the anchors; recordings: (A,) name of their recording.
+        classes: (C,) names.
+    """
+
+    predicted: dict[str, np.ndarray]
+    labels: np.ndarray
+    groups: np.ndarray
+    recordings: np.ndarray
+    classes: np.ndarray
+
+    def errors(self, protocol: str) -> np.ndarray:
+        """Error (T,) of each trial."""
+        return 1 - (self.predicted[protocol] == self.labels).mean(axis=1)
+
+    def confusion(self, protocol: str) -> np.ndarray:
+        """Counts int64 (C, C) over all trials: row the true class, column the predicted one."""
+        classes, predicted = len(self.classes), self.predicted[protocol]
+        cells = np.broadcast_to(self.labels.astype(np.int64), predicted.shape) * classes + predicted
+        return np.bincount(cells.ravel(), minlength=classes**2).reshape(classes, classes)
+
+
+def predictions_of(protocols: dict[str, Trials], table: Frames, side: str) -> Predictions:
+    """The answers of the trials of each protocol on one side of the table."""
+    index = table.on(SIDES.index(side))
+    anchors = index[table.anchor[index]]
+    return Predictions(
+        {protocol: trials.best[..., 0].astype(np.int16) for protocol, trials in protocols.items()},
+        table.label[anchors],
+        table.group[anchors],
+        np.array(table.recordings)[table.recording[anchors]],
+        np.array(table.classes),
+    )
+
+
+def write_predictions(path: Path, predictions: Predictions) -> None:
+    """Write as .npz: the attributes, `predicted` as one array `predicted.PROTOCOL` each."""
+    arrays = dict(vars(predictions))
+    arrays |= {f"predicted.{protocol}": answers for protocol, answers in arrays.pop("predicted").items()}
+    with atomic_write(path) as part, part.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def read_predictions(path: Path | BinaryIO) -> Predictions:
+    """Read the file that `write_predictions` wrote."""
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files}
+    prefix = "predicted."
+    predicted = {name.removeprefix(prefix): arrays.pop(name) for name in list(arrays) if name.startswith(prefix)}
+    return Predictions(predicted, **arrays)

@@ -9,7 +9,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from tactile_viewgcn.evaluation.predictions import Predictions, read_predictions
+from tactile_viewgcn.evaluation.trials import Predictions, read_predictions
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import VIRTUAL

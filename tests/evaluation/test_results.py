@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.evaluation.evaluate import Evaluation, scores_of
-from tactile_viewgcn.evaluation.predictions import Predictions
 from tactile_viewgcn.evaluation.results import (
     costs,
     read_records,
@@ -17,7 +16,7 @@ from tactile_viewgcn.evaluation.results import (
     summary_lines,
     write_results,
 )
-from tactile_viewgcn.evaluation.trials import Trials
+from tactile_viewgcn.evaluation.trials import Predictions, Trials
 from tactile_viewgcn.messages import UserError
 from tests.records import RECORD
 

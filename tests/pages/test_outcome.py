@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactile_viewgcn.evaluation.predictions import Predictions
+from tactile_viewgcn.evaluation.trials import Predictions
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.pages.finished_run import FinishedRun

@@ -8,7 +8,7 @@ from studies.cells import Answers
 from studies.comparison import complete, pareto_front, power, rows_of
 from studies.grid import Cell, Study
 from studies.report import write_report
-from tactile_viewgcn.evaluation.predictions import Predictions
+from tactile_viewgcn.evaluation.trials import Predictions
 from tactile_viewgcn.messages import UserError
 
 LABELS, GROUPS = np.repeat([0, 1], 40), np.repeat(np.arange(8), 10)
