@@ -102,10 +102,7 @@ def choose(recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, g
     params = replace(asked, **{key: value for key, (value, _) in chosen.items()})
     notes = [Note(text, "choice", key, f"preprocess.{key}", value) for key, (value, text) in chosen.items()]
     if kind == "grasp" and states.all_contact:
-        text = (
-            "grasp is made of frames in contact, as even the quietest are, so it is subtracted from the signal; set "
-            "preprocess.baseline to auto, which takes the recordings as they are"
-        )
+        text = "even the quietest frames are contact, so grasp subtracts signal: set preprocess.baseline to auto"
         notes.append(Note(text, "warning", "baseline", "preprocess.baseline", "auto"))
     notes += leak_notes(training, states, leak, advised="grasp" not in kinds)
     return Choice(params, states, baseline, leak, notes)
