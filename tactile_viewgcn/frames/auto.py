@@ -6,8 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import Baseline, measure_baseline
-from tactile_viewgcn.frames.empty_hand import has_empty_hand, require_empty_hand, session_moments
+from tactile_viewgcn.frames.baseline import (
+    Baseline,
+    has_empty_hand,
+    measure_baseline,
+    require_empty_hand,
+    session_moments,
+)
 from tactile_viewgcn.frames.filter import flagged, sensors_in_contact
 from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_notes, quietest_are_contact
 from tactile_viewgcn.frames.open_hand import HandStates, hand_states

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import Baseline
-from tactile_viewgcn.frames.empty_hand import MIN_FRAMES, has_empty_hand
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, has_empty_hand
 from tactile_viewgcn.frames.folds import left_out
 from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.frames.split import SPLIT_SEED

@@ -21,11 +21,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from tactile_viewgcn.frames.empty_hand import MIN_FRAMES, Moments
 from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.tables.counts import Counts
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
+Moments = tuple[np.ndarray | None, np.ndarray]  # mean and noise
+MIN_FRAMES = 5  # for a mean
 OPEN_SENSORS = 1  # most sensors of an open hand that read contact: one may be faulty
 WEAK = 0.6  # of the threshold: a hand that closes, or holds little, presses several sensors a little
 WEAK_SENSORS, WEAK_SHARE = 2, 0.01  # most sensors of an open hand above that: two and a hundredth of all

@@ -5,8 +5,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from tactile_viewgcn.frames.auto import Choice, choose
-from tactile_viewgcn.frames.baseline import Baseline, measure_baseline
-from tactile_viewgcn.frames.empty_hand import session_moments, with_empty_hand
+from tactile_viewgcn.frames.baseline import Baseline, measure_baseline, session_moments, with_empty_hand
 from tactile_viewgcn.frames.filter import passing
 from tactile_viewgcn.frames.open_hand import hand_states
 from tactile_viewgcn.frames.split import SPLIT_SEED, Sides, deal, draw_anchors, keep_testable

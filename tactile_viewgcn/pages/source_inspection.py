@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from tactile_viewgcn.frames.auto import Choice, choose
-from tactile_viewgcn.frames.empty_hand import MIN_FRAMES
+from tactile_viewgcn.frames.baseline import MIN_FRAMES
 from tactile_viewgcn.frames.leak import QuickError, quick_error
 from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.frames.split import has_published_split, split_groups

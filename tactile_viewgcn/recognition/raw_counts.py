@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from tactile_viewgcn.frames.baseline import Baseline, measure_baseline
-from tactile_viewgcn.frames.empty_hand import session_moments, sessions_with_empty_hand
+from tactile_viewgcn.frames.baseline import Baseline, measure_baseline, session_moments, sessions_with_empty_hand
 from tactile_viewgcn.frames.filter import flagged, pressed_frames
 from tactile_viewgcn.frames.open_hand import hand_states
 from tactile_viewgcn.messages import UserError

@@ -7,8 +7,7 @@ import pytest
 
 from tactile_viewgcn.frames import auto as module
 from tactile_viewgcn.frames.auto import contact_readings, smallest_reading
-from tactile_viewgcn.frames.baseline import measure_baseline
-from tactile_viewgcn.frames.empty_hand import MIN_FRAMES
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, measure_baseline
 from tactile_viewgcn.frames.filter import sensors_in_contact
 from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings

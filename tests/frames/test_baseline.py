@@ -4,8 +4,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.frames.baseline import measure_baseline
-from tactile_viewgcn.frames.empty_hand import MAX_PASSES, OUTLIER_SD, ROUNDING_SD, session_moments, trimmed_moments
+from tactile_viewgcn.frames.baseline import (
+    MAX_PASSES,
+    OUTLIER_SD,
+    ROUNDING_SD,
+    measure_baseline,
+    session_moments,
+    trimmed_moments,
+)
 from tactile_viewgcn.params import PreprocessSection
 from tests.glove_data import written
 

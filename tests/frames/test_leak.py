@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames.baseline import measure_baseline
-from tactile_viewgcn.frames.empty_hand import session_moments
+from tactile_viewgcn.frames.baseline import measure_baseline, session_moments
 from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_notes, quick_error
 from tactile_viewgcn.frames.split import split_groups
 from tactile_viewgcn.messages import warnings_of

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames import open_hand as module
-from tactile_viewgcn.frames.baseline import grasps, measure_baseline
-from tactile_viewgcn.frames.empty_hand import session_moments, trimmed_moments
+from tactile_viewgcn.frames.baseline import grasps, measure_baseline, session_moments, trimmed_moments
 from tactile_viewgcn.frames.open_hand import MARGIN
 from tactile_viewgcn.params import PreprocessSection
 from tests.glove_data import CLOSED, NOISE, OPEN, SIGNAL, drifting, states_of

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.stability.rows import max_rel_error, share_different
-from tactile_viewgcn.frames.baseline import measure_baseline
-from tactile_viewgcn.frames.empty_hand import ROUNDING_SD, session_moments, trimmed_moments
+from tactile_viewgcn.frames.baseline import ROUNDING_SD, measure_baseline, session_moments, trimmed_moments
 from tactile_viewgcn.frames.filter import pressed_frames
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.views.clustering import cluster_frames

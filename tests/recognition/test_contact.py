@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames.empty_hand import MIN_FRAMES
+from tactile_viewgcn.frames.baseline import MIN_FRAMES
 from tactile_viewgcn.recognition.raw_counts import find_contact
 from tactile_viewgcn.tables.recordings import ArrayRecordings
 from tests.glove_data import empty_hand, recogniser, recording
