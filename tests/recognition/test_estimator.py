@@ -13,14 +13,7 @@ from sklearn.exceptions import DataConversionWarning
 from sklearn.model_selection import GridSearchCV, StratifiedGroupKFold
 
 from tactile_viewgcn import TactileClassifier
-from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recognition.fitting import fit_classifier
-from tactile_viewgcn.schema import parse
-from tactile_viewgcn.tables.frames import TEST, TRAIN
-from tactile_viewgcn.training.pretraining import pretrain_backbone
-from tactile_viewgcn.views.clustering import cluster_frames
-from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.glove_data import CPU, OBJECTS, ROOT, SHAPE, SMALL, recipe, recording, table
+from tests.glove_data import OBJECTS, ROOT, SHAPE, recording
 
 RAW = {
     "preprocess.baseline": "grasp",
@@ -80,35 +73,6 @@ def test_recordings_of_different_lengths_are_distinguished(system):
     probabilities = classifier.predict_proba(new)
     assert probabilities.shape == (6, 3)
     np.testing.assert_allclose(probabilities.sum(axis=1), 1, rtol=1e-5)
-
-
-@pytest.mark.parametrize("system", ["sensors", "view_gcn"])
-def test_its_answers_are_those_of_the_stages(system):
-    """The training recordings of a table, given as arrays, make the file that the table makes."""
-    network = "model.backbone.width=8", f"model.system={system}"
-    preprocess = "baseline=none", "zero=514", "filter=none", "contact_sensors=14", "scale=150"
-    changes = [*SMALL, *network, *(f"preprocess.{change}" for change in preprocess)]
-    params, frames = recipe(*changes), table(*changes)
-    places = viewpoints(params.views, params.viewpoints, params.seed)
-    views = cluster_frames(frames, places, params.cluster, stream(params.seed, "cluster"))
-    weights = {}
-    if system == "view_gcn":
-        backbone, linear, _ = pretrain_backbone(frames, params, CPU)
-        weights = {"backbone": backbone.state_dict(), "classifier": linear.state_dict()}
-    expected = fit_classifier(frames, views, weights, params, CPU).classifier
-
-    train = frames.on(TRAIN)
-    rows = [train[frames.recording[train] == number] for number in np.unique(frames.recording[train])]
-    values = {key: parse(text, key) for key, text in (change.split("=") for change in changes)}
-    classifier = TactileClassifier(system=system, views=4, params=values | {"precision": "float32"})
-    classifier.fit([frames.counts[index] for index in rows], [frames.label[index[0]] for index in rows])
-    inputs = frames.inputs(frames.on(TEST), expected.transform)
-    expected.prepare(CPU)
-    sets = np.arange(len(inputs) // 4 * 4).reshape(-1, 4)
-    first, second = (
-        one.view_sets(one.frame_values(inputs), sets) for one in (expected, classifier.recogniser_.classifier)
-    )
-    assert (first == second).all()
 
 
 def test_a_pickled_classifier_answers_alike():

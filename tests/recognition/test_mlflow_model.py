@@ -50,12 +50,9 @@ MISTAKES = {
     "shape of a frame": (np.zeros((1, 4, 12, 11), int).tolist(), ["recording 0", "12 x 11", "12 x 12"]),
     "NaN": (changed(float("nan")), ["recording 1", "nan", "1e+30"]),
     "a number that int16 does not hold": (changed(-40_000), ["-40000", "-32768 to 32767"]),
-    "an integer of many digits": (changed(10**400), ["type object", "real numbers"]),
     "true": (changed(True), ["recording 1", "true"]),
-    "a fraction": (changed(1.25), ["recording 1 holds 1.25"]),
     "a number as text": (changed("515"), ["recording 1", "text"]),
     "a row missing": ([[RECORDINGS[0][0].tolist()[:-1], *RECORDINGS[0][1:].tolist()]], ["recording 0 is ragged"]),
-    "lists too deep": (np.zeros((1,) * 40).tolist(), ["(1, 1, 1", "(frames, rows, columns)"]),
 }
 
 

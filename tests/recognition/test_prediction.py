@@ -80,14 +80,6 @@ def test_arrays_of_cells_have_the_models_layout(place):
         assert call(place / "classifier.pt", path)[2:] == call(place / "classifier.pt", place / "new" / "2.h5")[2:]
 
 
-def test_names_that_are_no_text_are_escaped_in_the_file(place):
-    model = (place / "classifier.pt").rename(place / "c\udcff.pt")
-    write(place / "n\udcff\u202e" / "x\x1b\u202e.h5", recording("cup", 80), object="\x1bcup")
-    call(model, place / "n\udcff\u202e", "--csv", place / "a.csv")
-    lines = (place / "a.csv").read_text("utf-8").splitlines()
-    assert all(line.isprintable() for line in lines) and lines[1].startswith(r"x\x1b\u202e,")
-
-
 def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(place):
     words = place / "classifier.pt", place / "labelled", "--csv", place / "a.csv"
     *_, right, other = call(*words)

@@ -9,7 +9,6 @@ from scipy.special import softmax
 
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.nn.network import spread_frames
-from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.classifier import build_classifier
 from tactile_viewgcn.recognition.model_file import FittedPreprocessing, save_classifier
@@ -110,16 +109,6 @@ def test_readings_may_be_four_times_weaker_or_stronger_than_in_the_training_and_
         check_strength(fitted, np.full((3, *SHAPE), reading), "new")
         with pytest.raises(UserError, match="new: "):
             check_strength(fitted, np.full((3, *SHAPE), np.nextafter(reading, outside)), "new")
-
-
-def test_recordings_without_object_and_session_are_read_where_labels_are_not_needed(tmp_path):
-    write(tmp_path / "b" / "1.h5", recording("cup", 56))
-    write(tmp_path / "a.h5", recording("pen", 57), object="pen", session="monday")
-    rows, notes = answered(recogniser(), tmp_path)
-    expected = [("a", "pen", "pen", 60), ("b/1", "", "cup", 60)]
-    assert [(name, row.object, best(row), row.frames) for name, row in rows.items()] == expected and notes == []
-    with pytest.raises(UserError, match=r"1.h5.*object"):
-        open_source(tmp_path)
 
 
 @pytest.mark.parametrize(
