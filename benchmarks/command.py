@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from torch.utils.benchmark import Timer
 
 from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.messages import program
 from tactile_viewgcn.params import Params, load
-from tactile_viewgcn.process import program
 
 BLOCK = 0.2  # seconds that a variant runs in a round, at least
 Result = tuple[str, list[dict], Figure | None]  # text above the table, its rows, and the picture

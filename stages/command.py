@@ -16,10 +16,9 @@ from typing import TYPE_CHECKING, Any
 from stages import STARTED
 from stages.pipeline import code_of, params_of, stages
 from tactile_viewgcn.files import atomic_write, md5, readable
-from tactile_viewgcn.messages import Note, UserError
+from tactile_viewgcn.messages import Note, UserError, program
 from tactile_viewgcn.params import load
-from tactile_viewgcn.process import peak_mb, program
-from tactile_viewgcn.provenance import ROW, Record, changed_params, origin, run_name
+from tactile_viewgcn.provenance import ROW, Record, changed_params, origin, peak_mb, run_name
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tracking import Run, stage_run
 

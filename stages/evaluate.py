@@ -7,7 +7,7 @@ from stages.command import Job, run
 from tactile_viewgcn.evaluation import results
 from tactile_viewgcn.evaluation.evaluate import Evaluation, evaluate_table
 from tactile_viewgcn.evaluation.trials import write_predictions
-from tactile_viewgcn.process import peak_mb
+from tactile_viewgcn.provenance import peak_mb
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.tables.frames import read_frames
 from tactile_viewgcn.tracking import Run

@@ -8,8 +8,7 @@ import click
 from studies.cells import code_of_stages, key_of, read_answers, stored
 from studies.grid import FOLDER, Cell, Study, names, read_study
 from studies.run import run_cells
-from tactile_viewgcn.messages import UserError, several
-from tactile_viewgcn.process import program
+from tactile_viewgcn.messages import UserError, program, several
 
 
 @click.command()

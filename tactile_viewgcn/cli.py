@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactile_viewgcn.files import check_output, readable
-from tactile_viewgcn.messages import UserError, shown
+from tactile_viewgcn.messages import UserError, program, shown
 from tactile_viewgcn.params import MAX_SIDE, default_params, preset_changes, presets
-from tactile_viewgcn.process import program
 
 if TYPE_CHECKING:
     from tactile_viewgcn.readers.source import Form

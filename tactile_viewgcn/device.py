@@ -2,14 +2,15 @@
 
 import ctypes
 import os
+import time
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import torch
 from torch import Tensor
 
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.process import idle_cores
 
 MAX_MEMORY_SHARE = 0.5  # of the device's free memory: more is not taken for frames
 
@@ -83,6 +84,20 @@ def set_threads() -> None:
         threads = max(1, round(min(torch.get_num_threads(), cpu_count(), idle_cores())))
         torch.set_num_threads(threads)
         threadpool_limits(threads)
+
+
+def idle_cores(seconds: float = 0.3) -> float:
+    """Cores that no program uses during the next `seconds`; infinite where the system does not say.
+
+    The load average would still count the stage before, which has ended.
+    """
+    readings = []
+    with suppress(OSError):
+        for pause in (seconds, 0.0):
+            readings.append(float(Path("/proc/uptime").read_text().split()[1]))  # seconds idled, summed over cores
+            time.sleep(pause)
+    before, after = readings or (0.0, 0.0)
+    return (after - before) / seconds if after else float("inf")  # some sandboxes always say 0
 
 
 def keep_freed_memory() -> None:

@@ -4,9 +4,11 @@ Names of objects, recordings, sessions and paths may come from anybody. Tables a
 """
 
 import csv
+import signal
 import sys
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Literal, TextIO
 
@@ -59,6 +61,27 @@ def user_message(error: Exception) -> str | None:
     if memory or (torch and isinstance(error, torch.OutOfMemoryError)):
         return f"out of memory; lower `batch` or model.backbone.width, or close other programs ({text})"
     return None
+
+
+@contextmanager
+def program(*, debug: bool = False) -> Iterator[None]:
+    """Context of a whole program: an error that the user can correct ends it with exit code 1 and one line.
+
+    SIGTERM, which `dvc queue kill` sends, ends it with code 143, as an exception, so that temporary files are removed.
+
+    Args:
+        debug: such an error keeps its traceback too.
+    """
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    try:
+        yield
+    except Exception as error:
+        message = user_message(error)
+        if debug or message is None:
+            raise
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the process ends already, and has to print why
+        print(f"Error: {message}", file=sys.stderr)
+        raise SystemExit(1) from None
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,12 @@
 import json
 import os
 import platform
+import re
+import resource
 import socket
 import subprocess
+import sys
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -12,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 from tactile_viewgcn.messages import Note
-from tactile_viewgcn.process import processor
 from tactile_viewgcn.schema import as_change, flatten, parse
 
 ROW = "evaluate"  # the stage whose run is the pipeline's row in MLflow
@@ -27,7 +30,7 @@ class Record:
 
     Attributes:
         name, run_id: of the stage's run in MLflow; None where it has none.
-        seconds: of the process, and of the training before an interruption; peak_mb: see `process.peak_mb`.
+        seconds: of the process, and of the training before an interruption; peak_mb: see `peak_mb`.
         inputs: `path` of each input, by its name, and its `md5` where the stage needs it.
         counts: single values; curves: a value for each epoch; both by name.
         params: `values`, the parameters that the stage reads, and `changed`, those that differ from git; by dotted key.
@@ -97,6 +100,21 @@ def origin(stage: str) -> dict[str, str]:
         "python": platform.python_version(),
         **{name: version(name) for name in PACKAGES},
     }
+
+
+def processor() -> str:
+    """The processor's name."""
+    info = Path("/proc/cpuinfo")
+    names = re.findall(r"model name\s*: (.*)", info.read_text()) if info.exists() else []
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def peak_mb() -> float:
+    """Peak memory, in MB (10^6 bytes), of this process or of a child process that has ended, whichever is larger."""
+    peak, children = (resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    with suppress(OSError):  # on Linux ru_maxrss of this process also counts its parent's memory
+        peak = int(re.findall(r"VmHWM:\s*(\d+)", Path("/proc/self/status").read_text())[0])
+    return max(peak, children) * (1 if sys.platform == "darwin" else 1024) / 1e6
 
 
 def _git(*words: str, folder: Path = Path()) -> str:

@@ -73,6 +73,24 @@ def test_there_is_a_thread_for_each_idle_core(monkeypatch, idle, in_container, t
     assert now == limits == [expected]
 
 
+@pytest.mark.parametrize(
+    ("uptimes", "expected"),
+    [
+        (["9.0 100.0", "9.5 101.0"], 2.0),  # nobody else computes on two cores
+        (["9.0 0.00", "9.5 0.00"], float("inf")),  # a sandbox that does not count
+        ([], float("inf")),  # no such file
+    ],
+)
+def test_idle_cores_are_those_whose_idle_time_grows_meanwhile(monkeypatch, uptimes, expected):
+    def read(_):
+        if not uptimes:
+            raise FileNotFoundError
+        return uptimes.pop(0)
+
+    monkeypatch.setattr(device.Path, "read_text", read)
+    assert device.idle_cores(0.5) == pytest.approx(expected)
+
+
 def test_the_user_s_number_of_threads_stays(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     monkeypatch.setattr(device, "idle_cores", None)  # nothing is measured

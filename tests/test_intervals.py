@@ -52,13 +52,6 @@ def test_the_truth_is_inside_nineteen_times_in_twenty(monkeypatch):
 
 
 @pytest.mark.stability("intervals")
-def test_view_sets_all_alike_have_an_interval_of_no_width(row):
-    for name, value in (("no difference at all", 0.0), ("one difference everywhere", 0.25)):
-        interval = group_interval(np.full(60, value), np.arange(60) // 5, np.random.default_rng(0))
-        row(name, max_rel_error(interval, (value, value)))
-
-
-@pytest.mark.stability("intervals")
 @pytest.mark.parametrize("count", [2, 400])
 @pytest.mark.parametrize(("name", "share"), [("right", 1.0), ("wrong", 0.0)])
 def test_where_all_is_right_or_wrong_the_interval_is_clopper_and_pearsons_of_the_groups(row, name, share, count):

@@ -7,8 +7,6 @@ from typing import get_args
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from tactile_viewgcn import TactileClassifier, cli
 from tactile_viewgcn.messages import UserError
@@ -195,13 +193,3 @@ def test_a_change_is_read_back_the_same_by_params_yaml_and_by_dvc_s_own_parser(v
         return getattr(value, "text", value)
 
     assert tree["key"] == value == unquoted(parser.parse_override(change).value())
-
-
-@settings(max_examples=100, deadline=None)
-@given(st.floats(allow_nan=False, allow_infinity=False) | st.integers() | st.text(st.characters(codec="ascii")))
-def test_no_digit_and_no_letter_of_a_change_is_lost(value):
-    tree = {}
-    if isinstance(value, str) and not value.isprintable():
-        return
-    set_value(tree, as_change("a.b", value))
-    assert tree["a"]["b"] == value

@@ -4,7 +4,7 @@ import subprocess
 
 import pytest
 
-from tactile_viewgcn.provenance import changed_params, git_revision, run_name
+from tactile_viewgcn.provenance import changed_params, git_revision, peak_mb, run_name
 
 WRITTEN = ("dvc.lock", "data/dvc.lock", "results/summary.json", "params.yaml")
 
@@ -55,3 +55,10 @@ def test_the_revision_says_whether_the_code_differs_and_what_every_run_writes_is
     assert len(clean["mlflow.source.git.commit"]) == 40 and clean["git.dirty"] == "false"
     git(tmp_path, "mv", "code -> öl", "new")
     assert git_revision() == clean | {"git.dirty": "true"}
+
+
+def test_the_peak_of_memory_counts_what_was_freed():
+    block = b"\1" * int(1e6 * (peak_mb() + 100))  # more than the peak so far
+    size = len(block) / 1e6
+    del block
+    assert peak_mb() > size

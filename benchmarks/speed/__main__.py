@@ -20,7 +20,7 @@ from tactile_viewgcn.evaluation.evaluate import evaluate_table
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import Params
-from tactile_viewgcn.process import processor
+from tactile_viewgcn.provenance import processor
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.frames import TEST, TRAIN, Frames, Views
 from tactile_viewgcn.training.finetuning import finetune_classifier

@@ -54,14 +54,6 @@ def test_sets_have_errors_on_held_out_groups_and_a_later_run_keeps_what_an_earli
     assert unknown.exit_code == 1 and unknown.output.startswith("Error: --only has our; expected some of ours, trees")
 
 
-def test_a_method_that_fails_has_a_dash_and_says_why(tmp_path, monkeypatch):
-    monkeypatch.setattr(OnlyA, "predict", lambda self, asked: 1 / 0)
-    monkeypatch.setattr(recordings, "TactileClassifier", OnlyA)
-    result = CliRunner().invoke(main, [write_set(tmp_path / "set", (3,), 9.0, 0), "--only", "ours,svc"])
-    assert result.exit_code == 0 and "set, ours: ZeroDivisionError: division by zero" in result.stderr
-    assert result.stdout.splitlines()[2].replace(" ", "").startswith("|set|3|16|2|-|-|-|-|0|")
-
-
 def test_statistics_counted_by_hand():
     recording = np.array([[[0.0, 8.0]], [[2.0, 8.0]], [[10.0, 8.0]]])
     expected = [4, 8, np.std([0, 2, 10]), 0, 0, 8, 10, 8, 2, 8]  # mean, deviation, minimum, maximum, median
