@@ -43,16 +43,6 @@ def test_without_a_baseline_a_constant_is_subtracted(tmp_path):
     np.testing.assert_allclose(frames.inputs(np.arange(len(frames))), np.clip(excess / 20, 0, 1), rtol=1e-6)
 
 
-def test_recordings_like_stags_are_preprocessed_as_in_the_paper_and_nothing_is_measured(tmp_path):
-    paper = [f"preprocess.{value}" for value in ("baseline=empty_hand", "filter=flags", "scale=150")]
-    asked = [load(FILE, ("preprocess.contact_sensors=4", *changes)) for changes in ((), paper)]
-    recordings = written(tmp_path / "t", COUNTS, **COLUMNS)
-    made, same = (preprocess_recordings(recordings, params.preprocess, params.split) for params in asked)
-    assert made.choice.params == same.choice.params == asked[1].preprocess
-    for name in ("counts", "side", "anchor", "baseline_mean", "baseline"):
-        np.testing.assert_array_equal(getattr(made.frames, name), getattr(same.frames, name))
-
-
 @pytest.mark.parametrize("by", ["source", "recording", "grasp", "session"])
 @pytest.mark.parametrize("fold", [0, 1])
 def test_no_group_is_on_two_sides_both_have_every_class(tmp_path, by, fold):

@@ -64,6 +64,17 @@ def test_three_frames_over_and_over_are_three_clusters(row):
         row(f"clusters beyond three, {name}", labels.max() - 2)
 
 
+@pytest.mark.stability("a thousand views")
+def test_of_fewer_frames_than_1_000_views_each_is_a_cluster_and_every_view_is_a_frame(row):
+    points = np.random.default_rng(0).random((300, 12))
+    labels = kmeans(principal_components(points, 8), 1000, restarts=2, seed=0)
+    row("frames that share a cluster", 300 - len(np.unique(labels)))
+    sets = ViewSets(labels, np.zeros(300, dtype=int), 1000).draw(np.arange(300), np.random.default_rng(0))
+    row("views that are no frame", float(((sets < 0) | (sets >= 300)).mean()))
+    alone = np.take_along_axis(sets, np.broadcast_to(labels, (300, 300)), axis=1)  # views of a cluster of one frame
+    row("frames away from their cluster's view", share_different(alone, np.broadcast_to(np.arange(300), (300, 300))))
+
+
 @pytest.mark.stability("scales far from one")
 def test_clusters_do_not_depend_on_the_unit(row):
     points = np.random.default_rng(0).random((300, 12))
