@@ -5,7 +5,7 @@ from pathlib import Path
 from joblib import cpu_count
 
 from stages.command import Job, run
-from tactile_viewgcn.glove.recipe import VERSION, recipe_from_params
+from tactile_viewgcn.glove.simulation import VERSION, recipe_from_params
 from tactile_viewgcn.glove.simulation import simulate as write_recordings
 
 

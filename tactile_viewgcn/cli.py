@@ -94,9 +94,8 @@ def predict(changes: tuple[str, ...], **options: Any) -> None:
 @click.option("--out", type=click.Path(path_type=Path), default="report.html", show_default=True)
 def report(run: str, out: Path) -> None:
     """Write one HTML page of the workspace's last run, or of RUN: a DVC experiment's name, or an MLflow run's id."""
-    from tactile_viewgcn.pages.finished_run import read_run
     from tactile_viewgcn.pages.html import BEGIN, write
-    from tactile_viewgcn.pages.run_page import run_page
+    from tactile_viewgcn.pages.run_page import read_run, run_page
 
     check_output(out, BEGIN)
     with readable(f"{run or 'the workspace'}: a file of runs/ or results/"):

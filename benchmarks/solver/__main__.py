@@ -13,8 +13,7 @@ from benchmarks.solver.scenes import FRAMES, SETTINGS, ball_grasp, stiffness
 from tactile_viewgcn.glove.contact import Mechanics
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
 from tactile_viewgcn.glove.objects import select_objects
-from tactile_viewgcn.glove.recipe import RATE, TOLERANCE, Recipe, recipe_from_params
-from tactile_viewgcn.glove.simulation import Simulation
+from tactile_viewgcn.glove.simulation import RATE, TOLERANCE, Recipe, Simulation, recipe_from_params
 from tactile_viewgcn.params import Params
 
 SEED = 3000

@@ -6,8 +6,7 @@ import numpy as np
 
 from tactile_viewgcn.glove.contact import Balance, Layer, Mechanics
 from tactile_viewgcn.glove.objects import select_objects
-from tactile_viewgcn.glove.recipe import Recipe
-from tactile_viewgcn.glove.simulation import Simulation
+from tactile_viewgcn.glove.simulation import Recipe, Simulation
 
 FRAMES = 22  # one grasp
 THICKNESS = 0.004  # m of skin

@@ -1,7 +1,7 @@
 """From pressure to counts: a piezoresistive matrix of 32 x 32 wires, read with 10 bits.
 
 Each effect is a separate step, skipped where a recipe does not name it. The constants are set against STAG's frames
-(baseline, noise, percentiles of the excess), see VERSION in `recipe.py`.
+(baseline, noise, percentiles of the excess), see VERSION in `simulation.py`.
 """
 
 import numpy as np
@@ -35,7 +35,7 @@ class Sensors:
         seed: seed of the glove and its sessions.
         sessions: (B,) session of each recording; gain, baseline and common mode differ between sessions.
         rngs: B generators of the noise.
-        effects: those of `recipe.EFFECTS` that are simulated.
+        effects: those of `simulation.EFFECTS` that are simulated.
 
     Attributes:
         gain: (B, S) relative to SENSITIVITY; 0 for a dead sensor.

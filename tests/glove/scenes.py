@@ -11,10 +11,9 @@ from benchmarks.solver.scenes import THICKNESS, ball_grasp, stiffness
 from tactile_viewgcn.glove.contact import HOLDING, Drive, Layer, Mechanics
 from tactile_viewgcn.glove.hand import BASES, LINK_PATCHES, LINKS, Hand, Hands, Pose, stag_hand
 from tactile_viewgcn.glove.objects import OBJECTS, select_objects
-from tactile_viewgcn.glove.recipe import EFFECTS, Recipe
 from tactile_viewgcn.glove.scene import OPEN
 from tactile_viewgcn.glove.shapes import Primitive, Solids, box, capsule, sphere
-from tactile_viewgcn.glove.simulation import Simulation
+from tactile_viewgcn.glove.simulation import EFFECTS, Recipe, Simulation
 
 RATE = 7.35  # frames a second, STAG's
 FRAME = 1 / RATE  # s

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from tactile_viewgcn.glove import sensor
 from tactile_viewgcn.glove.hand import stag_hand
-from tactile_viewgcn.glove.recipe import EFFECTS
 from tactile_viewgcn.glove.sensor import Sensors
+from tactile_viewgcn.glove.simulation import EFFECTS
 from tactile_viewgcn.randomness import stream
 
 HAND = stag_hand()

@@ -1,5 +1,7 @@
 """Simulation: invariances of the counts, the effect of each effect, and files that are written whole or not at all."""
 
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
@@ -9,14 +11,33 @@ from tactile_viewgcn.glove import contact, scene, simulation
 from tactile_viewgcn.glove.contact import Mechanics
 from tactile_viewgcn.glove.hand import Hands, stag_hand
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
-from tactile_viewgcn.glove.recipe import EFFECTS, VERSION
 from tactile_viewgcn.glove.scene import HOLD, OPEN, schedule
-from tactile_viewgcn.glove.simulation import Simulation, simulate
+from tactile_viewgcn.glove.simulation import EFFECTS, VERSION, Simulation, recipe_from_params, simulate
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.formats import open_source
 from tests.glove.scenes import LAYER, recipe, simulated_counts
 
-HAND = stag_hand()
+HAND, PARAMS = stag_hand(), Path(__file__).parents[2] / "params.yaml"
+
+
+@pytest.mark.parametrize(("sessions", "sides"), [(2, "RE"), (3, "RRE"), (4, "RREE")])
+def test_two_sessions_at_most_are_the_training_side_and_never_all(sessions, sides):
+    one = recipe_from_params(load(PARAMS, (f"glove.sessions={sessions}",)).glove)
+    assert [one.side(session) for session in range(sessions)] == [{"R": "train", "E": "test"}[side] for side in sides]
+
+
+@pytest.mark.parametrize(
+    ("changes", "size"),
+    [
+        (("sessions=1214",), "32,778 recordings of 108 frames"),
+        (("grasps=1000", "grasp_frames=124"), "81 recordings of 124,008 frames"),
+    ],
+)
+def test_more_recordings_or_frames_than_a_table_holds_are_refused(changes, size):
+    with pytest.raises(UserError, match=size):
+        recipe_from_params(load(PARAMS, tuple(f"glove.{change}" for change in changes)).glove)
+    assert recipe_from_params(load(PARAMS, ("glove.sessions=1213",)).glove).sessions == 1213
 
 
 def test_a_recording_is_the_same_whatever_other_objects_and_sessions_are_simulated():

@@ -9,8 +9,7 @@ import pytest
 from tactile_viewgcn.evaluation.trials import Predictions
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.messages import Note
-from tactile_viewgcn.pages.finished_run import FinishedRun
-from tactile_viewgcn.pages.run_page import Outcome, next_steps
+from tactile_viewgcn.pages.run_page import FinishedRun, Outcome, next_steps
 from tests.records import RECORD
 
 NAMES = ["ball", "cup", "pen"]

@@ -10,8 +10,7 @@ import pytest
 from tactile_viewgcn import cli
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.pages.finished_run import read_run
-from tactile_viewgcn.pages.run_page import run_page
+from tactile_viewgcn.pages.run_page import read_run, run_page
 from tests.pages.test_html import parsed, text_of
 
 ROOT = Path(__file__).parents[2]
