@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from tactile_viewgcn.sensors.convolutions import Convolutions, Ridge
-from tactile_viewgcn.sensors.estimators import Estimator
+from tactile_viewgcn.sensors.estimators import FEWEST_TREES, TREES, Estimator, Forest
 from tactile_viewgcn.sensors.features import (
     array_maps,
     array_statistics,
@@ -18,7 +18,6 @@ from tactile_viewgcn.sensors.features import (
     unordered,
     with_blocks,
 )
-from tactile_viewgcn.sensors.forest import FEWEST_TREES, TREES, Forest
 from tactile_viewgcn.sensors.kernels import KernelRidge, NormalisedVectors, SupportVectors
 
 if TYPE_CHECKING:
