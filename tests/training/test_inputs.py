@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.device import Compute
 from tactile_viewgcn.tables.frames import TRAIN, read_frames, save_table
 from tactile_viewgcn.training.inputs import FrameInputs
 from tests.glove_data import CPU, table
@@ -30,19 +29,6 @@ def test_a_batch_is_the_network_input_of_its_frames_in_the_order_that_convolutio
     parts = list(frames.split(50))
     assert [len(part) for part in parts] == [50] * (len(index) // 50) + [len(index) % 50]
     np.testing.assert_array_equal(torch.cat(parts)[:, 0], expected)
-
-
-@pytest.mark.parametrize("fits", [True, False])
-def test_all_input_is_kept_on_a_card_where_it_fits(both, monkeypatch, fits):
-    asked, sent = [], []
-    monkeypatch.setattr(Compute, "fits", lambda self, size: asked.append(size) or fits)
-    monkeypatch.setattr(Compute, "to_device", lambda self, values: sent.append(len(values)) or values)
-    frames = FrameInputs(both[1], both[1].on(TRAIN), Compute(torch.device("cuda"), "float32"))
-    expected = both[1].inputs(both[1].on(TRAIN)[[3, 1]])
-    for _ in range(2):
-        np.testing.assert_array_equal(frames[torch.tensor([3, 1])][:, 0], expected)
-    assert asked == [len(frames) * 12 * 12 * 4]
-    assert sent == [len(frames)] * (1 + fits) + [2, 2]  # labels, input; then the indices, or their frames
 
 
 @pytest.mark.parametrize("noise", [0.015, 0.3])
