@@ -1,6 +1,6 @@
 """The tables of kept frames, data/frames: counts, class, side and group of each; and of views, data/views."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -127,12 +127,6 @@ def network_input(excess: np.ndarray, transform: str, scale: float) -> np.ndarra
 def full_scale(transform: str, scale: float) -> float:
     """Network input of a sensor that reads `scale` counts above baseline."""
     return float(network_input(np.array(scale), transform, scale))
-
-
-def sensor_names(sensors: np.ndarray, channel_names: Iterable[str] = ()) -> list[str]:
-    """The channel's name, or row and column from 1, of each of some sensors, bool (H, W)."""
-    names = list(channel_names) or [f"row {row + 1}, column {column + 1}" for row, column in np.ndindex(sensors.shape)]
-    return [names[at] or f"column {at + 1}" for at in np.flatnonzero(sensors).tolist()]
 
 
 def save_table(path: str | Path, table: Any) -> None:

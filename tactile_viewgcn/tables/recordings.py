@@ -14,7 +14,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
@@ -72,15 +71,12 @@ def write_recordings(folder: Path, source: Source) -> None:
             for name, dtype in COLUMNS.items():
                 if name in block:
                     columns.setdefault(name, []).append(block[name].astype(dtype))
-            bar.update(len(pressure))
             yield pressure
 
-    bar = tqdm(desc="ingest", total=source.frames, unit="frame", unit_scale=True, disable=None)
     if not source.frames:
         raise UserError(f"{source.path}: no frames; expected at least one recording with frames in it")
     folder.mkdir(exist_ok=True)
-    with bar:
-        write_counts(folder, (source.frames, *source.shape), source.dtype, counts())
+    write_counts(folder, (source.frames, *source.shape), source.dtype, counts())
     if 0 < (spread := float((high - low).max())) < MIN_SPREAD:
         raise UserError(
             f"{source.path}: no sensor varies by more than {spread:.3g}; expected {MIN_SPREAD:g} or more: "
