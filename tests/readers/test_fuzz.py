@@ -34,24 +34,21 @@ KINDS = {  # the name of a file, and a function that makes a good one
 
 
 def damaged(data: bytes, rng: np.random.Generator) -> bytes:
-    """The bytes with one to six faults: bits, numbers, and pieces that are removed, doubled or moved."""
+    """The bytes with one to six faults: pieces that are lost, doubled or moved, and wrong numbers."""
     out = bytearray(data)
     for _ in range(rng.integers(1, 7)):
-        at, length = int(rng.integers(max(1, len(out)))), int(2 ** rng.uniform(0, 8))
-        match rng.integers(5):
+        at, other = rng.integers(max(1, len(out)), size=2).tolist()
+        end = at + int(2 ** rng.uniform(0, 8))
+        word = WORDS[rng.integers(len(WORDS))].to_bytes(8, "little")[: 2 ** int(rng.integers(4))]
+        match rng.integers(4):
             case 0:
-                out[at : at + 1] = bytes([int(rng.integers(256))])
+                del out[at:end]
             case 1:
-                del out[at : at + length]
+                out[at:at] = out[at:end]
             case 2:
-                out[at:at] = out[at : at + length]
-            case 3:
-                other = int(rng.integers(max(1, len(out))))
-                out[at : at + length] = out[other : other + length]
+                out[at:end] = out[other : other + end - at]
             case _:
-                size = int(rng.choice([1, 2, 4, 8]))
-                word = int(rng.choice(WORDS)) % 2 ** (8 * size) if size < 8 else WORDS[rng.integers(len(WORDS))]
-                out[at - at % size : at - at % size + size] = word.to_bytes(size, "little")
+                out[at : at + len(word)] = word
     return bytes(out)
 
 

@@ -6,7 +6,6 @@ import re
 import subprocess
 import sys
 import zipfile
-import zlib
 from fcntl import LOCK_EX, flock
 from functools import partial
 
@@ -98,7 +97,7 @@ SOURCES = {
            (save_matlab5, ".", "metadata.mat: "), (save_matlab73, ".", "metadata.mat: "),
            (save_folder, "000/001-object1/pressuredata.mat", "001-object1/pressuredata.mat: "),
            (save_hdf5, "001-object1.h5", "001-object1.h5: "))
-       for share in (0.02, 0.3, 0.9)},
+       for share in (0.02, 0.9)},
     "lines of text as MATLAB": (partial(saved, name="a.mat", content="0,513\n" * 99, below=False), "a.mat: damaged"),
     "zeros as MATLAB": (partial(saved, name="a.mat", content=bytes(2000), below=False), "a.mat: damaged"),
     "pictures": (partial(saved, name="photos/000000.jpg", content=b"\xff\xd8"), "STAG"),
@@ -117,11 +116,54 @@ def test_a_source_that_cannot_be_read_ends_in_a_line_that_names_what_is_wrong(tm
     assert str(tmp_path / "in") in line and [word for word in words.split("|") if word not in line] == []
 
 
-def test_folders_that_are_no_sides_of_the_split_are_named_with_those_that_are(tmp_path):
-    for side in ("a", "b"):
-        save(tmp_path / "lab" / side / "mug" / "1.npy")
-    line = refusal(tmp_path / "lab", tmp_path, form=Form(layout="SPLIT/OBJECT/FILE"))
-    assert [word for word in ("a/mug/1.npy", "split is 'a'", "train", "test") if word not in line] == []
+TABLES = {  # the text of mug/1.csv, and words of the line
+    "a word": ("a,b\n1,2\n\n# x\n3,x\n", "frame 1, column 2 is not a number"),
+    "no cell": ("1,2,3\n\n4,,6\n7,8,9\n", "frame 1, column 2 is not a number"),
+    "a short line": ("1,2\n3\n4,5\n6,7\n", "frame 1, column 2 is not a number"),
+    "a long line": ("1,2\n3,4,5\n6,7\n6,7\n6,7\n", "line 2, saw 3"),
+    "names again": ("a,b\r\n1,2\r\n\r\na,b\r\n3,4\r\n", "frame 1, column 1 is not a number"),
+    "points of thousands": ("1,5;2\n3,5;2.000,5\n", "frame 1, column 2 is not a number"),
+    "nan": ("1,nan\n3,4\n", "frame 0, column 2 is not a number"),
+    "no name": ("label,a\nmug,1\n,2\n", "frame 1, column 1 is not a name"),
+    "NUL": ("1\0,2\n3,4\n", "UTF-8"),
+    "another minus": ("\u22121,2\n3,4\n", "column 1 is not a number"),
+    "an open quote": ('1,"2\n3,4\n', "delete the line"),
+    "an empty file": ("\n", "no line of numbers"),
+    "a second password": ("1\nme:pa55word\n", "frame 1, column 1 is not a number; correct or delete the line"),
+    "other columns": ("time_s,b,a\n0,1,2\n", "no column 'nix'; found time_s, b, a"),
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_table_that_cannot_be_read_is_refused_at_a_frame_and_a_column(tmp_path, name):
+    text, words = TABLES[name]
+    save(tmp_path / "lab" / "mug" / "1.csv", text)
+    form = Form(columns={"time": "nix"} if "nix" in words else {})
+    line = refusal(tmp_path / "lab", tmp_path, form=form)
+    assert "mug/1.csv: " in line and words in line and "pa55" not in line
+
+
+UNLIKE = {  # the content of mug/2.ENDING beside a good mug/1 of the same ending, the form, and words of the line
+    "order of columns": ("csv", "b,a\n1,2\n", {}, "channels ['b', 'a']; expected ['a', 'b'] as in"),
+    "more columns": ("csv", "a,b,c\n1,2,3\n", {}, "shape (1, 3); expected (1, 2) as in"),
+    "shape": ("npy", COUNTS[..., :2], {}, "shape (5, 2); expected (5, 7) as in"),
+    "shape of the form": ("npy", COUNTS[..., :2], {"shape": [5, 7]}, "an array (4, 5, 2)"),
+    "arrays of other names": ("npz", {"a": COUNTS, "b": COUNTS}, {}, "no array pressure; found a, b"),
+    "no time": ("npz", {"pressure": COUNTS}, {"columns": {"time": "typo"}}, "no array typo"),
+    "an array's label": ("npy", COUNTS, {"columns": {"object": "label"}}, "data.columns names object"),
+    "a deeper place": ("npy", COUNTS, {"layout": "SESSION/OBJECT/FILE"}, "expected SESSION/OBJECT/FILE"),
+    "no side": ("npy", COUNTS, {"layout": "SPLIT_FILE/OBJECT"}, "expected SPLIT_FILE/OBJECT"),
+}
+GOOD = {"csv": "a,b\n1,2\n", "npy": COUNTS, "npz": {"pressure": COUNTS}}
+
+
+@pytest.mark.parametrize("name", UNLIKE)
+def test_a_file_unlike_the_first_one_or_the_form_is_named(tmp_path, name):
+    ending, content, form, words = UNLIKE[name]
+    for number, each in enumerate((GOOD[ending], content), 1):
+        save(tmp_path / "lab" / "mug" / f"{number}.{ending}", each)
+    line = refusal(tmp_path / "lab", tmp_path, form=Form(**form))
+    assert f"mug/2.{ending}: {words}" in line
 
 
 def test_a_path_that_is_not_there_is_named(tmp_path):
@@ -154,10 +196,6 @@ def test_a_file_without_frames_is_refused(row, tmp_path):
     row.refused("no frames", lambda: ingested(record(tmp_path / "mug.h5", **empty)), "no frames")
 
 
-def test_a_folder_without_files_is_refused_as_empty(tmp_path):
-    assert "no recordings in it, found nothing; expected" in refusal(tmp_path, tmp_path)
-
-
 class Bomb:
     def __reduce__(self):
         return (pytest.fail, ("it was unpickled",))
@@ -176,107 +214,24 @@ def declaring(tmp_path, shape):
     return (tmp_path / "declaring.npy").read_bytes()
 
 
-def test_the_mistakes_of_all_arrays_are_listed_at_once(tmp_path):
-    whole = save(tmp_path / "whole.npy").read_bytes()
-    packed = save(tmp_path / "packed.npz", {"a": COUNTS}).read_bytes()
-    bad = {
-        "cut.npy": whole[:-4], "two.npy": whole * 2, "huge.npy": declaring(tmp_path, (2**40, 64, 64)),
-        "pickle.npy": pickled(tmp_path), "words.npy": np.full((4, 2, 3), "a"), "wide.npy": np.zeros((5, 384)),
-        "flat.npy": np.zeros(5), "high.npy": np.zeros((5, 257, 2)), "cut.npz": packed[:100],
-        "names.npz": {"a": COUNTS, "b": COUNTS}, "ragged.csv": "1,2\n3\n", "gap.csv": "1,,3\n",
-        "nul.csv": "\x001,2\n3,4\n", "minus.csv": "\u22121,2\n3,4\n", "quote.csv": '1,"2\n3,4\n',
-        "header.csv": "a,b\n", "empty.csv": "\n",
-    }  # fmt: skip
-    for number, (name, content) in enumerate(bad.items()):
-        save(tmp_path / f"lab{number // 10}" / "mug" / name, content)  # ten are listed
-    text = refusal(tmp_path / "lab0", tmp_path) + refusal(tmp_path / "lab1", tmp_path)
-    assert [name for name in bad if text.count(f"mug/{name}: ") != 1] == []
-
-
-@pytest.mark.parametrize("text", ["1\nme:pa55word\n", "1,1\n1,pa55word's\n", "9;9\npa55word;8\n"])
-def test_the_text_of_a_file_at_which_a_link_leads_is_not_quoted(tmp_path, text):
-    (tmp_path / "lab" / "mug").mkdir(parents=True)
-    (tmp_path / "lab" / "mug" / "1.csv").symlink_to(save(tmp_path / "secrets", text))
-    line = refusal(tmp_path / "lab", tmp_path)
-    assert "mug/1.csv: frame 1, column " in line and "pa55" not in line
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("a,b\n1,2\n\n# x\n3,x\n", "frame 1, column 2 is not a number"),
-        ("1,2,3\n\n4,,6\n7,8,9\n", "frame 1, column 2 is not a number"),
-        ("1,2\n3\n4,5\n6,7\n", "frame 1, column 2 is not a number"),
-        ("1,2\n3,4,5\n6,7\n6,7\n6,7\n", "line 2, saw 3"),
-        ("a,b\r\n1,2\r\n\r\na,b\r\n3,4\r\n", "frame 1, column 1 is not a number"),
-        ("1,5;2\n3,5;2.000,5\n", "frame 1, column 2 is not a number"),
-        ("1,nan\n3,4\n", "frame 0, column 2 is not a number"),
-        ("label,a\nmug,1\n,2\n", "frame 1, column 1 is not a name"),
-        ("1\0,2\n3,4\n", "UTF-8"),
-    ],
-)
-def test_a_table_that_cannot_be_read_is_refused_at_a_frame_and_a_column(tmp_path, text, words):
-    save(tmp_path / "lab" / "mug" / "1.csv", text)
-    line = refusal(tmp_path / "lab", tmp_path)
-    assert "mug/1.csv: " in line and words in line
-
-
-def test_tables_of_other_columns_are_refused(tmp_path):
-    save(tmp_path / "lab" / "mug" / "1.csv", "time_s,a,b\n0,1,2\n1,3,4\n")
-    for names, words in (
-        ("time_s,b,a", "channels ['b', 'a']; expected ['a', 'b']"),
-        ("a,b,c", "mug/2.csv: shape (1, 3)"),
-    ):
-        save(tmp_path / "lab" / "mug" / "2.csv", f"{names}\n0,1,2\n1,3,4\n")
-        assert words in refusal(tmp_path / "lab", tmp_path)
-    assert "`object`" in refusal(save(tmp_path / "all.csv", "a,b\n1,2\n"), tmp_path)
-    table = save(tmp_path / "all.csv", "label,a,b\nmug,1,2\npen,3,4\n")
-    assert "no column 'nix'" in refusal(table, tmp_path, form=Form(columns={"object": "nix"}))
-
-
-@pytest.mark.parametrize(
-    ("name", "columns", "words"),
-    [
-        ("a.h5", {"time": "typo"}, "a.h5: no typo"),
-        ("a.h5", {"object": "nope"}, "a.h5: no nope"),
-        ("mug/a.npz", {"time": "typo"}, "a.npz: no array typo"),
-        ("mug/a.npy", {"object": "label"}, "a.npy: data.columns names object"),
-    ],
-)
-def test_names_in_files_that_are_not_there_are_refused(tmp_path, name, columns, words):
-    if name.endswith("h5"):
-        record(tmp_path / "lab" / name)
-    else:
-        save(tmp_path / "lab" / name, {"pressure": COUNTS} if name.endswith("npz") else COUNTS)
-    assert words in refusal(tmp_path / "lab", tmp_path, form=Form(columns=columns))
-
-
 def test_the_mistakes_of_all_recordings_are_listed_at_once_ten_at_most(tmp_path):
-    record(tmp_path / "lab" / "a.h5", time=np.arange(3.0))
-    record(tmp_path / "lab" / "b.h5")
-    record(tmp_path / "lab" / "c.h5", pressure=COUNTS[0, 0])
-    (tmp_path / "lab" / "d.h5").write_text("no recording")
-    record(tmp_path / "lab" / "e.h5", pressure=COUNTS[:, :3])
-    record(tmp_path / "lab" / "f.h5", valid=np.ones(4, bool), attributes={"split": "test"})
-    record(tmp_path / "lab" / "g.h5", attributes={"recording": "b"})
-    text = refusal(tmp_path / "lab", tmp_path)
-    for part in ("a.h5: time", "c.h5: an array", "d.h5: damaged", "e.h5: shape", "f.h5: columns"):
-        assert text.count(part) == 1, part
-    assert "g.h5: recording 'b', as in " in text
-    for number in range(13):
-        record(tmp_path / "lab" / f"{number:02d}.h5", attributes={"object": None})
-    assert len(re.findall(r"\d\d\.h5", refusal(tmp_path / "lab", tmp_path))) == 10
-
-
-def test_arrays_that_do_not_match_each_other_are_refused(tmp_path):
-    for name, array in {"a/1.npy": COUNTS, "a/1.npz": {"x": COUNTS}, "b/1.npy": COUNTS[:, :, :2]}.items():
-        save(tmp_path / "lab" / name, array)
-    text = refusal(tmp_path / "lab", tmp_path)
-    assert "a/1.npz: recording 'a/1', as in " in text and "a/1.npy" in text
-    assert "b/1.npy: shape (5, 2); expected (5, 7)" in text
-    assert "b/1.npy: an array (4, 5, 2)" in refusal(tmp_path / "lab", tmp_path, form=Form(shape=[5, 7]))
-    save(tmp_path / "lab" / "mon" / "b" / "1.npy")
-    assert "mon/b/1.npy" in refusal(tmp_path / "lab", tmp_path)
+    good, lab = save(tmp_path / "good.npy").read_bytes(), tmp_path / "lab" / "mug"
+    record(lab / "0.h5", attributes={"recording": "b"})
+    record(lab / "1.h5", time=np.arange(3.0))
+    record(lab / "2.h5", attributes={"recording": "b"})
+    record(lab / "3.h5", valid=np.ones(4, bool))
+    bad = {
+        "4.npy": good[:-4], "5.npy": good * 2, "6.npy": declaring(tmp_path, (2**40, 64, 64)),
+        "7.npy": pickled(tmp_path), "8.npy": np.full((4, 2, 3), "a"), "9.npy": np.zeros((5, 384)),
+    }  # fmt: skip
+    for name, content in bad.items():
+        save(lab / name, content)
+    line = refusal(tmp_path / "lab", tmp_path)
+    for words in ("1.h5: time has", "2.h5: recording 'b', as in", "3.h5: columns ['valid']; expected []", *bad):
+        assert line.count(f"mug/{words}") == 1, words
+    for number in range(9):
+        save(lab / f"cut{number}.npz", b"PK")
+    assert "and 8 more" in refusal(tmp_path / "lab", tmp_path)
 
 
 def linked(folder, name="pressure", target="/pressure"):
@@ -286,14 +241,6 @@ def linked(folder, name="pressure", target="/pressure"):
         if name in file:
             del file[name]
         file[name] = h5py.ExternalLink(str(other), target)
-    return path
-
-
-def link_to_a_link(folder):
-    path = linked(folder, "far", "/")
-    with h5py.File(path, "r+") as file:
-        del file["pressure"]
-        file["pressure"] = h5py.SoftLink("/far/pressure")
     return path
 
 
@@ -329,21 +276,14 @@ def external_storage(folder):
     return hdf5(folder, external=[(str(folder.parent / "secret"), 0, 280)])
 
 
-def chunk(folder, frames, content):
-    path = hdf5(folder, shape=(frames, 5, 7), chunks=(frames, 5, 7), compression="gzip")
-    with h5py.File(path, "r+") as file:
-        file["pressure"].id.write_direct_chunk((0, 0, 0), zlib.compress(content))
-    return path
-
-
 def attribute(folder, value):
     return record(folder / "bad.h5", attributes={"object": value})
 
 
-def pipe(folder, name, below=False):
+def pipe(folder, name):
     (folder / name).parent.mkdir(parents=True, exist_ok=True)
     os.mkfifo(folder / name)
-    return folder / name if not below else folder
+    return folder / name
 
 
 def array(folder, size, shape):
@@ -379,57 +319,43 @@ def cell_outside(file, folder):
 REFUSED = {
     "external link": linked,
     "external link that nothing uses": partial(linked, name="far", target="/"),
-    "link to an external link": link_to_a_link,
     "external storage": external_storage,
     "virtual": virtual,
     "dangling link": partial(instead, value=h5py.SoftLink("/nowhere/else")),
     "group": partial(instead, value=dict),
     "name that is no UTF-8": partial(attribute, value=np.bytes_(b"m\xffg")),
     **{f"pipe {name}": partial(pipe, name=name) for name in ("mug/1.h5", "mug/1.csv", "metadata.mat")},
-    "pipe below": partial(pipe, name="mug/1.npy", below=True),
     "zip bomb": partial(array, size=400 * 2**20, shape=(4 * 2**20, 10, 10)),
     "declared array": partial(array, size=0, shape=(2**40, 64, 64)),
     "link in MATLAB": partial(matlab73, change=link_in_matlab),
     "cell outside": partial(matlab73, change=cell_outside),
 }
-EITHER = {  # read as what they are, or refused
-    "petabytes": partial(hdf5, shape=(2**40, 64, 64), chunks=(1, 64, 64)),
-    "inflating chunk": partial(chunk, frames=100_000, content=bytes(2**26)),
-}
 
 
-@pytest.mark.parametrize("name", [*REFUSED, *EITHER])
+@pytest.mark.parametrize("name", REFUSED)
 def test_a_hostile_source_ends_in_one_line_in_time_and_leaves_nothing(tmp_path, monkeypatch, name):
     monkeypatch.setattr(child, "SECONDS", 3)  # what never ends takes that long
     monkeypatch.setattr(child, "MEMORY", 2**28)
     (tmp_path / "in").mkdir()
-    line = refusal((REFUSED | EITHER)[name](tmp_path / "in"), tmp_path)
-    assert str(tmp_path / "in") in line or (name in EITHER and not line)
+    line = refusal(REFUSED[name](tmp_path / "in"), tmp_path)
+    assert str(tmp_path / "in") in line
 
 
 @pytest.mark.parametrize(
-    ("harm", "words"),
+    ("harm", "kind", "words"),
     [
-        ("crash", "b.h5: reading it crashed"),
-        ("memory", "b.h5: reading it takes more memory"),
-        ("time", "b.h5: reading it took too long"),
-        ("mistake", "a mistake"),
+        ("crash", UserError, "b.h5: reading it crashed"),
+        ("memory", UserError, "b.h5: reading it takes more memory"),
+        ("time", UserError, "b.h5: reading it took too long"),
+        ("mistake", UserError, "a mistake"),
+        ("fault", RuntimeError, "1 // 0"),  # with its place
+        ("full disk", OSError, f"[Errno {errno.ENOSPC}] No space left"),
     ],
 )
-def test_what_crashes_takes_all_memory_or_never_ends_ends_in_a_line_that_names_the_file(tmp_path, harm, words):
+def test_what_ends_the_child_is_an_error_here(tmp_path, harm, kind, words):
     (tmp_path / "b.h5").touch()
-    with pytest.raises(UserError) as caught:
+    with pytest.raises(kind, match=re.escape(words)):
         child.run_apart("tests.readers.harm", {"harm": harm, "file": str(tmp_path / "b.h5")}, tmp_path)
-    assert words in str(caught.value)
-
-
-def test_other_errors_come_out_of_the_child_as_what_they_are(tmp_path):
-    request = {"file": str(tmp_path / "b.h5")}
-    with pytest.raises(RuntimeError, match="1 // 0"):  # with its place
-        child.run_apart("tests.readers.harm", request | {"harm": "fault"}, tmp_path)
-    with pytest.raises(OSError, match="No space left") as caught:
-        child.run_apart("tests.readers.harm", request | {"harm": "full disk"}, tmp_path)
-    assert caught.value.errno == errno.ENOSPC
 
 
 def test_a_line_that_a_library_prints_in_the_child_goes_to_stderr(tmp_path, capfd):
