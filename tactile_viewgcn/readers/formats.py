@@ -4,8 +4,10 @@ An array is (frames, rows, columns), or (frames, cells) with the cells row after
 columns of a frame) it may also be one frame; without one, (frames, cells) are frames of one row.
 """
 
+import re
+from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -14,16 +16,16 @@ import h5py
 import numpy as np
 
 from tactile_viewgcn.files import all_below
-from tactile_viewgcn.messages import Note, UserError, listed, several
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, several
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.hdf5 import read_recording
 from tactile_viewgcn.readers.join import joined
-from tactile_viewgcn.readers.layout import PLACES, Layout, layout_of, place_of
-from tactile_viewgcn.readers.source import AUTO, SPLITS, Form, Recording, Source, no_array
+from tactile_viewgcn.readers.source import AUTO, SPLITS, Form, Recording, Source, no_array, setting
 from tactile_viewgcn.readers.stag import is_raw, matlab_fields, read_folder, read_metadata
 from tactile_viewgcn.readers.text import Table, read_table, recordings_in
 
 TEXTS = (".csv", ".tsv", ".csv.gz", ".txt")  # endings of tables as text
+PLACES = "OBJECT/FILE or SESSION/OBJECT/FILE"
 HDF5, ARRAYS = (".h5", ".hdf5"), (".npy", ".npz", ".mat")
 EXPECTED = (
     f"expected a STAG metadata.mat, a STAG folder, a folder of {PLACES} with .npy, .npz, .mat, .csv, .txt or .h5, or a "
@@ -112,7 +114,7 @@ def read_files(path: Path, files: list[Path], form: Form) -> Source:
     return source
 
 
-def _opened(file: Path, path: Path, layout: Layout, table: Callable[[Path], Table], form: Form) -> Recording:
+def _opened(file: Path, path: Path, layout: "Layout", table: Callable[[Path], Table], form: Form) -> Recording:
     """The recording in a file, with the names in its path where the file names no object."""
     if among([file], *TEXTS):
         recording, _ = table(file)
@@ -121,7 +123,7 @@ def _opened(file: Path, path: Path, layout: Layout, table: Callable[[Path], Tabl
     else:
         recording = read_recording(file, form)
     names, notes, values = {"recording": place_of(file, path)} | recording.names, recording.notes, recording.values
-    if not names.get("object"):
+    if not names.get("object") and (form.labelled or among([file], *TEXTS, *ARRAYS)):
         names, notes = layout.names(file, labelled=form.labelled) | names, [*notes, *layout.notes]
     if side := names.pop("split", ""):
         if side.lower() not in SPLITS:
@@ -152,3 +154,67 @@ def _arrays(file: Path, form: Form) -> dict[str, Any]:
         raise no_array(missing[0], list(arrays), str(file))
     values = {kind: np.asarray(arrays[name]) for kind, name in names.items()}
     return {kind: array.ravel() if kind == "time" else array for kind, array in values.items()}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A pattern such as SESSION/OBJECT/FILE or OBJECT_FILE of the paths of files below a folder."""
+
+    root: Path
+    text: str
+    notes: tuple[Note, ...] = ()
+
+    def names(self, file: Path, *, labelled: bool) -> dict[str, str]:
+        """The names in a file's path, by `object`, `session` and `split`.
+
+        Raises:
+            UserError: the path is of a different pattern, or names no object where it is `labelled`.
+        """
+        pattern = re.sub("SESSION|SPLIT", lambda part: f"(?P<{part[0].lower()}>[^/]+?)", re.escape(self.text))
+        pattern = pattern.replace("OBJECT", "(?P<object>[^/]+)").replace("FILE", "[^/]+")  # tea_box is one name
+        if not (match := re.fullmatch(pattern, place_of(file, self.root))):
+            raise UserError(f"{file}: expected {self.text}, or an attribute `object` in HDF5")
+        if labelled and "object" not in match.groupdict():
+            raise UserError(
+                f"{self.root}: {file.relative_to(self.root).as_posix()!r} names no object; expected {PLACES}, a table "
+                "with a column `object`, or an attribute `object` in HDF5; "
+                f"{setting('data.layout=OBJECT_FILE')} for names such as mug_1.csv"
+            )
+        return match.groupdict()
+
+
+def place_of(file: Path, path: Path) -> str:
+    """The path of a file below a folder, without its ending: the name of its recording; of a file alone its name."""
+    place = file.name if file == path else file.relative_to(path).as_posix()
+    return re.sub(r"(?i)(\.csv)?\.\w+$", "", place)
+
+
+def layout_of(path: Path, files: Sequence[Path], form: Form) -> Layout:
+    """The layout of the files below a folder, or of one file: the given one, or by `auto` that of most files.
+
+    Folders that are all called as sides are the published split. Of the others the innermost is the object and the one
+    above it the session: a file train/monday/mug/1.npy is SPLIT/SESSION/OBJECT/FILE. No layout fits files that lie
+    deeper.
+    """
+    root = path if path.is_dir() else path.parent
+    if form.layout != "auto":
+        return Layout(root, form.layout)
+    places = [file.relative_to(root).parts[:-1] for file in files]
+    depth = Counter(map(len, places)).most_common(1)[0][0]
+    levels = list(zip(*(place for place in places if len(place) == depth), strict=True))
+    are_sides = [{name.lower() for name in level} <= SPLITS.keys() for level in levels]
+    count = are_sides.count(False)
+    if count > 2:
+        return Layout(root, "SESSION/OBJECT/FILE")  # which does not fit them
+    roles = iter(["SESSION", "OBJECT"][2 - count :])
+    order = ["SPLIT" if is_side else next(roles) for is_side in are_sides]
+    text = "/".join([*order, "FILE"])
+    if not levels:
+        return Layout(root, text)
+    note = f"folders are in the order {text}: "
+    note += ", ".join(f"{level[0]} is the {role.lower()}" for level, role in zip(levels, order, strict=True))
+    if count < 2 or EMPTY_HAND in levels[order.index("OBJECT")]:
+        return Layout(root, text, (Note(note, topic="folders"),))
+    other = "/".join({"SESSION": "OBJECT", "OBJECT": "SESSION"}.get(role, role) for role in order)
+    note += f". If not, {setting(f'data.layout={other}/FILE')}; else data.layout={text}"
+    return Layout(root, text, (Note(note, "warning", "folders"),))
