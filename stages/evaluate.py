@@ -1,4 +1,4 @@
-"""Ten trials on the test side: error with its interval, run time, confusion."""
+"""Ten trials on the test side, and its whole recordings: error with its interval, run time, confusion."""
 
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,8 @@ from tactile_viewgcn.tracking import Run
 
 
 def evaluate(job: Job, frames: Path, classifier: Path, records: Path, out: Path) -> str:
-    table, (model, content), earlier = read_frames(frames), load_classifier(classifier), results.read_records(records)
-    evaluation = evaluate_table(model, table, job.params, job.compute(), content.temperature)
+    table, (model, _), earlier = read_frames(frames), load_classifier(classifier), results.read_records(records)
+    evaluation = evaluate_table(model, table, job.params, job.compute())
     timing = results.costs(evaluation, earlier, job.seconds, peak_mb())
     write_predictions(out / "predictions.npz", evaluation.predictions)
     results.write_results(out, evaluation, timing)
@@ -43,16 +43,18 @@ def log_row(row: Run, evaluation: Evaluation, timing: dict[str, Any], records: r
     row.log("set_tags", tags)
     row.log("log_params", constants)
     row.log("log_metrics", scores)
-    for protocol in predictions.predicted:
-        for trial, error in enumerate(predictions.errors(protocol).tolist(), start=1):
-            row.log("log_metrics", {f"trials.error.{protocol}": error}, trial)
-        for views, error in metrics[protocol]["by_views"].items():
-            row.log("log_metrics", {f"views.error.{protocol}": error["mean"]}, int(views))
+    for asked, trials in predictions.trials.items():
+        for trial, error in enumerate(trials.errors.tolist(), start=1):
+            row.log("log_metrics", {f"trials.error.{asked}": error}, trial)
+    for protocol, errors in results.errors_by_frames(metrics).items():
+        for frames, error in errors:
+            row.log("log_metrics", {f"views.error.{protocol}": error["mean"]}, frames)
     if row.id:
         from tactile_viewgcn.plots import confusions  # here, since it loads Matplotlib
 
-        counts = {f"{name} protocol, all trials": predictions.confusion(name) for name in predictions.predicted}
-        row.log("log_figure", confusions(counts, predictions.classes.tolist()), "confusion.png")
+        classes, answers = predictions.classes.tolist(), predictions.trials
+        counts = {title: answers[name].confusion(len(classes)) for name, title in results.ASKED.items()}
+        row.log("log_figure", confusions(counts, classes), "confusion.png")
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from scipy.stats import t as student
 
 from studies.cells import Answers
 from studies.grid import COLUMNS
+from tactile_viewgcn.evaluation.trials import ASKED
 from tactile_viewgcn.intervals import group_interval, proportion_interval
 from tactile_viewgcn.messages import UserError, several
 
@@ -36,19 +37,17 @@ def complete(answers: list[Answers]) -> list[Answers]:
 
 
 def errors_of(answers: list[Answers]) -> pd.DataFrame:
-    """Rows of variant, seed, deal, protocol and split group: its number of anchors, and its share of wrong answers.
+    """Rows of variant, seed, deal, protocol and split group, with its number of answers and share of wrong ones.
 
-    The share `wrong` is a mean over the group's anchors and all trials.
+    `protocol` has the titles of `trials.ASKED`; `wrong` is a mean over the group's answers and all trials.
     """
     parts = []
     for each in answers:
-        cell, predictions = each.cell, each.predictions
-        for protocol, predicted in predictions.predicted.items():
-            wrong = pd.Series((predicted != predictions.labels).mean(axis=0))
-            part = (
-                wrong.groupby(predictions.groups).agg(anchors="size", wrong="mean").rename_axis("group").reset_index()
-            )
-            parts.append(part.assign(variant=cell.variant, seed=cell.seed, deal=cell.deal, protocol=protocol))
+        cell = each.cell
+        for asked, trials in each.predictions.trials.items():
+            wrong = pd.Series(1 - trials.correct.mean(axis=0))
+            part = wrong.groupby(trials.groups).agg(answers="size", wrong="mean").rename_axis("group").reset_index()
+            parts.append(part.assign(variant=cell.variant, seed=cell.seed, deal=cell.deal, protocol=ASKED[asked]))
     return pd.concat(parts, ignore_index=True)
 
 
@@ -107,7 +106,7 @@ def compared(
     ours, theirs = (
         one.merge(other[TRAINING].drop_duplicates()) for one, other in ((part, reference), (reference, part))
     )
-    pairs = ours.merge(theirs, on=[*TRAINING, "group", "anchors"], suffixes=("", " of the reference"))
+    pairs = ours.merge(theirs, on=[*TRAINING, "group", "answers"], suffixes=("", " of the reference"))
     if pairs.empty and ours.empty:
         return row
     if not len(pairs) == len(ours) == len(theirs):
@@ -142,7 +141,7 @@ def power(rows: pd.DataFrame, groups: int) -> str:
     )
     points = ", ".join(f"{width:.1f} points {kind}" for kind, width in widest.items())
     return (
-        f"The smallest difference that this study detects is {points} ({protocol} protocol, half of the "
+        f"The smallest difference that this study detects is {points} ({protocol}, half of the "
         f"widest paired interval), {verdict}."
     )
 

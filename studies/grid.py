@@ -20,6 +20,7 @@ COLUMNS = {  # costs, and their keys in results/timing.json
     "finetune s": ("seconds", "finetune"),
     "ms alone": ("latency_ms", "single", "median"),
     "ms in batches": ("latency_ms", "batch", "median"),
+    "ms whole": ("latency_ms", "whole", "median"),
     "peak MB": ("peak_mb",),
 }
 AXES = ("seed", "split.deal", "split.fold")  # keys of params.yaml that a study sets in every cell

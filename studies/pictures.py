@@ -32,7 +32,7 @@ def errors_by_cost(rows: pd.DataFrame, cost: str, label: str, references: Collec
             axes.annotate(str(number), at, (-7, 0), textcoords="offset points", ha="right", va="center", fontsize=9)
             axes.plot([], [], " ", label=f"{number}  {variants[place]}")
         axes.grid(alpha=0.3)
-        axes.set(xscale="log", xlabel=label, title=f"{panel['protocol'].iloc[0]} protocol")
+        axes.set(xscale="log", xlabel=label, title=panel["protocol"].iloc[0])
     stars = "; ".join(["blue: Pareto front", *(f"star: {name}" for name in variants[named])])
     _finish(figure, f"{title}\n{stars}", handlelength=0, handletextpad=0)
     return figure
@@ -50,7 +50,7 @@ def error_curves(rows: pd.DataFrame, title: str) -> Figure:
     for axes, protocol in zip(_side_by_side(figure, len(protocols)), protocols, strict=True):
         for name, curve in rows[rows["protocol"] == protocol].groupby("name", sort=False):
             axes.errorbar(curve["number"], curve["error"], _bars(curve), fmt="o-", ms=4, elinewidth=0.8, label=name)
-        axes.set(title=f"{protocol} protocol", xlabel=rows.loc[rows["number"].idxmax(), "unit"])  # in the plural
+        axes.set(title=protocol, xlabel=rows.loc[rows["number"].idxmax(), "unit"])  # in the plural
         axes.set_xscale("log")
         axes.xaxis.set(minor_locator=NullLocator())
         axes.set_xticks(rows["number"].unique(), rows["number"].unique().astype(str))

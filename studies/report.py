@@ -13,6 +13,7 @@ from studies.cells import Answers
 from studies.comparison import complete, power, rows_of
 from studies.grid import COLUMNS, Study
 from studies.pictures import error_curves, errors_by_cost
+from tactile_viewgcn.evaluation.trials import WHOLE
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import several
@@ -44,10 +45,14 @@ def write_report(study: Study, answers: list[Answers], folder: Path, on_top: tup
     places = variants | {variant.partition(" / ")[0] for variant in variants}
     references = [name for name in study.references if name in places]
     rows = rows_of(answers, references, stream(params.seed, f"study.{study.name}"))
-    groups = len({group for each in answers for group in each.predictions.groups})
+    tested = [(each.cell, each.predictions.trials) for each in answers]
+    groups = len({group for _, trials in tested for group in trials[WHOLE].groups})
     first, deals = answers[0], len({each.cell.deal for each in answers})
-    anchors = {each.cell.fold: len(each.predictions.labels) for each in answers if each.cell.deal == first.cell.deal}
-    sizes = [several(sum(anchors.values()), "view set"), several(len(first.predictions.classes), "class", "classes")]
+    sizes = []
+    for asked, what in (("recording", "view set"), (WHOLE, "whole recording")):
+        folds = {cell.fold: len(trials[asked].labels) for cell, trials in tested if cell.deal == first.cell.deal}
+        sizes.append(several(sum(folds.values()), what))
+    sizes.append(several(len(first.predictions.classes), "class", "classes"))
     sizes += [several(params.evaluate.trials, "trial"), several(groups, "split group")]
     changed = f" Every cell has {', '.join(f'`{change}`' for change in on_top)}." if on_top else ""
     text = [f"{data}. {study.question}{changed}", power(rows, groups)]
@@ -75,7 +80,7 @@ def pictures(study: Study, rows: pd.DataFrame, references: Sequence[str], title:
     if study.picture == "seconds":
         costs = {
             "results.png": ("seconds", "seconds of both trainings"),
-            "answers.png": ("ms alone", "ms of an answer, alone"),
+            "answers.png": ("ms alone", "ms of an answer to a view set, alone"),
         }
         return {name: errors_by_cost(rows, *cost, references, title) for name, cost in costs.items()}
     return {}
@@ -95,7 +100,7 @@ def tables(rows: pd.DataFrame, references: Sequence[str], columns: Sequence[str]
     for protocol in reversed(rows["protocol"].unique()):
         chosen = rows[rows["protocol"] == protocol].set_index("variant")
         errors = {"error": _intervals(chosen, "error"), "std": chosen["std"].map("{:.1f}".format)}
-        parts += [f"Error, {protocol} protocol:", _markdown(errors | {"trainings": chosen["trainings"]})]
+        parts += [f"Error, {protocol}:", _markdown(errors | {"trainings": chosen["trainings"]})]
         for name in references:
             vs = f"vs {name} "
             over_trainings = _intervals(chosen, f"{vs}more", f"{vs}seeds_")
@@ -105,7 +110,7 @@ def tables(rows: pd.DataFrame, references: Sequence[str], columns: Sequence[str]
             }
             compared = chosen[f"{vs}more"].notna()
             if compared.any():
-                parts += [f"Points more than `{name}`, {protocol} protocol:", _markdown(differences, compared)]
+                parts += [f"Points more than `{name}`, {protocol}:", _markdown(differences, compared)]
     if columns:
         once = rows.drop_duplicates("variant").set_index("variant")
         parts += ["Costs:", _paragraph(PAID), _markdown({name: once[name].map("{:.3g}".format) for name in columns})]

@@ -52,25 +52,24 @@ def mean_frames(frames: np.ndarray, live: np.ndarray, titles: list[str], label: 
     return figure
 
 
-def errors_by_views(errors: dict[str, dict[str, dict[str, Any]]], chance: float) -> Figure:
-    """Errors by the number of views, with their intervals: a line for each name.
+def errors_by_frames(errors: dict[str, list[tuple[int, dict[str, Any]]]], chance: float) -> Figure:
+    """Errors by the number of frames, with their intervals: a line for each name.
 
     Args:
-        errors: `mean`, `low` and `high`, as fractions, by number of views and name; ends are None without an interval.
+        errors: by name, numbers of frames, and `mean`, `low` and `high` as fractions; the latter two may be None.
         chance: error of guessing.
     """
     figure = Figure(figsize=(5.4, 3.2), layout="constrained")
     axes = figure.add_subplot()
-    for (name, by_views), colour in zip(errors.items(), ("#12485c", "#c77d2b"), strict=False):
-        views = list(map(int, by_views))
-        low, mean, high = (
-            100 * np.array([error[end] for error in by_views.values()], float) for end in ("low", "mean", "high")
-        )
-        axes.fill_between(views, low, high, color=colour, alpha=0.15, linewidth=0)
-        axes.plot(views, mean, "o-", color=colour, label=name)
+    for (name, points), colour in zip(errors.items(), ("#c77d2b", "#12485c"), strict=False):
+        frames = [count for count, _ in points]
+        ends = [[error[end] for _, error in points] for end in ("low", "mean", "high")]
+        low, mean, high = 100 * np.array(ends, float)
+        axes.fill_between(frames, low, high, color=colour, alpha=0.15, linewidth=0)
+        axes.plot(frames, mean, "o-", color=colour, label=name)
     axes.axhline(100 * chance, color="#a33", linestyle="--", linewidth=1.2, label="guessing")
     axes.set_xscale("log", base=2)
-    ticks = sorted({int(count) for by_views in errors.values() for count in by_views})
+    ticks = sorted({count for points in errors.values() for count, _ in points})
     axes.set_xticks(ticks, list(map(str, ticks)))
     axes.minorticks_off()
     axes.set(ylim=(0, 100), xlabel="frames", ylabel="wrong answers, %")

@@ -13,7 +13,7 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from benchmarks.stability.rows import max_rel_error, share_different
-from tactile_viewgcn.evaluation.trials import PROTOCOLS, run_trials
+from tactile_viewgcn.evaluation.trials import PROTOCOLS, answer_recordings, run_trials
 from tactile_viewgcn.tables.frames import TEST
 from tests.trained_network import SINGLE, Subject
 
@@ -91,5 +91,6 @@ def evaluated(subject: Subject, precision: str) -> tuple[torch.Tensor, np.ndarra
     nodes = subject.features(inputs, precision)
     params = replace(subject.params, evaluate=replace(subject.params.evaluate, trials=2, side="test"))
     trials = [run_trials(classifier, nodes, table, params, protocol) for protocol in PROTOCOLS]
-    answers = np.stack([one.best[..., 0] for one in trials])
+    trials.append(answer_recordings(classifier, nodes, table, params))
+    answers = np.concatenate([one.best[..., 0].ravel() for one in trials])
     return subject.head_logits(classifier.head, nodes, subject.sets(inputs, 100), precision), answers

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactile_viewgcn.plots import confusions, errors_by_views
+from tactile_viewgcn.plots import confusions, errors_by_frames
 
 
 def names(ticks):
@@ -17,8 +17,8 @@ def test_confusions_are_drawn_as_shares_of_each_row_side_by_side():
     assert names(left.get_xticklabels()) == names(left.get_yticklabels()) == ["cup", "a_b", "tape"]
 
 
-def test_errors_stand_over_the_number_of_views():
-    ends = {"1": {"mean": 0.4, "low": 0.3, "high": 0.6}, "2": {"mean": 0.2, "low": None, "high": None}}
-    (axes,) = errors_by_views({"recording": ends}, chance=0.9).axes
+def test_errors_stand_over_the_number_of_frames():
+    ends = [(1, {"mean": 0.4, "low": 0.3, "high": 0.6}), (2, {"mean": 0.2, "low": None, "high": None})]
+    (axes,) = errors_by_frames({"recording": ends}, chance=0.9).axes
     assert [list(values) for values in axes.lines[0].get_data()] == [[1, 2], [40, 20]]
     assert names(axes.get_xticklabels()) == ["1", "2"] and names(axes.get_legend().texts) == ["recording", "guessing"]

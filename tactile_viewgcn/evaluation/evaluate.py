@@ -1,16 +1,17 @@
-"""The evaluation of a classifier: all trials of both protocols, their scores and their cost.
+"""The evaluation of a classifier: its answers to view sets and to whole recordings, their scores and their cost.
 
 In evaluation mode a frame's feature does not depend on the frames beside it, so each distinct frame passes the backbone
-once, and all trials of both protocols gather features.
+once, and all answers gather features.
 """
 
 import time
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.evaluation.trials import PROTOCOLS, TOP, Predictions, Trials, predictions_of, run_trials
+from tactile_viewgcn.evaluation.trials import PROTOCOLS, TOP, WHOLE, Predictions, Trials, answer_recordings, run_trials
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
@@ -18,17 +19,17 @@ from tactile_viewgcn.recognition.classifier import Classifier
 from tactile_viewgcn.tables.counts import Counts, Gathered
 from tactile_viewgcn.tables.frames import SIDES, Frames
 
-SECONDS = 1.0  # for each of the two measurements of latency
+SECONDS = 1.0  # for each measurement of latency
 MAX_REPEATS = 50
 BATCH = 64  # view sets
 
 
 class Evaluation(NamedTuple):
-    """The answers of all trials, their scores and their cost.
+    """The answers to the evaluated side, their scores and their cost.
 
     Attributes:
-        predictions: the answers by protocol.
-        metrics: sizes, and `scores_of` each protocol; equal on every run with one seed.
+        predictions: all answers.
+        metrics: sizes, and `scores_of` each of `trials.ASKED`; equal on every run with one seed.
         latency_ms: see `latency`; empty if it was not measured.
     """
 
@@ -38,40 +39,32 @@ class Evaluation(NamedTuple):
 
 
 def evaluate_table(
-    classifier: Classifier,
-    table: Frames,
-    params: Params,
-    compute: Compute,
-    temperature: float | None = None,
-    *,
-    timed: bool = True,
+    classifier: Classifier, table: Frames, params: Params, compute: Compute, *, timed: bool = True
 ) -> Evaluation:
-    """Run all trials of both protocols on the side `evaluate.side`, and score them.
+    """Ask for view sets, in all trials of both protocols, and for whole recordings, on the side `evaluate.side`.
 
     Args:
-        temperature: of the classifier, if it is calibrated.
         timed: measure the latency too.
     """
     side = params.evaluate.side
     train, tested = (table.on(SIDES.index(name)) for name in ("train", side))
-    groups = table.group[tested[table.anchor[tested]]]
     inputs = Gathered(lambda at: table.inputs(at, classifier.transform), tested)
     classifier.prepare(compute)
     values = classifier.frame_values(inputs)
+    trials = {protocol: run_trials(classifier, values, table, params, protocol) for protocol in PROTOCOLS}
+    trials[WHOLE] = answer_recordings(classifier, values, table, params)
     metrics: dict[str, Any] = {
         "views": classifier.views,
         "classes": len(table.classes),
         "trials": params.evaluate.trials,
-        "frames": {"train": int(table.anchor[train].sum()), side: len(groups)},
-        "groups": {side: len(np.unique(groups))},
+        "frames": {name: int(table.anchor[at].sum()) for name, at in (("train", train), (side, tested))},
+        "recordings": {side: len(trials[WHOLE].labels)},
+        "groups": {side: len(np.unique(trials[WHOLE].groups))},
     }
-    protocols = {}
-    for number, protocol in enumerate(PROTOCOLS):
-        protocols[protocol] = trials = run_trials(classifier, values, table, params, protocol, temperature)
-        metrics[protocol] = scores_of(trials, groups, stream(params.seed, "interval", number), len(table.classes))
-    whole = max((trials.frames for trials in protocols.values() if trials.whole), default=0)
-    latency_ms = latency(classifier, inputs, whole=whole) if timed else {}
-    return Evaluation(predictions_of(protocols, table, side), metrics, latency_ms)
+    for number, (asked, answers) in enumerate(trials.items()):
+        metrics[asked] = scores_of(answers, stream(params.seed, "interval", number), len(table.classes))
+    latency_ms = latency(classifier, inputs, trials[WHOLE].frames) if timed else {}
+    return Evaluation(Predictions(trials, np.array(table.classes)), metrics, latency_ms)
 
 
 def error_of(correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator) -> dict[str, float | None]:
@@ -85,60 +78,59 @@ def error_of(correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator) 
     return {"mean": float(1 - correct.mean(axis=1).mean()), "low": low, "high": high}
 
 
-def scores_of(trials: Trials, groups: np.ndarray, rng: np.random.Generator, classes: int) -> dict[str, Any]:
-    """Errors under one protocol, as fractions.
+def scores_of(trials: Trials, rng: np.random.Generator, classes: int) -> dict[str, Any]:
+    """Errors of trials, as fractions.
 
     Args:
-        groups: (A,) split groups of the anchors.
         rng: of the intervals.
         classes: their number.
 
     Returns:
         `error`, see `error_of`, with its standard deviation `std` over trials, which differ in their clustering alone;
-        `top3_error` of four classes or more; `by_views`, the error by the number of views that the classifier takes;
-        `frames` in the median recording, if recordings are answered whole.
+        `top3_error` of four classes or more; `by_views`, the error by the number of frames: of views that the
+        classifier takes up to V, or those of the median recording.
     """
-    right = trials.best == trials.truth[:, None]  # (T, A, 3)
-    correct, in_top3 = right[..., 0], right.any(axis=-1)
-    std = correct.mean(axis=1).std(ddof=1) if len(correct) > 1 else 0.0
-    error = error_of(correct, groups, rng)
-    by_views = {str(count): error_of(right, groups, rng) for count, right in trials.fewer.items()}
+    std = trials.correct.mean(axis=1).std(ddof=1) if len(trials.correct) > 1 else 0.0
+    in_top3 = (trials.best == trials.labels[:, None]).any(axis=-1)
+    error = error_of(trials.correct, trials.groups, rng)
+    by_views = {str(count): error_of(correct, trials.groups, rng) for count, correct in trials.fewer.items()}
     return {
         "error": error | {"std": float(std)},
         **({"top3_error": float(1 - in_top3.mean())} if classes > TOP else {}),
         "by_views": by_views | {str(trials.frames): error},
-        **({"frames": trials.frames} if trials.whole else {}),
     }
 
 
 def latency(
-    classifier: Classifier, inputs: Counts, *, whole: int = 0, seconds: float = SECONDS
+    classifier: Classifier, inputs: Counts, whole: int, seconds: float = SECONDS
 ) -> dict[str, dict[str, float]]:
-    """Milliseconds per answer from network input to logits, alone and in a batch of 64 view sets.
+    """Milliseconds per answer from network input to logits.
 
     Args:
         classifier: prepared for answers.
-        inputs: (n, H, W); the timed view sets repeat them, n may be below V.
-        whole: frames of a recording that is answered alone, in the place of view sets; 0 for view sets.
-        seconds: for each of the two.
+        inputs: (n, H, W); the timed answers repeat them, n may be below V.
+        whole: frames of the recording that is timed.
+        seconds: for each measurement.
 
     Returns:
-        {"single": {"median", "p95"}, "batch": {"median"}}; the 95th percentile is interpolated.
+        {"single": {"median", "p95"}, "batch": {"median"}, "whole": {"median"}}: of one view set, of 64 at once, and of
+        a whole recording; the 95th percentile is interpolated.
     """
 
-    def timed(sets: int) -> np.ndarray:
-        """Milliseconds per answer of each repeat, one at least, until the seconds are spent."""
-        index = classifier.frames_of(whole) if whole else np.arange(sets * classifier.views)
-        frames, places = inputs[index % len(inputs)], np.arange(len(index)).reshape(sets, -1)
-        taken, end = list[float](), time.perf_counter() + seconds
+    def timed(index: np.ndarray, answer: Callable[[Any], Any]) -> np.ndarray:
+        """Milliseconds of each repeat, one at least, until the seconds are spent."""
+        frames, taken, end = inputs[index % len(inputs)], list[float](), time.perf_counter() + seconds
         while len(taken) < 2 or (len(taken) <= MAX_REPEATS and time.perf_counter() < end):
             begin = time.perf_counter()
-            values: Any = classifier.frame_values(frames)
-            _ = classifier.recording(values) if whole else classifier.view_sets(values, places)
-            taken.append((time.perf_counter() - begin) * 1e3 / sets)
+            answer(classifier.frame_values(frames))
+            taken.append((time.perf_counter() - begin) * 1e3)
         return np.array(taken[1:])  # the first one warms up
 
-    alone = timed(1)
-    batch = alone if whole else timed(BATCH)
-    single = {"median": float(np.median(alone)), "p95": float(np.percentile(alone, 95))}
-    return {"single": single, "batch": {"median": float(np.median(batch))}}
+    one, more = (np.arange(count * classifier.views).reshape(count, -1) for count in (1, BATCH))
+    single = timed(one.ravel(), lambda values: classifier.view_sets(values, one))
+    batch = timed(more.ravel(), lambda values: classifier.view_sets(values, more)) / BATCH
+    return {
+        "single": {"median": float(np.median(single)), "p95": float(np.percentile(single, 95))},
+        "batch": {"median": float(np.median(batch))},
+        "whole": {"median": float(np.median(timed(classifier.frames_of(whole), classifier.recording)))},
+    }

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from tactile_viewgcn.evaluation.evaluate import Evaluation
-from tactile_viewgcn.evaluation.trials import PROTOCOLS
+from tactile_viewgcn.evaluation.trials import ASKED, PROTOCOLS, WHOLE
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import several, write_csv
@@ -42,13 +42,21 @@ def costs(evaluation: Evaluation, records: Records, seconds: float, peak_mb: flo
 
 def summary(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]:
     """The numbers that runs are compared by: errors as fractions, seconds of all stages, ms per answer."""
-    scores = {name: metrics[name] for name in ("recording", "object")}
+    scores = {name: metrics[name] for name in reversed(ASKED)}
     return {
         **{f"error.{name}": score["error"]["mean"] for name, score in scores.items()},
         **{f"top3_error.{name}": score["top3_error"] for name, score in scores.items() if "top3_error" in score},
         "seconds.total": timing["seconds"]["total"],
         "ms_per_answer": timing["latency_ms"]["single"]["median"],
+        "ms_per_recording": timing["latency_ms"][WHOLE]["median"],
     }
+
+
+def errors_by_frames(metrics: dict[str, Any]) -> dict[str, list[tuple[int, dict[str, Any]]]]:
+    """By protocol, the numbers of frames and the errors; those of `recording` end with whole recordings."""
+    errors = {name: list(metrics[name]["by_views"].items()) for name in PROTOCOLS}
+    errors["recording"] += metrics[WHOLE]["by_views"].items()
+    return {name: [(int(count), error) for count, error in each] for name, each in errors.items()}
 
 
 def write_results(folder: Path, evaluation: Evaluation, timing: dict[str, Any]) -> None:
@@ -65,17 +73,19 @@ def write_results(folder: Path, evaluation: Evaluation, timing: dict[str, Any]) 
         "trials": [["protocol", "trial", "error"]],
         "views": [["protocol", "views", "error", "low", "high"]],
         "confusion": [["protocol", "object", "predicted", "count"]],
-        "per_class": [["protocol", "object", "view_sets", "error"]],
+        "per_class": [["protocol", "object", "answers", "error"]],
     }
-    for protocol in predictions.predicted:
-        tables["trials"] += [[protocol, *row] for row in enumerate(predictions.errors(protocol).tolist())]
-        for count, error in metrics[protocol]["by_views"].items():
-            tables["views"].append([protocol, count, error["mean"], error["low"], error["high"]])
-        for label, counts in enumerate(predictions.confusion(protocol).tolist()):
-            name, view_sets = classes[label], sum(counts)
-            tables["confusion"] += [[protocol, name, *answers] for answers in zip(classes, counts, strict=True)]
-            if view_sets:
-                tables["per_class"].append([protocol, name, view_sets, 1 - counts[label] / view_sets])
+    for protocol, errors in errors_by_frames(metrics).items():
+        tables["views"] += [
+            [protocol, count, *(error[key] for key in ("mean", "low", "high"))] for count, error in errors
+        ]
+    for asked, trials in predictions.trials.items():
+        tables["trials"] += [[asked, *row] for row in enumerate(trials.errors.tolist())]
+        for label, counts in enumerate(trials.confusion(len(classes)).tolist()):
+            name, answers = classes[label], sum(counts)
+            tables["confusion"] += [[asked, name, *pair] for pair in zip(classes, counts, strict=True)]
+            if answers:
+                tables["per_class"].append([asked, name, answers, 1 - counts[label] / answers])
     for name, rows in tables.items():
         with atomic_write(folder / f"{name}.csv") as part, part.open("w", newline="") as file:
             write_csv(file, rows)
@@ -86,39 +96,37 @@ def row_tags_parameters_metrics(
 ) -> tuple[dict[str, str], dict[str, float], dict[str, float]]:
     """What the row has besides params.yaml.
 
-    Tags: the ids of the stages' runs, and what `auto` chose. Parameters: numbers of classes, of frames and groups on
-    each side, and of weights. Metrics: the summary, the seconds of each stage and the peak memory.
+    Tags: the ids of the stages' runs, and what `auto` chose. Parameters: numbers of classes, of frames, recordings
+    and groups on a side, and of weights. Metrics: the summary, the seconds of each stage and the peak memory.
     """
     counts = {name: value for record in records.values() for name, value in record.counts.items()}
     tags = {f"stage.{name}": record.run_id for name, record in records.items() if record.run_id}
     tags |= {name: str(value) for name, value in counts.items() if name.startswith("resolved.")}
     weights = {name: value for name, value in counts.items() if name.startswith("weights.")}
-    parameters = flatten({name: metrics[name] for name in ("classes", "frames", "groups")}) | weights
+    parameters = flatten({name: metrics[name] for name in ("classes", "frames", "recordings", "groups")}) | weights
     return tags, parameters, summary(metrics, timing) | flatten({name: timing[name] for name in ("seconds", "peak_mb")})
 
 
 def summary_lines(metrics: dict, timing: dict) -> list[str]:
-    """The number of tests, the error in per cent under each protocol with its interval, and the costs."""
+    """The number of tests, the error in per cent of each of `trials.ASKED` with its interval, and the costs."""
     latency, ((side, groups),) = timing["latency_ms"], metrics["groups"].items()
     lines = [
         f"evaluate on the {side} side: {several(metrics['frames'][side], 'view set')} of {metrics['views']}, "
-        f"{several(metrics['classes'], 'class', 'classes')}, {several(metrics['trials'], 'trial')}, "
-        f"{several(groups, 'group')}"
+        f"{several(metrics['recordings'][side], 'recording')}, {several(metrics['classes'], 'class', 'classes')}, "
+        f"{several(metrics['trials'], 'trial')}, {several(groups, 'group')}"
     ]
-    for protocol in PROTOCOLS:
-        score = metrics[protocol]
+    for name, title in ASKED.items():
+        score = metrics[name]
         error = score["error"]
         top3 = f", top-3 error {100 * score['top3_error']:.1f} %" if "top3_error" in score else ""
-        whole = ", whole recordings" if "frames" in score else ""
-        lines.append(
-            f"  {protocol} protocol{whole}: error {percent_interval(error['mean'], error['low'], error['high'])} %, "
-            f"std over trials {100 * error['std']:.1f}{top3}"
-        )
+        std = f", std over trials {100 * error['std']:.1f}" if name in PROTOCOLS else ""
+        interval = percent_interval(error["mean"], error["low"], error["high"])
+        lines.append(f"  {title}: error {interval} %{std}{top3}")
     times = ", ".join(f"{name} {value:,.1f} s" for name, value in timing["seconds"].items())
     return [
         *lines,
         f"  time: {times}",
         f"  per answer: {latency['single']['median']:.2f} ms alone (95th percentile "
-        f"{latency['single']['p95']:.2f}), {latency['batch']['median']:.2f} ms in batches; "
-        f"peak memory {timing['peak_mb']:,.0f} MB",
+        f"{latency['single']['p95']:.2f}), {latency['batch']['median']:.2f} ms in batches, "
+        f"{latency[WHOLE]['median']:.2f} ms a whole recording; peak memory {timing['peak_mb']:,.0f} MB",
     ]

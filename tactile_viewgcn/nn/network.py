@@ -4,10 +4,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
+from scipy.special import log_softmax
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, build_backbone, extract_features
 from tactile_viewgcn.nn.system import Sizes, ViewSystem
 from tactile_viewgcn.params import Model
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from tactile_viewgcn.tables.counts import Counts
 
 STAG_SHAPE = (32, 32)
-MAX_COORDINATE = 1e9  # of a viewpoint: its square, and an edge's MLP of that, stay inside float32
 MAX_NODE_VALUES = 1 << 20  # numbers in the nodes of a batch of view sets; a larger batch gains no speed
 
 
@@ -31,13 +30,9 @@ class ViewNetwork(nn.Module):
         backbone: frames (n, 1, H, W) to features (n, *feature_shape).
         head: features (B, k, *feature_shape) of view sets to logits, see `ViewSystem`.
         viewpoints: (V, 3).
-
-    Raises:
-        UserError: a coordinate is not finite, or beyond `MAX_COORDINATE`.
     """
 
     transform: str | None = None  # of frames: the table's
-    answers_recordings = False
     viewpoints: Tensor
 
     def __init__(
@@ -49,8 +44,6 @@ class ViewNetwork(nn.Module):
         shape: tuple[int, int] = STAG_SHAPE,
     ):
         super().__init__()
-        if len(outside := viewpoints[~(viewpoints.abs() < MAX_COORDINATE)]):  # NaN too
-            raise UserError(f"viewpoints hold {float(outside[0]):g}; expected at most {MAX_COORDINATE:g}")
         self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
         maps = system.takes == "maps"
         self.backbone = build_backbone(model.backbone, maps=maps)
@@ -86,12 +79,28 @@ class ViewNetwork(nn.Module):
         return view_set_logits(self.head, values, torch.from_numpy(sets).to(values.device)).cpu().numpy()
 
     def frames_of(self, count: int) -> np.ndarray:
-        """The frames that are read of a recording of that many, see `spread_frames`."""
-        return spread_frames(count, self.views)
+        """The frames that are read of a recording of that many: all."""
+        return np.arange(count)
 
     def recording(self, values: Tensor) -> np.ndarray:
-        """Logits (classes,) of a recording from the values (k, ...) of its frames in the order of time."""
-        return self.view_sets(values, np.arange(len(values))[None])[0]
+        """Logits (classes,) of a recording from the values (T, ...) of its frames in the order of time.
+
+        A system that `takes_more` takes them all at once. Any other answers the `recording_sets`, and the mean of its
+        log-probabilities is taken.
+        """
+        if self.head.takes_more:
+            return self.view_sets(values, np.arange(len(values))[None])[0]
+        return log_softmax(self.view_sets(values, recording_sets(len(values), self.views)), axis=1).mean(axis=0)
+
+
+def recording_sets(count: int, views: int) -> np.ndarray:
+    """The fewest view sets (S, V) of indices that use each of a recording's `count` frames.
+
+    Each is spread over the recording, in the order of time. Where V does not divide the frames, some are used twice: of
+    three frames two sets of two views are 0, 1 and 1, 2.
+    """
+    number = -(-count // views)
+    return spread_frames(count, number * views).reshape(views, number).T
 
 
 def spread_frames(count: int, views: int) -> np.ndarray:

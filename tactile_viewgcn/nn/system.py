@@ -37,20 +37,21 @@ class Sizes:
 
 
 class ViewSystem(nn.Module):
-    """Views (B, k, ...) to logits (B, classes); k is V, or fewer where the system `takes_fewer`.
+    """Views (B, k, ...) to logits (B, classes); k is V, or what else the system takes.
 
     A subclass is built from `Sizes` and the section `model` of params.yaml.
 
     Attributes:
         takes: the backbone's `features` (B, k, C), or its `maps` (B, k, C, H, W).
         in_time_order: views are sorted from the earliest frame to the latest; viewpoints play no part.
-        takes_fewer: a system for V views also takes fewer.
+        takes_fewer: a system for V views also takes fewer; takes_more: also more, as all frames of a recording.
         trainable: it has weights to fine-tune.
     """
 
     takes = "features"
     in_time_order = False
     takes_fewer = False
+    takes_more = False
     trainable = True
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:

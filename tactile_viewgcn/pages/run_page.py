@@ -18,7 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tactile_viewgcn import plots
-from tactile_viewgcn.evaluation.trials import PROTOCOLS, Predictions, read_predictions
+from tactile_viewgcn.evaluation.results import errors_by_frames
+from tactile_viewgcn.evaluation.trials import ASKED, WHOLE, Predictions, read_predictions
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import Note, UserError, several
@@ -73,17 +74,17 @@ class FinishedRun:
 
 
 class Outcome:
-    """The result of a run in the protocol `recording`, which its page speaks of.
+    """The result of a run on whole recordings, which its page speaks of.
 
     Attributes:
         score: its numbers in metrics.json; ends: of the error's 95 % interval, None with one split group.
-        counts: int64 (C, C) over all trials, row the true class, column the answer.
-        chance: error of always naming the object that most view sets are of.
+        counts: int64 (C, C), row the true class, column the answer.
+        chance: error of always naming the object that most recordings are of.
         guesses: whether the interval reaches that error.
         uncertain: whether the test is too small for a reliable error.
         side, groups: test or validation, and its number of split groups.
-        objects: of each tested object name, number of recordings, of answers in all trials, share of wrong ones, and
-            the object that it is most often taken for, with that share; the highest error first.
+        objects: of each tested object name, number of recordings, share of wrong answers, and the object that it is
+            most often taken for, with that share; the highest error first.
         tested: their recordings, in words.
         candidates: of the comparison that `model.members: auto` made, the chosen one first, see `recognition.choice`.
         members: of `sensors`, as asked for or as chosen.
@@ -93,17 +94,16 @@ class Outcome:
     def __init__(self, run: FinishedRun):
         predictions, choices = run.predictions, {note.key: note.value for note in run.notes("choice")}
         self.run = run
-        self.protocol = "recording"
-        self.score: dict[str, Any] = run.metrics[self.protocol]
+        self.score: dict[str, Any] = run.metrics[WHOLE]
         error = self.score["error"]
         self.ends = (error["low"], error["high"]) if error["low"] is not None else None
-        self.counts = predictions.confusion(self.protocol)
+        self.counts = predictions.trials[WHOLE].confusion(len(predictions.classes))
         self.chance = float(1 - self.counts.sum(axis=1).max() / self.counts.sum())
         ((self.side, self.groups),) = run.metrics["groups"].items()
         self.guesses = not self.ends or self.ends[1] >= self.chance - ROUNDING
         self.uncertain = not self.ends or self.groups < FEW or self.ends[1] - self.ends[0] > WIDE
         rows = [self._object(label) for label in np.flatnonzero(self.counts.any(axis=1)).tolist()]
-        self.objects = sorted(rows, key=lambda row: -row[3])
+        self.objects = sorted(rows, key=lambda row: -row[2])
         recordings = [row[1] for row in rows]
         each = f"{min(recordings)} to {max(recordings)}" if min(recordings) < max(recordings) else recordings[0]
         self.tested = f"{several(sum(recordings), 'recording')}, {each} of each object"
@@ -111,14 +111,13 @@ class Outcome:
         self.members = choices.get("model.members", run.params["model.members"])
         self.warnings = run.notes("warning")
 
-    def _object(self, label: int) -> tuple[str, int, int, float, str]:
+    def _object(self, label: int) -> tuple[str, int, float, str]:
         """See `objects`."""
-        predictions, wrong = self.run.predictions, self.counts[label].copy()
-        recordings, answers, wrong[label] = predictions.recordings[predictions.labels == label], int(wrong.sum()), 0
+        classes, wrong = self.run.predictions.classes, self.counts[label].copy()
+        recordings, wrong[label] = int(wrong.sum()), 0
         other = int(wrong.argmax())
-        taken_for = f"{predictions.classes[other]} ({percent(wrong[other] / answers)})" if wrong[other] else ""
-        share = float(wrong.sum() / answers)
-        return str(predictions.classes[label]), len(np.unique(recordings)), answers, share, taken_for
+        taken_for = f"{classes[other]} ({percent(wrong[other] / recordings)})" if wrong[other] else ""
+        return str(classes[label]), recordings, float(wrong.sum() / recordings), taken_for
 
     def verdict(self) -> Verdict:
         """Whether the result is good, and why."""
@@ -185,9 +184,7 @@ def run_page(run: FinishedRun) -> str:
     """The page as HTML."""
     outcome, origin = Outcome(run), run.records["evaluate"].origin
     date = f"{datetime.fromisoformat(origin['time']):%d %B %Y, %H:%M} UTC"
-    scores = {name: run.metrics[name] for name in reversed(PROTOCOLS) if name in run.metrics}
-    by_views = {f"{name} protocol": score["by_views"] for name, score in scores.items() if len(score["by_views"]) > 1}
-    counts = {f"{outcome.protocol} protocol, all trials": outcome.counts}
+    by_frames = {ASKED[name]: errors for name, errors in errors_by_frames(run.metrics).items()}
     return html.render(
         "report.html",
         run=run,
@@ -196,10 +193,11 @@ def run_page(run: FinishedRun) -> str:
         date=date,
         outcome=outcome,
         steps=next_steps(outcome),
-        scores=scores,
+        scores={name: run.metrics[name] for name in reversed(ASKED)},
+        asked=ASKED,
         interval=percent_interval,
-        by_views=by_views and plots.errors_by_views(by_views, outcome.chance),
-        confusion=plots.confusions(counts, run.predictions.classes.tolist()),
+        by_frames=plots.errors_by_frames(by_frames, outcome.chance),
+        confusion=plots.confusions({ASKED[WHOLE]: outcome.counts}, run.predictions.classes.tolist()),
         without_network=on_sensors(run.params["model.system"]),
         remarks=[note for note in run.notes("info") if note.topic != "candidates"],
         choices=run.notes("choice"),

@@ -16,6 +16,7 @@ from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.recognition.classifier import Classifier
 from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import VALIDATION, Frames
+from tactile_viewgcn.views.clustering import pool_ids
 
 MIN_TEMPERATURE, MAX_TEMPERATURE = 0.02, 50.0
 
@@ -75,12 +76,11 @@ def fit_temperature(logits: np.ndarray, labels: np.ndarray, recordings: int) -> 
 def network_temperature(network: ViewNetwork, table: Frames, compute: Compute) -> float:
     """The temperature of a network by its answers to the recordings of the table's validation side."""
     index = table.on(VALIDATION)
-    columns = np.stack([table.label[index], table.recording[index], table.group[index]])
-    recordings, recording = np.unique(columns, axis=1, return_inverse=True)
+    recording = pool_ids(table, index, "recording")
     network.prepare(compute)
-    values = network.frame_values(Gathered(table.inputs, index))
-    answers = recording_answers(network, None, values, recording.ravel())
-    return fit_temperature(answers, recordings[0].astype(np.int64), len(answers))
+    answers = recording_answers(network, None, network.frame_values(Gathered(table.inputs, index)), recording)
+    first = np.unique(recording, return_index=True)[1]
+    return fit_temperature(answers, table.label[index[first]].astype(np.int64), len(answers))
 
 
 def calibration_warning(temperature: float | None, groups: str, remedy: str) -> list[Note]:

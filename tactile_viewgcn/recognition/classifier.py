@@ -10,7 +10,6 @@ Both kinds have the same attributes and methods:
 - `frames_of(count)`: indices of the frames that it reads of a recording of `count` frames in contact.
 - `recording(values)`: logits float32 (classes,) of a recording, by the values of these frames in the order of time.
 - `takes_fewer`: whether `view_sets` also answers fewer frames than V.
-- `answers_recordings`: whether it learns from whole recordings, which then are one answer in the protocol `recording`.
 """
 
 from typing import TYPE_CHECKING, Union

@@ -31,7 +31,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
     Args:
         preset: a name of `tactile-viewgcn preset`; `best` if `system` is None too.
         system: a value of `model.system`, or a member of `sensors`; on top of the preset, else of the paper's recipe.
-        views: V, the frames by which a network answers.
+        views: V, the frames of a network's view set.
         params: values by dotted key of params.yaml, on top of all others, such as `{"preprocess.transform": "log"}`.
         random_state: source of every random choice: an integer, a `RandomState` of NumPy, or None.
 

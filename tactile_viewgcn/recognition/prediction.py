@@ -44,12 +44,8 @@ def predict(
     if csv_path:
         check_output(csv_path, "recording,answer,class_1,")
     recogniser = load_model(model)
-    classes, views, calibrated = recogniser.classes, recogniser.classifier.views, recogniser.calibrated
-    frames = "whole recordings" if recogniser.classifier.answers_recordings else several(views, "frame")
-    echo(
-        f"model: {recogniser.system}, {several(len(classes), 'class', 'classes')}, {frames}; "
-        f"probabilities are {'' if calibrated else 'not '}calibrated"
-    )
+    classes, calibrated = recogniser.classes, "calibrated" if recogniser.calibrated else "not calibrated"
+    echo(f"model: {recogniser.system}, {several(len(classes), 'class', 'classes')}; probabilities are {calibrated}")
     form = replace(form, shape=recogniser.shape if form.shape == "auto" else form.shape, labelled=False)
     with recordings_of(source, form) as recordings:
         notes = [*warnings_of(recordings.notes), *without_frames(recordings)]

@@ -21,6 +21,7 @@ class GVCNN(ViewSystem):
 
     takes = "maps"
     takes_fewer = True
+    takes_more = True
 
     def __init__(self, sizes: Sizes, model: Model):
         super().__init__()

@@ -13,6 +13,7 @@ class MVCNN(ViewSystem):
     """Features (B, k, C) to logits (B, classes); the order of the views plays no part."""
 
     takes_fewer = True
+    takes_more = True
 
     def __init__(self, sizes: Sizes, model: Model):
         super().__init__()

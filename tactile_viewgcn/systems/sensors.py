@@ -40,7 +40,6 @@ class SensorClassifier:
     """
 
     transform = "counts"
-    answers_recordings = True
     representation: Representation
 
     def __init__(self, members: Sequence[str], viewpoints: np.ndarray, classes: int):

@@ -14,7 +14,6 @@ from tactile_viewgcn.evaluation.trials import Trials
 from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import preset_changes
 from tactile_viewgcn.recognition.fitting import fit_classifier
-from tactile_viewgcn.systems.sensors import SensorClassifier
 from tactile_viewgcn.tables.frames import TEST
 from tests.glove_data import CPU, recipe, table, trained, views_of
 
@@ -29,11 +28,12 @@ def drawn(monkeypatch):
         return np.eye(4)[np.zeros(len(sets), dtype=int)]
 
     monkeypatch.setattr(ViewNetwork, "view_sets", view_sets)
+    monkeypatch.setattr(ViewNetwork, "recording", lambda model, values: np.zeros(4))
     return result
 
 
-def evaluated(*changes, classifier=None, frames=None, temperature=None, timed=False):
-    return evaluate_table(classifier or trained(), frames or table(), recipe(*changes), CPU, temperature, timed=timed)
+def evaluated(*changes, classifier=None, frames=None):
+    return evaluate_table(classifier or trained(), frames or table(), recipe(*changes), CPU, timed=False)
 
 
 def test_each_test_frame_passes_the_backbone_once():
@@ -64,27 +64,18 @@ def test_trials_and_seeds_draw_other_view_sets_and_one_seed_the_same(drawn):
 def test_a_result_repeats_in_whatever_mode_the_classifier_comes_and_is_far_above_chance():
     first, again = evaluated(), evaluated(classifier=trained().train())
     assert first.metrics == again.metrics
-    for protocol in ("object", "recording"):
-        np.testing.assert_array_equal(first.predictions.predicted[protocol], again.predictions.predicted[protocol])
-        assert first.metrics[protocol]["error"]["mean"] < 0.4  # chance: 0.75
+    for asked, trials in first.predictions.trials.items():
+        np.testing.assert_array_equal(trials.best, again.predictions.trials[asked].best)
+        assert first.metrics[asked]["error"]["mean"] < 0.4  # chance: 0.75
 
 
-SENSORS = "model.system=sensors", "model.members=[convolutions, trees]", "finetune.num_views=random"
-
-
-def test_a_system_on_the_sensors_is_asked_for_whole_recordings_and_timed_on_one(monkeypatch):
-    """Recordings of 12 frames; of view sets it has the estimators of one frame, 2 and 4."""
-    times, read = [], SensorClassifier.recording
-    monkeypatch.setattr(
-        SensorClassifier, "recording", lambda model, values: times.append(len(values)) or read(model, values)
-    )
-    fitted = fit_classifier(table(), views_of(table(), recipe()), {}, recipe(*SENSORS), CPU)
-    result = evaluated("evaluate.trials=2", classifier=fitted.classifier, temperature=fitted.temperature, timed=True)
-    assert {name: list(result.metrics[name]["by_views"]) for name in ("object", "recording")} == {
-        "object": ["1", "2", "4"], "recording": ["1", "2", "4", "12"]
-    }  # fmt: skip
-    single, batch = result.latency_ms.values()
-    assert set(times) == {12} and batch["median"] == single["median"] > 0
+def test_a_view_set_s_estimators_and_those_of_recordings_of_a_system_on_the_sensors_are_both_asked():
+    """Of view sets it has the estimators of one frame, 2 and 4; recordings have 12 frames."""
+    changes = "model.system=sensors", "model.members=[convolutions, trees]", "finetune.num_views=random"
+    fitted = fit_classifier(table(), views_of(table(), recipe()), {}, recipe(*changes), CPU)
+    metrics = evaluated("evaluate.trials=2", classifier=fitted.classifier).metrics
+    by_views = {name: list(metrics[name]["by_views"]) for name in ("object", "recording", "whole")}
+    assert by_views == {"object": ["1", "2", "4"], "recording": ["1", "2", "4"], "whole": ["12"]}
 
 
 def test_no_preset_of_the_sensors_changes_the_view_sets_of_the_test():
@@ -96,12 +87,13 @@ def test_scores_by_hand():
     correct = np.array([[1, 1, 0, 0], [1, 1, 1, 0], [1, 0, 0, 0], [1, 1, 1, 0]], dtype=bool)
     in_top3 = np.array([[1, 1, 1, 0], [1, 1, 1, 1], [1, 1, 0, 0], [1, 1, 1, 1]], dtype=bool)
     best = np.stack([np.where(correct, 0, 1), np.full((4, 4), 2), np.where(in_top3 & ~correct, 0, 3)], axis=-1)
-    trials = Trials(best, np.zeros(4, int), {1: correct & in_top3[::-1], 2: in_top3}, 22)
-    score = scores_of(trials, np.array([0, 0, 1, 1]), np.random.default_rng(0), 4)
+    labels, groups, fewer = np.zeros(4, int), np.array([0, 0, 1, 1]), {1: correct & in_top3[::-1], 2: in_top3}
+    trials = Trials(best, labels, groups, groups, 22, fewer)
+    score = scores_of(trials, np.random.default_rng(0), 4)
     assert score["error"]["mean"] == pytest.approx(1 - 9 / 16)
     assert score["error"]["std"] == pytest.approx(np.sqrt((0.0625**2 + 2 * 0.1875**2 + 0.3125**2) / 3))
     assert score["top3_error"] == pytest.approx(3 / 16)
-    assert "top3_error" not in scores_of(trials, np.arange(4), np.random.default_rng(0), 3)
+    assert "top3_error" not in scores_of(trials, np.random.default_rng(0), 3)
     # the groups err in 1/8 and 3/4, and either is drawn twice in a quarter of the resamples; two right say no more
     assert (score["error"]["low"], score["error"]["high"]) == pytest.approx((1 / 8, 1 - 0.025**0.5))
     by_views = score["by_views"]
@@ -111,8 +103,8 @@ def test_scores_by_hand():
 
 @pytest.mark.stability("one trial")
 def test_one_trial_has_no_spread_and_one_group_no_interval(row):
-    best = np.array([[[0], [1], [0], [0]]])
-    score = scores_of(Trials(best, np.zeros(4, int)), np.zeros(4), np.random.default_rng(0), 4)
+    best, zeros = np.array([[[0], [1], [0], [0]]]), np.zeros(4, int)
+    score = scores_of(Trials(best, zeros, zeros, zeros, 8), np.random.default_rng(0), 4)
     row("error", abs(score["error"]["mean"] - 0.25))
     row("spread over trials", score["error"]["std"])
     row("intervals given", float(score["error"]["low"] is not None or score["error"]["high"] is not None))
@@ -134,10 +126,10 @@ def test_latency_is_in_milliseconds_per_answer_and_bounded_by_time(sizes, monkey
     monkeypatch.setattr(module, "BATCH", 4)
     classifier, inputs = trained(), np.random.default_rng(0).random((3, 12, 12), dtype=np.float32)
     classifier.prepare(CPU)
-    assert latency(classifier, inputs, seconds=20) == {
-        "single": {"median": 1000.0, "p95": 1000.0}, "batch": {"median": 250.0}
+    assert latency(classifier, inputs, 23, seconds=20) == {
+        "single": {"median": 1000.0, "p95": 1000.0}, "batch": {"median": 250.0}, "whole": {"median": 1000.0}
     }  # fmt: skip
-    assert set(sizes) == {1, 4} and len(sizes) < 20
+    assert set(sizes) == {1, 4, 6} and len(sizes) < 30  # a view set of 4, 4 of these, and 6 of all 23 frames
     sizes.clear()
-    latency(classifier, inputs, seconds=1)
-    assert sizes == [1, 1, 4, 4]  # the first of each warms up
+    latency(classifier, inputs, 23, seconds=1)
+    assert sizes == [1, 1, 4, 4, 6, 6]  # the first of each warms up

@@ -22,7 +22,7 @@ from tests.records import RECORD
 
 CLASSES = ["cup", "pen, red", "tape"]
 LABELS = np.array([0, 0, 1, 1], dtype=np.int16)
-LATENCY = {"single": {"median": 1.5, "p95": 2.25}, "batch": {"median": 0.5}}
+LATENCY = {"single": {"median": 1.5, "p95": 2.25}, "batch": {"median": 0.5}, "whole": {"median": 3.0}}
 COUNTS = {"resolved.model.members": "svm + trees"}
 RECORDS = {
     "pretrain": replace(RECORD, seconds=12.34567, peak_mb=900.0, counts={"weights.backbone": 7}),
@@ -32,18 +32,19 @@ RECORDS = {
 
 @pytest.fixture
 def evaluation():
-    """Two trials of four anchors: three and two of them right by object, two and one by recording."""
-    predicted = {"object": [[0, 0, 1, 2], [0, 2, 1, 2]], "recording": [[0, 2, 1, 2], [2, 2, 1, 0]]}
-    predicted, groups = {name: np.array(answers) for name, answers in predicted.items()}, np.array([0, 0, 1, 1])
+    """Two trials of four anchors: three and two of them right by object, two and one by recording; two recordings."""
+    answers = {"object": [[0, 0, 1, 2], [0, 2, 1, 2]], "recording": [[0, 2, 1, 2], [2, 2, 1, 0]], "whole": [[0, 2]]}
     others = {0: (1, 2), 1: (0, 2), 2: (1, 3)}  # what follows each answer; cup is not among the three after tape
-    protocols = {
-        name: Trials(np.array([[(one, *others[one]) for one in row] for row in answers.tolist()]), LABELS, frames=4)
-        for name, answers in predicted.items()
-    }
-    protocols["recording"].fewer[1] = np.array([[1, 0, 0, 0], [0, 0, 0, 0]])
-    predictions = Predictions(predicted, LABELS, groups, groups, np.array(CLASSES))
-    metrics = {"views": 4, "classes": 4, "trials": 2, "frames": {"train": 9, "test": 4}, "groups": {"test": 2}}
-    metrics |= {protocol: scores_of(one, groups, np.random.default_rng(0), 4) for protocol, one in protocols.items()}
+    trials = {}
+    for name, rows in answers.items():
+        best, groups = np.array([[(one, *others[one]) for one in row] for row in rows]), np.array([0, 0, 1, 1])
+        at = [0, 2] if name == "whole" else [0, 1, 2, 3]
+        trials[name] = Trials(best, LABELS[at], groups[at], groups[at], 4 if len(at) > 2 else 30)
+    trials["recording"].fewer[1] = np.array([[1, 0, 0, 0], [0, 0, 0, 0]])
+    predictions = Predictions(trials, np.array(CLASSES))
+    metrics = {"views": 4, "classes": 4, "trials": 2, "frames": {"train": 9, "test": 4}}
+    metrics |= {"recordings": {"test": 2}, "groups": {"test": 2}}
+    metrics |= {name: scores_of(one, np.random.default_rng(0), 4) for name, one in trials.items()}
     return Evaluation(predictions, metrics, LATENCY)
 
 
@@ -71,24 +72,27 @@ def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tm
         assert json.loads((tmp_path / f"{name}.json").read_text()) == tree
     heading, *by_trial = rows("trials.csv")
     assert heading == ["protocol", "trial", "error"] and by_trial == [
-        ["object", "0", "0.25"], ["object", "1", "0.5"], ["recording", "0", "0.5"], ["recording", "1", "0.75"]
+        ["object", "0", "0.25"], ["object", "1", "0.5"], ["recording", "0", "0.5"], ["recording", "1", "0.75"],
+        ["whole", "0", "0.5"],
     ]  # fmt: skip
     heading, *by_views = rows("views.csv")
     assert heading == ["protocol", "views", "error", "low", "high"]
     assert [row[:3] for row in by_views] == [
-        ["object", "4", "0.375"], ["recording", "1", "0.875"], ["recording", "4", "0.625"]
+        ["object", "4", "0.375"], ["recording", "1", "0.875"], ["recording", "4", "0.625"], ["recording", "30", "0.5"]
     ]  # fmt: skip
     assert by_views[0][3:] == [str(evaluation.metrics["object"]["error"][end]) for end in ("low", "high")]
     assert rows("per_class.csv") == [
-        ["protocol", "object", "view_sets", "error"],
+        ["protocol", "object", "answers", "error"],
         ["object", "cup", "4", "0.25"],
         ["object", "pen, red", "4", "0.5"],
         ["recording", "cup", "4", "0.75"],
         ["recording", "pen, red", "4", "0.5"],
+        ["whole", "cup", "1", "0.0"],
+        ["whole", "pen, red", "1", "1.0"],
     ]
     heading, *confusion = rows("confusion.csv")
     assert heading == ["protocol", "object", "predicted", "count"]
-    assert len(confusion) == 2 * 9 and sum(int(count) for *_, count in confusion) == 2 * 2 * 4
+    assert len(confusion) == 3 * 9 and sum(int(count) for *_, count in confusion) == 2 * 2 * 4 + 2
     assert ["object", "cup", "tape", "1"] in confusion and ["object", "pen, red", "tape", "2"] in confusion
 
 
@@ -101,8 +105,8 @@ def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation,
     tags, parameters, scores = row_tags_parameters_metrics(metrics, timing, RECORDS)
     assert tags["resolved.model.members"] == "svm + trees"
     assert (parameters["classes"], parameters["frames.test"], parameters["weights.backbone"]) == (4, 4, 7)
-    expected = {"error.object": 3 / 8, "error.recording": 5 / 8}
-    expected |= {"top3_error.object": 1 / 8, "top3_error.recording": 3 / 8}
+    expected = {"error.object": 3 / 8, "error.recording": 5 / 8, "error.whole": 1 / 2, "ms_per_recording": 3.0}
+    expected |= {"top3_error.object": 1 / 8, "top3_error.recording": 3 / 8, "top3_error.whole": 0}
     seconds = {"pretrain": 12.346, "finetune": 1234.5, "evaluate": 50.0, "total": 1296.846}
     expected |= {f"seconds.{name}": value for name, value in seconds.items()} | {"ms_per_answer": 1.5}
     assert scores == pytest.approx(expected | {"peak_mb": 1300.5})  # of the hungriest stage

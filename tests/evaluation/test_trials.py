@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from sklearn.metrics import confusion_matrix
 
-from tactile_viewgcn.evaluation import trials as module
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
-from tactile_viewgcn.evaluation.trials import read_predictions, run_trials, write_predictions
+from tactile_viewgcn.evaluation.trials import answer_recordings, read_predictions, run_trials, write_predictions
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 from tests.glove_data import CPU, fewer_anchors, recipe, table, trained
 
@@ -20,6 +19,7 @@ def frames_of(labels, recording=None, anchors=None):
     return SimpleNamespace(
         label=labels,
         recording=np.zeros(count, int) if recording is None else recording,
+        recordings=["a", "b", "c"],
         group=np.zeros(count, int),
         side=np.full(count, 2),
         anchor=np.ones(count, bool) if anchors is None else np.isin(np.arange(count), anchors),
@@ -30,15 +30,15 @@ def frames_of(labels, recording=None, anchors=None):
 
 def run(answer, table, values, *changes, views, trials=2, protocol="object", **classifier):
     """Trials of a classifier that answers view sets by a function of their values, with these attributes."""
-    attributes = {"takes_fewer": False, "answers_recordings": False} | classifier
-    system = SimpleNamespace(views=views, view_sets=lambda values, sets: answer(values[sets]), **attributes)
+    attributes = {"takes_fewer": False, "views": views} | classifier
+    system = SimpleNamespace(view_sets=lambda values, sets: answer(values[sets]), **attributes)
     return run_trials(system, values, table, recipe(*changes, f"evaluate.trials={trials}"), protocol)
 
 
 def test_the_three_best_follow_the_logits_and_ties_go_to_the_lowest_class():
     scores, table = np.array([1.0, 1, 1, 1, 2]), frames_of(np.arange(5))
     result = run(lambda nodes: np.tile(scores, (len(nodes), 1)), table, np.zeros((5, 3)), views=2)
-    assert result.best.tolist() == [[[4, 0, 1]] * 5] * 2 and result.truth.tolist() == [0, 1, 2, 3, 4]
+    assert result.best.tolist() == [[[4, 0, 1]] * 5] * 2 and result.labels.tolist() == [0, 1, 2, 3, 4]
 
 
 def test_the_classifier_sees_the_values_of_each_view_set():
@@ -48,28 +48,19 @@ def test_the_classifier_sees_the_values_of_each_view_set():
     assert result.best[..., 0].tolist() == [labels[::5].tolist()] * 2
 
 
-@pytest.mark.parametrize("takes_fewer", [True, False])
-def test_whole_recordings_are_answered_once_and_clustered_only_for_fewer_views(monkeypatch, takes_fewer):
-    """Of 3 and 7 frames, two of which are read; fewer views end below their median."""
-    drawn = []
-    monkeypatch.setattr(
-        module, "cluster_pools", lambda _, pool, views, *__: drawn.append(1) or np.arange(len(pool)) % views
-    )
-    recording, answers = np.repeat([0, 1], [3, 7]), np.array([[2.0, 1.9, 0.0], [0.0, 1.9, 2.0]])
-    result = run(
-        lambda nodes: np.zeros((len(nodes), 3)),
-        frames_of(np.zeros(10, int), recording),
-        recording,
-        views=16,
-        protocol="recording",
-        takes_fewer=takes_fewer,
-        answers_recordings=True,
+def test_each_recording_is_answered_once_from_its_frames_in_their_order():
+    """Of 3 and 6 frames and 1, of which the first and the last are read; that of two split groups is two."""
+    recording, answers = np.repeat([0, 1, 2], [3, 6, 1]), np.array([[2.0, 1.9, 0.0], [0.0, 1.9, 2.0], [2.0, 2.0, 2.0]])
+    table = frames_of(np.zeros(10, int), recording)
+    table.group = np.array([0, 0, 0, 1, 1, 1, 2, 2, 2, 3])
+    classifier = SimpleNamespace(
         frames_of=lambda count: np.array([0, count - 1]),
-        recording=lambda values: answers[values[0]] if len(values) == 2 and values[0] == values[1] else None,
+        recording=lambda values: answers[recording[values[0]]] if values[0] <= values[1] else None,
     )
-    assert result.best[..., 0].tolist() == [np.array([0, 2])[recording].tolist()] * 2
-    assert (result.frames, result.whole, list(result.fewer)) == (5, True, [1, 2, 4] * takes_fewer)
-    assert len(drawn) == 2 * takes_fewer
+    trials = answer_recordings(classifier, np.arange(10), table, recipe())
+    assert trials.best.tolist() == [[[0, 1, 2], [2, 1, 0], [2, 1, 0], [0, 1, 2]]]
+    assert trials.recordings.tolist() == ["a", "b", "b", "c"] and trials.groups.tolist() == [0, 1, 2, 3]
+    assert (trials.frames, trials.errors) == (3, 0.5)
 
 
 @pytest.mark.parametrize("assignment", ["index", "anchor", "random"])
@@ -113,15 +104,20 @@ def test_answers_belong_to_the_anchors_of_the_evaluated_side(tmp_path, side, cod
     predictions, metrics = read_predictions(tmp_path / "predictions.npz"), evaluation.metrics
     on_side = frames.side == code
     anchors = np.flatnonzero(frames.anchor & on_side)
-    assert (predictions.labels == frames.label[anchors]).all()
-    assert (predictions.groups == frames.group[anchors]).all()
-    assert predictions.recordings.tolist() == [frames.recordings[i] for i in frames.recording[anchors]]
+    firsts = np.flatnonzero(on_side)[np.unique(frames.recording[on_side], return_index=True)[1]]
+    firsts = firsts[np.argsort(frames.label[firsts], kind="stable")]
     assert predictions.classes.tolist() == frames.classes
-    assert metrics["groups"] == {side: len(np.unique(frames.group[anchors]))}
+    assert metrics["groups"] == metrics["recordings"] == {side: len(np.unique(frames.group[on_side]))}
     assert metrics["frames"] == {"train": (frames.anchor & (frames.side == TRAIN)).sum(), side: len(anchors)}
-    for protocol, answers in predictions.predicted.items():
-        assert answers.shape == (params.evaluate.trials, len(anchors))
-        assert predictions.errors(protocol) == pytest.approx((answers != predictions.labels).mean(axis=1))
-        assert predictions.errors(protocol).mean() == pytest.approx(metrics[protocol]["error"]["mean"])
-        expected = confusion_matrix(np.tile(predictions.labels, len(answers)), answers.ravel(), labels=range(4))
-        np.testing.assert_array_equal(predictions.confusion(protocol), expected)
+    assert list(predictions.trials) == ["object", "recording", "whole"]
+    for asked, trials in predictions.trials.items():
+        count = 1 if asked == "whole" else params.evaluate.trials
+        at = firsts if asked == "whole" else anchors
+        assert trials.best.shape == (count, len(at), 3) and (trials.labels == frames.label[at]).all()
+        assert (trials.groups == frames.group[at]).all()
+        assert trials.recordings.tolist() == [frames.recordings[i] for i in frames.recording[at]]
+        assert trials.errors.mean() == pytest.approx(metrics[asked]["error"]["mean"])
+        answers = trials.best[..., 0]
+        assert trials.errors == pytest.approx((answers != trials.labels).mean(axis=1))
+        expected = confusion_matrix(np.tile(trials.labels, count), answers.ravel(), labels=range(4))
+        np.testing.assert_array_equal(trials.confusion(4), expected)

@@ -1,15 +1,17 @@
 """A network on view sets: ready for answers, and its logits in batches."""
 
+import numpy as np
 import pytest
 import torch
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn import network as module
-from tactile_viewgcn.nn.network import ViewNetwork, view_set_logits
+from tactile_viewgcn.nn.network import ViewNetwork, recording_sets, view_set_logits
 from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.params import load
 from tactile_viewgcn.systems import system_class
 from tests.glove_data import FILE
+from tests.systems.small_systems import built
 
 
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
@@ -46,3 +48,26 @@ def test_logits_of_view_sets_are_those_of_each_alone(monkeypatch, most, batches,
     first = [row.sort().values if in_time_order else row for row in sets]
     expected = torch.stack([features[row[0]] - features[row].sum(dim=0) for row in first])
     assert head.batches == batches and torch.equal(logits, expected)
+
+
+@pytest.mark.parametrize(("count", "views"), [(1, 3), (7, 8), (8, 8), (9, 8), (48, 8), (50, 8), (5, 1), (3, 2)])
+def test_the_fewest_sets_use_each_frame_in_the_order_of_time_and_none_more_than_twice_if_there_are_v(count, views):
+    sets = recording_sets(count, views)
+    used = np.bincount(sets.ravel(), minlength=count)
+    assert sets.shape == (-(-count // views), views) and (np.diff(sets, axis=1) >= 0).all()
+    assert used.min() >= 1 and len(used) == count and (used.max() <= 2 or count < views)
+    assert count % views or (used == 1).all()
+
+
+@pytest.mark.parametrize("name", ["mean", "vote", "view_gcn", "stag", "cnn_lstm"])
+def test_a_whole_recording_is_one_set_of_all_frames_or_the_mean_of_the_log_probabilities_of_sets(name):
+    network = built(name, "model.neighbours=2")
+    features = torch.randn(10, *network.feature_shape, generator=torch.Generator().manual_seed(0))
+    of_sets = torch.tensor([[0, 2, 5, 7], [1, 3, 6, 8], [2, 4, 7, 9]])  # worked by hand: two frames are in two sets
+    with torch.inference_mode():
+        logits = network.head(features[of_sets])[0]
+        expected = logits.log_softmax(dim=1).mean(dim=0)
+        if name in ("mean", "vote"):
+            expected = network.head(features[None])[0][0]
+    np.testing.assert_allclose(network.recording(features), expected, rtol=1e-4, atol=1e-5)
+    assert network.frames_of(10).tolist() == list(range(10))

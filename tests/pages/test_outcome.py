@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactile_viewgcn.evaluation.trials import Predictions
-from tactile_viewgcn.intervals import proportion_interval
+from tactile_viewgcn.evaluation.evaluate import scores_of
+from tactile_viewgcn.evaluation.trials import WHOLE, Predictions, Trials
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.pages.run_page import FinishedRun, Outcome, next_steps
 from tests.records import RECORD
@@ -22,18 +22,17 @@ PREDICT = "tactile-viewgcn predict models/classifier.pt NEW_RECORDINGS"
 
 
 def finished(answers, *, notes=(), **changes):
-    """A run of three objects with as many test recordings each as `answers` has columns, ten anchors a recording.
+    """A run of three objects with as many test recordings each as `answers` has columns.
 
     Args:
-        answers: of each object, the answer to all anchors of each of its recordings.
+        answers: of each object, the answer to each of its recordings.
         changes: parameters that differ from the committed ones, `_` for a dot.
     """
-    answers = np.repeat(np.array(answers), 10, axis=1)
-    labels, predicted = np.repeat(np.arange(3), answers.shape[1]), answers.ravel()
-    groups, wrong = np.arange(len(labels)) // 10, (predicted != labels).astype(float)
-    low, high = proportion_interval(wrong, groups, np.random.default_rng(0))
-    score = {"error": {"mean": float(wrong.mean()), "low": low, "high": high}, "top3_error": 0.0}
-    predictions = Predictions({"recording": predicted[None]}, labels, groups, groups.astype(str), np.array(NAMES))
+    answers = np.array(answers)
+    labels, groups = np.repeat(np.arange(3), answers.shape[1]), np.arange(answers.size)
+    trials = Trials(answers.reshape(1, -1, 1), labels, groups, groups.astype(str), 48)
+    score = scores_of(trials, np.random.default_rng(0), 3)
+    predictions = Predictions({WHOLE: trials}, np.array(NAMES))
     changed = {key.replace("_", ".", 1): value for key, value in changes.items()}
     values = {"data.source": "my glove", "data.shape": "auto", "data.layout": "auto", "data.columns": []}
     values |= {"split.by": "recording", "split.folds": 3, "model.system": "sensors"}
@@ -41,7 +40,7 @@ def finished(answers, *, notes=(), **changes):
     params = {"values": values | changed, "changed": changed}
     records = {stage: replace(RECORD, stage=stage, params=params, run_id="f" * 32) for stage in STAGES}
     records["preprocess"] = replace(RECORD, params=params, notes=notes)
-    return FinishedRun("", {"recording": score, "groups": {"test": len(np.unique(groups))}}, {}, predictions, records)
+    return FinishedRun("", {WHOLE: score, "groups": {"test": len(groups)}}, {}, predictions, records)
 
 
 def advice(run):
@@ -51,14 +50,13 @@ def advice(run):
 
 
 def test_objects_and_guessing_by_hand():
-    labels = np.array([0, 0, 0, 0, 1, 1])  # cup: 4 view sets of two recordings, twice; pen: 2 of one; no tape
-    answers = np.array([[0, 0, 1, 2, 1, 1], [0, 1, 1, 0, 1, 0]])
-    names, recordings = np.array(["cup", "pen", "tape"]), np.array(["c1", "c1", "c2", "c2", "p1", "p1"])
-    predictions = Predictions({"recording": answers}, labels, labels, recordings, names)
-    outcome = Outcome(replace(finished(FEW), predictions=predictions))
-    assert outcome.tested == "3 recordings, 1 to 2 of each object"
-    assert outcome.objects == [("cup", 2, 8, 0.5, "pen (37.5\xa0%)"), ("pen", 1, 4, 0.25, "cup (25.0\xa0%)")]
-    assert outcome.chance == pytest.approx(2 / 6)
+    labels = np.array([0] * 8 + [1] * 4)  # recordings of a cup and a pen; no tape
+    answers = np.array([[0, 0, 1, 2, 0, 1, 1, 0, 1, 1, 1, 0]])
+    trials, names = Trials(answers[..., None], labels, labels, labels, 48), np.array(["cup", "pen", "tape"])
+    outcome = Outcome(replace(finished(FEW), predictions=Predictions({WHOLE: trials}, names)))
+    assert outcome.tested == "12 recordings, 4 to 8 of each object"
+    assert outcome.objects == [("cup", 8, 0.5, "pen (37.5\xa0%)"), ("pen", 4, 0.25, "cup (25.0\xa0%)")]
+    assert outcome.chance == pytest.approx(4 / 12)
 
 
 QUEUE = f"-S split.fold=0,1,2 -S views=4 -S 'data.source=\"{Path.cwd() / 'my glove'}\"'\ndvc q"
@@ -110,5 +108,5 @@ def test_the_candidates_are_those_of_the_notes_and_the_members_are_the_chosen_on
 
 def test_one_group_cannot_be_judged():
     run = finished(FEW)
-    run.metrics["recording"]["error"] |= {"low": None, "high": None}
+    run.metrics[WHOLE]["error"] |= {"low": None, "high": None}
     assert advice(run)[0].kind == "bad"

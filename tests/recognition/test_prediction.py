@@ -40,7 +40,7 @@ def answers_in(path):
 
 def test_unlabelled_recordings_have_a_line_each(place):
     head, columns, *lines, last, errs = call(place / "classifier.pt", place / "new")
-    assert head == "model: kernel + pooled_kernel, 3 classes, whole recordings; probabilities are calibrated"
+    assert head == "model: kernel + pooled_kernel, 3 classes; probabilities are calibrated"
     assert [line.split()[:3] for line in lines] == [[str(i), "20/20", name] for i, name in enumerate(OBJECTS)]
     assert columns.split() == ["recording", "used/contact", "answer"]
     assert last == "answers: 3 with an object" and errs.startswith("how often it errs: ")
@@ -94,9 +94,11 @@ def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(plac
     assert sum(float(rows["cup"][f"probability_{place}"]) for place in (1, 2, 3)) == pytest.approx(1, abs=1e-5)
 
 
-def test_a_network_without_validation_groups_says_that_its_probabilities_are_not_calibrated(place):
-    path = model_file(place / "full.pt", "model.system=mvcnn")
-    assert "8 frames; probabilities are not calibrated" in call(path, place / "new")[0]
+@pytest.mark.parametrize("system", ["mvcnn", "view_gcn"])
+def test_a_network_uses_all_frames_and_without_validation_groups_its_probabilities_are_not_calibrated(place, system):
+    head, _, *lines, _, _ = call(model_file(place / "full.pt", f"model.system={system}"), place / "new")
+    assert head == f"model: {system}, 3 classes; probabilities are not calibrated"
+    assert [line.split()[1] for line in lines] == ["20/20"] * 3
 
 
 @pytest.mark.parametrize(

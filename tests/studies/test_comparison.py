@@ -8,24 +8,19 @@ from studies.cells import Answers
 from studies.comparison import complete, pareto_front, power, rows_of
 from studies.grid import Cell, Study
 from studies.report import write_report
-from tactile_viewgcn.evaluation.trials import Predictions
+from tactile_viewgcn.evaluation.trials import ASKED, Predictions, Trials
 from tactile_viewgcn.messages import UserError
 
 LABELS, GROUPS = np.repeat([0, 1], 40), np.repeat(np.arange(8), 10)
-COSTS = {"pretrain s": 2.0, "finetune s": 3.0, "ms alone": 1.0, "ms in batches": 0.5, "peak MB": 100.0}
+COSTS = {"pretrain s": 2.0, "finetune s": 3.0, "ms alone": 1.0, "ms in batches": 0.5, "ms whole": 4.0, "peak MB": 100.0}
 
 
 def answers(variant, wrong, *, seed=0, deal=0, fold=0, groups=GROUPS, **costs):
     """Two trials in which the first `wrong` view sets of every group of ten are mistaken for the other object."""
     mistaken = np.tile(np.arange(10) < wrong, 8)
-    predicted = np.tile(np.where(mistaken, 1 - LABELS, LABELS), (2, 1)).astype(np.int16)
-    predictions = Predictions(
-        {"object": predicted, "recording": predicted},
-        LABELS,
-        groups,
-        np.array([f"recording {group}" for group in groups]),
-        np.array(["mug", "pen"]),
-    )
+    predicted, names = np.tile(np.where(mistaken, 1 - LABELS, LABELS), (2, 1)), groups.astype(str)
+    trials = {asked: Trials(predicted[..., None].copy(), LABELS, groups, names, 8) for asked in ASKED}
+    predictions = Predictions(trials, np.array(["mug", "pen"]))
     cell = Cell(variant=variant, seed=seed, deal=deal, fold=fold, changes=(f"seed={seed}",))
     return Answers(cell, predictions, COSTS | costs)
 
@@ -33,18 +28,18 @@ def answers(variant, wrong, *, seed=0, deal=0, fold=0, groups=GROUPS, **costs):
 def table(*cells, references=("a",)):
     """Rows by variant and protocol."""
     rows = rows_of(complete(list(cells)), references, np.random.default_rng(0)).to_dict("records")
-    return {(row["variant"], row["protocol"]): row for row in rows}
+    return {(row["variant"], row["protocol"].removesuffix(" protocol")): row for row in rows}
 
 
 def test_a_known_difference_has_its_size_and_its_interval():
     a, b = answers("a", 1), answers("b", 3)
     rows = table(a, b)
-    assert list(rows) == [(name, protocol) for protocol in ("object", "recording") for name in "ab"]
+    assert list(rows) == [(name, asked) for asked in ("object", "recording", "whole recordings") for name in "ab"]
     first, second = rows["a", "recording"], rows["b", "recording"]
     assert (first["error"], second["error"], second["vs a more"]) == pytest.approx((10, 30, 20))
     assert first["low"] <= 10 <= first["high"]
     assert all(np.isnan(first[f"vs a {name}"]) for name in ("more", "low", "high", "seeds_low", "seeds_high"))
-    b.predictions.predicted["recording"][:, :10] = LABELS[:10]  # in one group it has no mistake
+    b.predictions.trials["recording"].best[..., 0][:, :10] = LABELS[:10]  # in one group it has no mistake
     second = table(a, b)["b", "recording"]
     assert second["vs a more"] == pytest.approx((7 * 20 - 10) / 8)
     assert second["vs a low"] < second["vs a more"] < second["vs a high"]
@@ -53,7 +48,7 @@ def test_a_known_difference_has_its_size_and_its_interval():
 def test_a_small_group_counts_as_much_as_a_large_one():
     groups = np.where(np.arange(80) < 10, 0, 1)  # 10 anchors, of which 9 are wrong, and 70, of which 7 are
     worse = answers("b", 1, groups=groups)
-    worse.predictions.predicted["recording"][:, 1:9] = 1 - LABELS[1:9]
+    worse.predictions.trials["recording"].best[..., 0][:, 1:9] = 1 - LABELS[1:9]
     row = table(worse, answers("a", 0, groups=groups))["b", "recording"]
     assert row["error"] == row["vs a more"] == pytest.approx((90 + 10) / 2)
     assert (row["vs a low"], row["vs a high"]) == pytest.approx((10, 90))  # both draws of the one or the other
@@ -88,7 +83,7 @@ def dealt(variant, wrong, deals):
     for deal in range(deals):
         groups = np.repeat(np.random.default_rng(deal).permutation(8), 10)
         one = answers(variant, wrong, deal=deal, groups=groups)
-        one.predictions.predicted["recording"][:, groups == 0] = LABELS[groups == 0]
+        one.predictions.trials["recording"].best[..., 0][:, groups == 0] = LABELS[groups == 0]
         yield one
 
 
@@ -140,8 +135,12 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
     pictures = {"results.png", "answers.png"} if picture else set()
     assert {file.name for file in tmp_path.glob("*.png") if file.stat().st_size > 1000} == pictures
     rows = pd.read_csv(tmp_path / "results.csv")
-    assert len(rows) == 2 * 2 and "finetune s" in rows and "peak MB" not in rows
+    assert len(rows) == 3 * 2 and "finetune s" in rows and "peak MB" not in rows
     assert rows["vs a more"].iloc[-1] == pytest.approx(20)
     assert "| b         | 30.0 (" in text and "| b         | 20.0 (20.0 to 20.0) |" in text
     assert "Trainings that have not been run: a 1 of 2, b 1 of 2." in text
-    assert "`split.by=grasp`" in text and "80 view sets, 2 classes" in text and "8 split groups" in text
+    assert (
+        "`split.by=grasp`" in text
+        and "80 view sets, 80 whole recordings, 2 classes" in text
+        and "8 split groups" in text
+    )

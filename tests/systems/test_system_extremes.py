@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
-from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, views_of
 from tests.systems.small_systems import NARROW, NETWORKS
@@ -33,8 +32,7 @@ def test_it_trains_and_evaluates_with_one_view_and_with_more_views_than_frames(n
     assert np.isfinite(progress.curves["loss"]).all() if classifier.head.trainable else not progress.curves
     logits = []
     classifier.head.register_forward_hook(lambda _, __, out: logits.append(out[0]))
-    answers = evaluate_table(classifier, frames, params, CPU, timed=False).predictions.predicted
-    anchors = int(frames.anchor[frames.side == TEST].sum())
-    assert len(logits) >= 2  # of both protocols, and of fewer views
-    assert all(part.shape == (anchors, 2) and part.isfinite().all() for part in logits)
-    assert set(np.unique(answers["object"])) <= {0, 1}
+    trials = evaluate_table(classifier, frames, params, CPU, timed=False).predictions.trials
+    assert len(logits) >= 3  # of both protocols, of whole recordings, and of fewer views
+    assert all(part.shape[1] == 2 and part.isfinite().all() for part in logits)
+    assert all(set(np.unique(each.best)) == {0, 1} for each in trials.values())

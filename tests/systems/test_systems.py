@@ -46,12 +46,13 @@ def test_the_order_of_the_views_matters_where_it_should_and_those_in_time_order_
 
 
 @pytest.mark.parametrize("name", NETWORKS)
-def test_fewer_views_are_taken_where_a_system_says_so(name):
+def test_fewer_and_more_views_are_taken_where_a_system_says_so(name):
     classifier = built(name)
     assert classifier.head.takes_fewer == (name not in {"stag", "rotationnet"})
     assert classifier.takes_fewer == (name not in {"stag", "rotationnet", "conv_lstm", "gvcnn"})
     assert not built("view_gcn", "model.selector=joint").takes_fewer
-    for count in range(1, 4) if classifier.head.takes_fewer else []:
+    assert classifier.head.takes_more == (name in {"mvcnn", "mean", "vote", "gvcnn"})
+    for count in [*range(1, 4)] * classifier.head.takes_fewer + [9] * classifier.head.takes_more:
         logits = classifier.head(some_views(classifier, count=count))[0]
         assert logits.shape == (3, 5)
         assert logits.isfinite().all()
