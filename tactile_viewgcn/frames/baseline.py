@@ -60,7 +60,7 @@ def measure_baseline(
         moments: of each session, see `session_moments`.
         states: of these recordings; needed by `grasp`, and where a session lacks an empty hand.
     """
-    dtype = np.result_type(recordings.dtype, np.float32)
+    dtype = np.result_type(recordings.counts.dtype, np.float32)
     if preprocess.baseline == "none":
         zero = np.full((1, *recordings.shape), preprocess.zero, dtype)
         return Baseline(zero, np.full_like(zero, np.nan), np.zeros(len(recordings), dtype=np.int16))

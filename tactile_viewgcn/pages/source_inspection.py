@@ -62,7 +62,7 @@ class Overview:
     @property
     def unit(self) -> str:
         """The unit of readings, noise and baselines."""
-        return "counts" if self.recordings.dtype.kind in "iu" else "the readings' unit"
+        return "counts" if self.recordings.counts.dtype.kind in "iu" else "the readings' unit"
 
     def setting(self, key: str) -> str:
         """The recommended value of a parameter."""

@@ -6,8 +6,8 @@ columns of a frame) it may also be one frame; without one, (frames, cells) are f
 
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,8 @@ from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.hdf5 import read_recording
 from tactile_viewgcn.readers.join import joined
 from tactile_viewgcn.readers.source import AUTO, SPLITS, Form, Recording, Source, no_array, setting
-from tactile_viewgcn.readers.stag import is_raw, matlab_fields, read_folder, read_metadata
-from tactile_viewgcn.readers.text import Table, read_table, recordings_in
+from tactile_viewgcn.readers.stag import is_raw, matlab_fields, read_metadata, read_raw
+from tactile_viewgcn.readers.text import read_table, recordings_in
 
 TEXTS = (".csv", ".tsv", ".csv.gz", ".txt")  # endings of tables as text
 PLACES = "OBJECT/FILE or SESSION/OBJECT/FILE"
@@ -43,11 +43,6 @@ def among(files: Sequence[Path], *endings: str) -> list[Path]:
     return [file for file in files if file.name.lower().endswith(endings)]
 
 
-def are_arrays(path: Path) -> bool:
-    """Whether a path holds arrays or tables, whose shape the user may have to set."""
-    return bool(among(files_of(path), *ARRAYS, *TEXTS))
-
-
 def open_source(path: str | Path, form: Form = AUTO, files: Sequence[Path] | None = None) -> Source:
     """The source at a path: STAG's metadata.mat or folder, or recordings in HDF5, arrays and tables.
 
@@ -66,7 +61,7 @@ def open_source(path: str | Path, form: Form = AUTO, files: Sequence[Path] | Non
         raise FileNotFoundError(f"{path}: no such file or folder; {EXPECTED}")
     files = files_of(path) if files is None else files
     if raw := [file for file in files if is_raw(file, path)]:
-        return read_folder(path, raw)
+        return joined(path, raw, read_raw)
     if not path.is_dir():
         with reading(path):
             is_hdf5, is_stag = h5py.is_hdf5(path), path.name == "metadata.mat"
@@ -106,30 +101,31 @@ def read_files(path: Path, files: list[Path], form: Form) -> Source:
                 numbered = {Path(f"{files[0]}, recording {number}"): part for number, part in enumerate(parts, 1)}
                 return joined(path, list(numbered), numbered.__getitem__, form)
 
-    layout = layout_of(path, files, form)
-    source = joined(path, files, partial(_opened, path=path, layout=layout, table=table, form=form), form)
+    root = path if path.is_dir() else path.parent
+    layout, guessed = layout_of(root, files, form)
+
+    def opened(file: Path) -> Recording:
+        """The recording in a file, with the names in its path where the file names no object."""
+        if among([file], *TEXTS):
+            recording, _ = table(file)
+        elif among([file], *ARRAYS):
+            recording = Recording({}, _arrays(file, form))
+        else:
+            recording = read_recording(file, form)
+        names, notes, values = {"recording": place_of(file, path)} | recording.names, recording.notes, recording.values
+        if not names.get("object") and (form.labelled or among([file], *TEXTS, *ARRAYS)):
+            names, notes = names_of(file, root, layout, labelled=form.labelled) | names, [*notes, *guessed]
+        if side := names.pop("split", ""):
+            if side.lower() not in SPLITS:
+                raise UserError(f"{file}: split is {side!r}; expected one of {', '.join(SPLITS)}")
+            values = values | {"split": np.full(len(values["pressure"]), SPLITS[side.lower()])}
+        return replace(recording, names=names, values=values, notes=notes)
+
+    source = joined(path, files, opened, form)
     if left:
         text = f"{several(len(left), 'file')} without a table: {listed([*left.values()], '; ')}"
         source.notes.append(Note(text, topic="files"))
     return source
-
-
-def _opened(file: Path, path: Path, layout: "Layout", table: Callable[[Path], Table], form: Form) -> Recording:
-    """The recording in a file, with the names in its path where the file names no object."""
-    if among([file], *TEXTS):
-        recording, _ = table(file)
-    elif among([file], *ARRAYS):
-        recording = Recording({}, _arrays(file, form))
-    else:
-        recording = read_recording(file, form)
-    names, notes, values = {"recording": place_of(file, path)} | recording.names, recording.notes, recording.values
-    if not names.get("object") and (form.labelled or among([file], *TEXTS, *ARRAYS)):
-        names, notes = layout.names(file, labelled=form.labelled) | names, [*notes, *layout.notes]
-    if side := names.pop("split", ""):
-        if side.lower() not in SPLITS:
-            raise UserError(f"{file}: split is {side!r}; expected one of {', '.join(SPLITS)}")
-        values = values | {"split": np.full(len(values["pressure"]), SPLITS[side.lower()])}
-    return replace(recording, names=names, values=values, notes=notes)
 
 
 def _arrays(file: Path, form: Form) -> dict[str, Any]:
@@ -156,31 +152,23 @@ def _arrays(file: Path, form: Form) -> dict[str, Any]:
     return {kind: array.ravel() if kind == "time" else array for kind, array in values.items()}
 
 
-@dataclass(frozen=True)
-class Layout:
-    """A pattern such as SESSION/OBJECT/FILE or OBJECT_FILE of the paths of files below a folder."""
+def names_of(file: Path, root: Path, layout: str, *, labelled: bool) -> dict[str, str]:
+    """The names in the path of a file below a folder, by `object`, `session` and `split`.
 
-    root: Path
-    text: str
-    notes: tuple[Note, ...] = ()
-
-    def names(self, file: Path, *, labelled: bool) -> dict[str, str]:
-        """The names in a file's path, by `object`, `session` and `split`.
-
-        Raises:
-            UserError: the path is of a different pattern, or names no object where it is `labelled`.
-        """
-        pattern = re.sub("SESSION|SPLIT", lambda part: f"(?P<{part[0].lower()}>[^/]+?)", re.escape(self.text))
-        pattern = pattern.replace("OBJECT", "(?P<object>[^/]+)").replace("FILE", "[^/]+")  # tea_box is one name
-        if not (match := re.fullmatch(pattern, place_of(file, self.root))):
-            raise UserError(f"{file}: expected {self.text}, or an attribute `object` in HDF5")
-        if labelled and "object" not in match.groupdict():
-            raise UserError(
-                f"{self.root}: {file.relative_to(self.root).as_posix()!r} names no object; expected {PLACES}, a table "
-                "with a column `object`, or an attribute `object` in HDF5; "
-                f"{setting('data.layout=OBJECT_FILE')} for names such as mug_1.csv"
-            )
-        return match.groupdict()
+    Raises:
+        UserError: the path is not of that layout, or names no object where it is `labelled`.
+    """
+    pattern = re.sub("SESSION|SPLIT", lambda part: f"(?P<{part[0].lower()}>[^/]+?)", re.escape(layout))
+    pattern = pattern.replace("OBJECT", "(?P<object>[^/]+)").replace("FILE", "[^/]+")  # tea_box is one name
+    if not (match := re.fullmatch(pattern, place_of(file, root))):
+        raise UserError(f"{file}: expected {layout}, or an attribute `object` in HDF5")
+    if labelled and "object" not in match.groupdict():
+        raise UserError(
+            f"{root}: {file.relative_to(root).as_posix()!r} names no object; expected {PLACES}, a table with a column "
+            "`object`, or an attribute `object` in HDF5; "
+            f"{setting('data.layout=OBJECT_FILE')} for names such as mug_1.csv"
+        )
+    return match.groupdict()
 
 
 def place_of(file: Path, path: Path) -> str:
@@ -189,32 +177,29 @@ def place_of(file: Path, path: Path) -> str:
     return re.sub(r"(?i)(\.csv)?\.\w+$", "", place)
 
 
-def layout_of(path: Path, files: Sequence[Path], form: Form) -> Layout:
-    """The layout of the files below a folder, or of one file: the given one, or by `auto` that of most files.
+def layout_of(root: Path, files: Sequence[Path], form: Form) -> tuple[str, list[Note]]:
+    """The layout of files below a folder, such as SESSION/OBJECT/FILE, and a note on it if it is a guess.
 
-    Folders that are all called as sides are the published split. Of the others the innermost is the object and the one
-    above it the session: a file train/monday/mug/1.npy is SPLIT/SESSION/OBJECT/FILE. No layout fits files that lie
-    deeper.
+    It is the given one, or by `auto` that of most files. Folders that are all called as sides are the published split.
+    Of the others the innermost is the object and the one above it the session: a file train/monday/mug/1.npy is
+    SPLIT/SESSION/OBJECT/FILE. No layout fits files that lie deeper.
     """
-    root = path if path.is_dir() else path.parent
     if form.layout != "auto":
-        return Layout(root, form.layout)
+        return form.layout, []
     places = [file.relative_to(root).parts[:-1] for file in files]
     depth = Counter(map(len, places)).most_common(1)[0][0]
     levels = list(zip(*(place for place in places if len(place) == depth), strict=True))
     are_sides = [{name.lower() for name in level} <= SPLITS.keys() for level in levels]
     count = are_sides.count(False)
-    if count > 2:
-        return Layout(root, "SESSION/OBJECT/FILE")  # which does not fit them
+    if count > 2 or not levels:
+        return "SESSION/OBJECT/FILE" if levels else "FILE", []
     roles = iter(["SESSION", "OBJECT"][2 - count :])
     order = ["SPLIT" if is_side else next(roles) for is_side in are_sides]
     text = "/".join([*order, "FILE"])
-    if not levels:
-        return Layout(root, text)
     note = f"folders are in the order {text}: "
     note += ", ".join(f"{level[0]} is the {role.lower()}" for level, role in zip(levels, order, strict=True))
     if count < 2 or EMPTY_HAND in levels[order.index("OBJECT")]:
-        return Layout(root, text, (Note(note, topic="folders"),))
+        return text, [Note(note, topic="folders")]
     other = "/".join({"SESSION": "OBJECT", "OBJECT": "SESSION"}.get(role, role) for role in order)
     note += f". If not, {setting(f'data.layout={other}/FILE')}; else data.layout={text}"
-    return Layout(root, text, (Note(note, "warning", "folders"),))
+    return text, [Note(note, "warning", "folders")]

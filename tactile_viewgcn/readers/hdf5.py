@@ -63,11 +63,8 @@ def open_hdf5(path: Path) -> h5py.File:
 
 
 def _attribute(file: h5py.File, name: str) -> str:
-    """An attribute of the root as text; a UserError where it is not one text or number."""
-    value = file.attrs[name]
-    value = value.ravel()[0] if isinstance(value, np.ndarray) and value.size == 1 else value
-    if not isinstance(value, str | bytes | np.number | np.bool_):
-        raise UserError(f"{file.filename}: attribute {name} is not a single text; expected one")
+    """An attribute of the root, one text or number, as text."""
+    value = np.asarray(file.attrs[name]).item()
     return value.decode() if isinstance(value, bytes) else str(value)
 
 

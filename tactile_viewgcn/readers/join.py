@@ -16,6 +16,7 @@ from tactile_viewgcn.readers.source import (
     Form,
     Recording,
     Source,
+    Values,
     check_shape,
     framed,
     sliced,
@@ -88,12 +89,8 @@ def _check(recording: Recording, file: Path, known: dict[str, tuple[Any, Path]])
     Returns:
         The type in which the table stores its pressure.
     """
-    frames, *_ = recording.values["pressure"].shape
+    shape, dtype = check_values(recording.values, str(file))
     columns = [name for name in recording.values if name not in ("pressure", "frame")]
-    for name in columns:
-        if (shape := recording.values[name].shape) != (frames,):
-            raise UserError(f"{file}: {name} has shape {shape}; expected ({frames},), one for each frame")
-    shape = check_shape(recording.values["pressure"].shape, str(file))
     for what, found in {"shape": shape, "columns": columns, "channels": recording.channel_names}.items():
         expected, other = known.setdefault(what, (found, file))
         if found != expected:
@@ -102,4 +99,17 @@ def _check(recording: Recording, file: Path, known: dict[str, tuple[Any, Path]])
     if (other := known.setdefault(name, (name, file))[1]) != file:
         remedy = "expected a name for each: of its file without the ending, or in HDF5 the attribute `recording`"
         raise UserError(f"{file}: {name}, as in {other}; {remedy}")
-    return storage_type(recording.values["pressure"].dtype, str(file))
+    return dtype
+
+
+def check_values(values: Values, where: str) -> tuple[tuple[int, int], np.dtype]:
+    """Shape (H, W) of pressure (T, H, W), and the type in which the table stores it.
+
+    Raises:
+        UserError: begins with `where`; pressure is of no such shape or type, or a column is not (T,).
+    """
+    shape, frames = check_shape(values["pressure"].shape, where), values["pressure"].shape[:1]
+    for name, column in values.items():
+        if name != "pressure" and column.shape != frames:
+            raise UserError(f"{where}: {name} has shape {column.shape}; expected {frames}, one for each frame")
+    return shape, storage_type(values["pressure"].dtype, where)

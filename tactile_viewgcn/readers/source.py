@@ -18,7 +18,6 @@ BLOCK_FRAMES = 4096  # frames that are read or written at once
 MAX_PRESSURE = 1e30  # absolute value; the network's input is in single precision
 MOST_SECONDS = 1e9  # absolute value of a time, thirty years
 MIN_SPREAD = 1e-30  # of the readings of the sensor that varies most; see MAX_PRESSURE
-MOST_NAMES = 2**15  # objects, recordings or sessions: ids are int16
 NUMBERS = "biuf"  # `kind` of the dtypes of numbers
 
 #: Type of each column, one value per frame. Every source has the first five.
@@ -90,9 +89,6 @@ class Source:
         blocks: the frames in the file's order; can be iterated once.
         notes: what was taken for what, and what was left out.
         channel_names: names of the sensors, row after row; "" of one without a name, empty without any.
-
-    Raises:
-        UserError: there are too many names for the table, a name is no text, or two objects share one.
     """
 
     path: Path
@@ -103,15 +99,6 @@ class Source:
     blocks: Iterator[Block]
     notes: list[Note] = field(default_factory=list)
     channel_names: list[str] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        for kind, names in self.names.items():
-            if len(names) > MOST_NAMES:
-                raise UserError(f"{self.path}: {len(names):,} {kind}s; expected at most {MOST_NAMES:,}")
-            if foreign := [name for name in names if name != name.encode(errors="ignore").decode()]:
-                raise UserError(f"{self.path}: the name {foreign[0]!r} is not in UTF-8; rename the {kind}")
-        if len(set(objects := self.names["object"])) < len(objects):
-            raise UserError(f"{self.path}: two objects have one name; expected each once: {listed(objects)}")
 
 
 def storage_type(dtype: np.dtype, where: str) -> np.dtype:
@@ -132,7 +119,10 @@ def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
     if len(shape) != 3:
         raise UserError(f"{where}: pressure has shape {shape}; expected (frames, rows, columns)")
     if not all(1 <= side <= MAX_SIDE for side in shape[1:]):
-        raise UserError(f"{where}: frames of {shape[1]} x {shape[2]}; expected 1 x 1 to {MAX_SIDE} x {MAX_SIDE}")
+        raise UserError(
+            f"{where}: frames of {shape[1]} x {shape[2]}; expected 1 x 1 to {MAX_SIDE} x {MAX_SIDE}; of rows one after "
+            f"another {setting('data.shape=[ROWS,COLUMNS]')}; of (cells, frames) data.shape={FRAMES_LAST}"
+        )
     return shape[1], shape[2]
 
 
@@ -145,22 +135,15 @@ def framed(values: Any, form: Form, where: str) -> Any:
     if len(values.shape) == 3 and (form.shape == "auto" or list(values.shape[1:]) == list(form.shape)):
         return values
     array = values[()]
-    if array.ndim not in (2, 3):
-        raise UserError(f"{where}: an array {array.shape}; expected (frames, rows, columns) or (frames, cells)")
     if form.shape == FRAMES_LAST:
         array = np.moveaxis(array, -1, 0)
     elif not isinstance(form.shape, str):
         rows, columns = form.shape
-        for shape in ((len(array), rows, columns), (len(array), rows * columns), (rows, columns)):
+        for shape in ((len(array), rows * columns), (rows, columns)):
             if array.shape == shape:
                 return array.reshape(-1, rows, columns)
         expected = f"(frames, {rows}, {columns}) or (frames, {rows * columns})"
         raise UserError(f"{where}: an array {array.shape}; expected {expected} by --shape, data.shape or the model")
-    if array.ndim == 2 and array.shape[1] > MAX_SIDE:
-        raise UserError(
-            f"{where}: an array {array.shape}, (frames, cells); expected up to {MAX_SIDE} cells; "
-            f"{setting('data.shape=[ROWS,COLUMNS]')} of a frame; or, for (cells, frames), data.shape={FRAMES_LAST}"
-        )
     return array[:, None] if array.ndim == 2 else array
 
 
@@ -182,29 +165,19 @@ def sliced(values: Values, frames: int) -> Iterator[Block]:
         yield {name: column[start : start + BLOCK_FRAMES] for name, column in values.items()}
 
 
-def checked_blocks(source: Source) -> Iterator[Block]:
-    """The blocks of a source that hold frames, checked.
-
-    Raises:
-        UserError: names the first id, column value or reading that is out of range.
-    """
-    for block in source.blocks:
-        if len(block["pressure"]):
-            for column, values in block.items():
-                _check(column, values, block, source)
-            yield block
-
-
-def _check(column: str, values: np.ndarray, block: Block, source: Source) -> None:
+def check_column(column: str, values: np.ndarray, block: Block, source: Source) -> None:
+    """Raise a UserError that names the first id, column value or reading of a block that is out of range."""
     kind = source.dtype if column == "pressure" else np.dtype(COLUMNS[column])
     if column == "pressure" and kind.kind == "i" and np.can_cast(values.dtype, kind):
         return
     if kind.kind == "f":
         limits = np.array([-1, 1]) * (MOST_SECONDS if column == "time" else MAX_PRESSURE)
-    elif column in source.names:
-        limits = np.array([0, len(source.names[column]) - 1])
+    elif kind.kind == "b":
+        limits = np.array([0, 1])
     else:
-        limits = np.array([0, 1] if kind.kind == "b" else [np.iinfo(kind).min, np.iinfo(kind).max])
+        limits = np.array([np.iinfo(kind).min, np.iinfo(kind).max])
+    if column in source.names:
+        limits = np.array([0, min(limits[1], len(source.names[column]) - 1)])
     low, high = limits.astype(np.float64)  # in half precision 1e30 would be infinite
     inside = (values >= low) & (values <= high) & ((values == np.floor(values)) | (kind.kind == "f"))
     inside |= np.isnan(values) & (column == "time")  # an unknown time

@@ -7,7 +7,7 @@ arrays (1, K).
 """
 
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,18 +17,8 @@ import numpy as np
 from tactile_viewgcn.messages import UserError, listed
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.hdf5 import dataset, kind_of, open_hdf5
-from tactile_viewgcn.readers.join import joined
-from tactile_viewgcn.readers.source import (
-    NUMBERS,
-    SPLITS,
-    Block,
-    Recording,
-    Source,
-    Values,
-    check_shape,
-    sliced,
-    storage_type,
-)
+from tactile_viewgcn.readers.join import check_values
+from tactile_viewgcn.readers.source import NUMBERS, SPLITS, Recording, Source, Values, sliced
 
 NAMES = ("objects", "recordings", "batches", "splits")
 #: Column of each per-frame field of metadata.mat
@@ -53,22 +43,11 @@ def is_raw(file: Path, folder: Path) -> bool:
     return file.name == "pressuredata.mat" and len(file.relative_to(folder).parts) == 3
 
 
-def read_folder(path: Path, files: list[Path]) -> Source:
-    """The source of raw recordings in a STAG folder, one in memory at a time.
-
-    A recording's object is its name without the number ("003-tea_box" holds tea_box). There are no flags, no split.
-
-    Raises:
-        UserError: lists the mistakes of all files.
-    """
-    return joined(path, files, _opened)
-
-
-def _opened(file: Path) -> Recording:
+def read_raw(file: Path) -> Recording:
+    """The raw recording in a file; its object is the folder's name without the number: "003-tea_box" holds tea_box."""
     session, name = file.parts[-3:-1]
-    fields = matlab_fields(file, ("pressure", *COLUMN_OF_RAW_FIELD))
     names = {"object": re.sub(r"^\d+-", "", name), "recording": f"{session}/{name}", "session": session}
-    return Recording(names, _values(fields, COLUMN_OF_RAW_FIELD, ("pressure",), file))
+    return Recording(names, _values(matlab_fields(file, ("pressure", *COLUMN_OF_RAW_FIELD)), COLUMN_OF_RAW_FIELD))
 
 
 def read_metadata(path: Path) -> Source:
@@ -78,45 +57,30 @@ def read_metadata(path: Path) -> Source:
         UserError: not a MAT-file, or cut short; a field is missing, or has the wrong length or kind.
     """
     with reading(path):
-        fields = matlab_fields(path, (*REQUIRED, *COLUMN_OF_FIELD, *NAMES))
-        values = _values(fields, COLUMN_OF_FIELD, REQUIRED, path)
+        fields = matlab_fields(path, ("pressure", *COLUMN_OF_FIELD, *NAMES))
+        if missing := [name for name in REQUIRED if name not in fields]:
+            found = listed(list(fields)) or "nothing"
+            raise UserError(f"{path}: no field {', '.join(missing)}; found {found}; if cut short, download it again")
+        if wrong := [name for name, field in fields.items() if isinstance(field, list) != (name in NAMES)]:
+            what = "a cell array of names" if wrong[0] in NAMES else "an array of numbers"
+            raise UserError(f"{path}: {wrong[0]}: expected {what}")
+        values = _values(fields, COLUMN_OF_FIELD)
+        shape, dtype = check_values(values, str(path))
         if "split" in values:
             names = fields.get("splits", ["train", "test"])
             sides = np.array([SPLITS.get(name.lower(), -1) for name in names])
             if not np.isin(values["split"], np.flatnonzero(sides >= 0)).all():
                 raise UserError(f"{path}: splitId and splits {listed(names)}; expected numbers of train and test in it")
             values["split"] = sides[values["split"].astype(np.int64)]
-
-    def blocks() -> Iterator[Block]:
-        with reading(path):
-            yield from sliced(values, frames)
-
-    shape, frames = check_shape(values["pressure"].shape, str(path)), len(values["object"])
-    dtype = storage_type(values["pressure"].dtype, str(path))
     names = {"object": fields["objects"], "recording": fields["recordings"], "session": fields["batches"]}
-    return Source(path, names, shape, dtype, frames, blocks())
+    frames = len(values["pressure"])
+    return Source(path, names, shape, dtype, frames, sliced(values, frames))
 
 
-def _values(fields: dict[str, Any], columns: Mapping[str, str], required: Sequence[str], path: Path) -> Values:
-    """Pressure (T, H, W) and columns (T,) from the fields of a file; a UserError for fields that do not match."""
-    if missing := [name for name in required if name not in fields]:
-        raise UserError(
-            f"{path}: no field {', '.join(missing)}; found {listed(list(fields)) or 'nothing'}; expected STAG's "
-            f"{path.name}, and not cut short: download it again"
-        )
-    if wrong := [name for name, field in fields.items() if isinstance(field, list) != (name in NAMES)]:
-        what = "a cell array of names" if wrong[0] in NAMES else "an array of numbers"
-        raise UserError(f"{path}: {wrong[0]}: expected {what}")
-    check_shape(fields["pressure"].shape, str(path))
-    values, frames = {"pressure": fields["pressure"]}, fields["pressure"].shape[0]
-    for name, column in columns.items():
-        if name in fields:
-            values[column] = np.ravel(fields[name])
-            if len(values[column]) != frames:
-                raise UserError(
-                    f"{path}: {name} has {len(values[column])} values; expected {frames}, one for each frame"
-                )
-    return values
+def _values(fields: dict[str, Any], columns: Mapping[str, str]) -> Values:
+    """Pressure (T, H, W) and the columns (T,) that the fields of a file hold."""
+    values = {column: np.ravel(fields[name]) for name, column in columns.items() if name in fields}
+    return {"pressure": fields["pressure"]} | values
 
 
 def matlab_fields(path: Path, names: Collection[str] = ()) -> dict[str, Any]:

@@ -17,7 +17,7 @@ def check_counts(fitted: FittedPreprocessing, counts: np.ndarray, where: str) ->
     """Raise a UserError, whose message begins with `where`, for counts (..., H, W) that the model does not take.
 
     These are frames of a different layout, and raw counts that the training's integer type cannot hold. Whether counts
-    are finite is checked where they come in, see `recording_array` and `checked_blocks`.
+    are finite is checked where they come in, see `recording_array` and `check_column`.
     """
     if counts.shape[-2:] != fitted.live.shape:
         layout, expected = (" x ".join(map(str, shape)) for shape in (counts.shape[-2:], fitted.live.shape))

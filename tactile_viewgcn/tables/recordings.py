@@ -19,15 +19,7 @@ from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
 from tactile_viewgcn.readers.child import limit, run_apart, serve
 from tactile_viewgcn.readers.formats import TEXTS, files_of, open_source
-from tactile_viewgcn.readers.source import (
-    AUTO,
-    BLOCK_FRAMES,
-    COLUMNS,
-    MIN_SPREAD,
-    Form,
-    Source,
-    checked_blocks,
-)
+from tactile_viewgcn.readers.source import AUTO, BLOCK_FRAMES, COLUMNS, MIN_SPREAD, Form, Source, check_column
 from tactile_viewgcn.tables.counts import Counts, Gathered, read_columns, read_counts, write_columns, write_counts
 
 ALWAYS = tuple(COLUMNS)[:5]  # the columns that every table has
@@ -64,7 +56,9 @@ def write_recordings(folder: Path, source: Source) -> None:
     columns: dict[str, list[np.ndarray]] = {}
 
     def counts() -> Iterator[np.ndarray]:
-        for block in checked_blocks(source):
+        for block in filter(lambda block: len(block["pressure"]), source.blocks):
+            for name, values in block.items():
+                check_column(name, values, block, source)
             pressure = block["pressure"]
             np.minimum(low, pressure.min(axis=0), out=low)
             np.maximum(high, pressure.max(axis=0), out=high)
@@ -126,11 +120,6 @@ class Recordings:
 
     def __len__(self) -> int:
         return len(self.counts)
-
-    @property
-    def dtype(self) -> np.dtype:
-        """Type of the counts."""
-        return self.counts.dtype
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -39,7 +39,7 @@ def test_stag_s_forms_and_hdf5_give_the_same_frames_and_columns(tmp_path, monkey
     monkeypatch.setattr(module, "BLOCK_FRAMES", block)
     counts, table = ingested(save_as(tmp_path / name, TREE))
     np.testing.assert_array_equal(counts, TREE["pressure"])
-    assert (len(table), table.shape, table.dtype, table.live.sum()) == (96, (32, 32), np.int16, 548)
+    assert (len(table), table.shape, table.counts.dtype, table.live.sum()) == (96, (32, 32), np.int16, 548)
     assert table.columns.keys() == fields.keys()
     for column, field in fields.items():
         np.testing.assert_allclose(table.columns[column], TREE[field].ravel(), atol=1e-9, err_msg=column)

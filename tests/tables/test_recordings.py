@@ -33,7 +33,7 @@ def test_recordings_in_blocks_are_written_in_equal_bytes_and_read_back_whole(tmp
     np.testing.assert_array_equal(table.counts[np.arange(50)], COUNTS)
     assert table.columns.keys() == columns.keys()
     assert all(values.dtype == COLUMNS[name] for name, values in table.columns.items())
-    assert (table.shape, table.dtype) == ((4, 6), np.int16)
+    assert (table.shape, table.counts.dtype) == ((4, 6), np.int16)
     assert table.objects == ["empty_hand", "object1"] and table.sessions == ["session0", "session1"]
     assert table.recordings == [f"recording{number}" for number in range(5)]
     assert [(start, len(counts)) for start, counts in table.blocks()] == [(0, 20), (20, 20), (40, 10)]
