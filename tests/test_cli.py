@@ -1,6 +1,5 @@
 """The command line `tactile-viewgcn`."""
 
-import json
 import os
 import subprocess
 import sys
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactile_viewgcn.params import load, preset_changes, presets
+from tactile_viewgcn.params import preset_changes, presets
 from tests.readers.files import record, save
 
 ROOT = Path(__file__).parents[1]
@@ -54,10 +53,8 @@ def test_a_mistake_in_a_source_is_one_line(tmp_path):
 
 def test_inspect_hands_the_layout_of_arrays_on_to_the_command(tmp_path):
     source = glove(tmp_path / "my glove", "mug", "pen", shape=(20, 12))
-    for words, shape in (((), "[1,12]"), (("--shape", 3, 4), "[3,4]")):
-        result = call("inspect", source, *words)
-        assert f"-S 'data.shape={shape}'" in result.stdout, result.stderr
-        assert load(ROOT / "params.yaml", (f"data.shape={shape}",)).data.shape == json.loads(shape)
+    for words, change in (((), "data.shape=auto"), (("--shape", 3, 4), "'data.shape=[3,4]'")):
+        assert f"-S {change}" in call("inspect", source, *words).stdout
 
 
 @pytest.mark.parametrize("name", ["released", "bset", ""])

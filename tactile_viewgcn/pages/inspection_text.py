@@ -3,7 +3,7 @@
 import shlex
 import textwrap
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,9 +12,7 @@ from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, Note, listed, several, warnings_of
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import SATURATED, Overview
-from tactile_viewgcn.params import MAX_SIDE, everywhere
-from tactile_viewgcn.readers.formats import are_arrays
-from tactile_viewgcn.readers.source import FRAMES_LAST
+from tactile_viewgcn.params import everywhere
 from tactile_viewgcn.schema import as_change
 
 WIDTH = 80
@@ -59,7 +57,7 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
     pressed = f"{overview.choice.params.contact_sensors} or more sensors are pressed"
     pressed = "even in the quietest" if states.all_contact else pressed
     rows = [
-        (f"{frames.sum():,}", f"frames of {height} x {width}, kept as {table.dtype}"),
+        (f"{frames.sum():,}", f"frames of {height} x {width}, kept as {table.counts.dtype}"),
         (f"{len(frames):,}", f"recordings of {objects} in {sessions}: {lengths}"),
         (
             f"{100 * overview.counts['in contact'].sum() / frames.sum():.0f} %",
@@ -73,12 +71,6 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
         rows[-1] = (f"{1 / overview.interval:.4g} Hz", f"is the frame rate, {seconds:.3g} s a recording")
     kind, leak = overview.choice.params.baseline, overview.choice.leak
     rows += _error(overview.error, f"in contact, above the baseline {kind}") + _error(leak, "without contact")
-    arrays = not table.channel_names and are_arrays(table.path)
-    if arrays and overview.form.shape == "auto" and height == 1 and 1 < low == high <= MAX_SIDE:
-        other = (
-            f"--shape {high} {width} if a file is one frame, --set data.shape={FRAMES_LAST} if its columns are frames"
-        )
-        rows.append((f"{high} x {width}", f"numbers in each file, taken as frames of a row: {other}"))
     return rows
 
 
@@ -158,10 +150,9 @@ def command_lines(overview: Overview) -> list[str]:
     path, settings = overview.recordings.path, overview.settings
     presets = [f"$(tactile-viewgcn preset {note.value})" for note in settings if note.key == "preset"]
     form = overview.form
-    shape: Any = list(overview.recordings.shape) if are_arrays(path) else "auto"
     values = {  # all of `data`: params.yaml may be set for other recordings
         "data.source": str(everywhere(path)),
-        "data.shape": FRAMES_LAST if form.shape == FRAMES_LAST else shape,
+        "data.shape": form.shape if isinstance(form.shape, str) else list(form.shape),
         "data.layout": form.layout,
         "data.columns": [f"{kind}:{name}" for kind, name in form.columns.items()],
     }

@@ -10,7 +10,6 @@ from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 FEWEST = 20  # steps that show a ramp
 STRAIGHT = 0.999  # correlation with the frame's number
-SLOW = 1.0  # median seconds between frames; those of a clock in milliseconds are more
 
 
 def remarks(recordings: Recordings, original: np.ndarray) -> list[Note]:
@@ -88,15 +87,10 @@ def _named(sensors: np.ndarray, recordings: Recordings) -> str:
 
 
 def _times(recordings: Recordings) -> Iterator[tuple[str, str]]:
-    """Warnings of times that do not rise from frame to frame, and of those that may be in milliseconds."""
+    """A warning of times that do not rise from frame to frame."""
     order = np.concatenate(frames_by_recording(recordings))
     number, time = (recordings.columns[name][order] for name in ("recording", "time"))
     steps, within = np.diff(time), number[1:] == number[:-1]
     if (bad := within & (steps <= 0)).any():
         places = f"{several(int(bad.sum()), 'place')}, first in {recordings.recordings[number[bad.argmax()]]}"
         yield "time", f"Times repeat or fall at {places}. Look at the clock of the program that records."
-    if (rising := steps[within & (steps > 0)]).size and (step := np.median(rising)) >= SLOW:
-        yield (
-            "time",
-            f"A frame every {step:.3g} s: times are in seconds. Divide them by 1,000 if they are milliseconds.",
-        )
