@@ -45,10 +45,6 @@ class Contacts:
     point: np.ndarray
 
 
-_NONE = np.zeros(0, dtype=int)
-NO_CONTACTS = Contacts(_NONE, _NONE, _NONE, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
-
-
 def collisions(
     hands: Hands, solids: Solids, rows: np.ndarray, pose: Pose, position: np.ndarray, rotation: np.ndarray, *,
     palm: bool,

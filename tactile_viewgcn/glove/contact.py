@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.glove.collision import NO_CONTACTS, Contacts, collisions
+from tactile_viewgcn.glove.collision import Contacts, collisions
 from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, Hands
 from tactile_viewgcn.glove.shapes import Solids
 
@@ -175,12 +175,10 @@ class Mechanics:
     def _contacts(
         self, rows: np.ndarray, q: np.ndarray, position: np.ndarray, now: dict[str, np.ndarray], *, palm: bool
     ) -> tuple[Contacts, np.ndarray, np.ndarray]:
-        """Contacts, with `slope` (C, 5) and `facing` (C,) of `Balance`; no search where there is no object.
+        """Contacts, with `slope` (C, 5) and `facing` (C,) of `Balance`.
 
         The slope by a joint's angle is hinge x arm along the normal; by the object's position it is the normal.
         """
-        if not self.solids.has_primitives:
-            return NO_CONTACTS, np.zeros((0, 5)), np.zeros(0)
         pose = self.hands.pose(rows, q, now["opposition"])
         rotation = Rotation.from_rotvec(now["rotation"]).as_matrix()
         contacts = collisions(self.hands, self.solids, rows, pose, position, rotation, palm=palm)

@@ -179,7 +179,7 @@ class ImplicitIntegrator:
     def _end_step(self, rows: np.ndarray, error: np.ndarray, steps: _Steps, states: np.ndarray) -> None:
         """Accept or reject the steps of rows (R,), whose errors (R,) are in tolerances, and begin the next ones."""
         error = np.where(steps.solved[rows], error, UNSOLVED)
-        if self.step is None and self.mechanics.solids.has_primitives:
+        if self.step is None:
             self._reject_tunnelling(rows, error, steps)
         accepted = (error <= 1) | (steps.h[rows] <= SMALLEST * self.frame) | (self.step is not None)
         self.statistics["steps"] += len(rows)

@@ -113,8 +113,6 @@ def closure(
         opposition: (B,) rad of the thumbs.
     """
     count = len(position)
-    if not solids.has_primitives:
-        return np.full((count, 5), IDLE)
     rows, first = np.arange(count), np.full((count, 5), np.nan)
     matrix = Rotation.from_rotvec(rotation).as_matrix()
     for closed in np.linspace(0, 1, CLOSURES):

@@ -93,7 +93,6 @@ class Solids:
     Attributes:
         bounding_radius: (B, P) m, of a sphere around each primitive; -inf where there is none.
         centre: (B, P, 3) m; rotation: (B, P, 3, 3) from the primitive's axes to the object's.
-        has_primitives: whether any union has a primitive.
         inradius: (B,) m, of the thinnest primitive of each union; infinite for an empty one.
     """
 
@@ -110,10 +109,8 @@ class Solids:
                 self.cut[b, p] = part.cut
                 self.half[b, p, : len(part.half)] = part.half
                 self.rotation[b, p] = Rotation.from_rotvec(part.rotation).as_matrix()
-        self.has_primitives = bool((self.bounding_radius > 0).any())
         inradii = ([min(part.half) + part.round for part in solids] for solids in parts)
         self.inradius = np.array([min(radii, default=np.inf) for radii in inradii])
-        self.has_cut = any(part.cut != NO_CUT for solids in parts for part in solids)
 
     def distance(self, b: np.ndarray, p: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Signed distance (n,) m of points x (n, 3) m in the axes of primitives (b, p), both (n,)."""
@@ -122,7 +119,7 @@ class Solids:
         nearest = np.maximum(np.maximum(q[:, 0], q[:, 1]), q[:, 2])
         distance = np.sqrt(np.einsum("ni,ni->n", out, out)) + np.minimum(nearest, 0) - self.round[b, p]
         cut = self.cut[b, p]
-        return np.maximum(distance, np.einsum("ni,ni->n", cut[:, :3], x) - cut[:, 3]) if self.has_cut else distance
+        return np.maximum(distance, np.einsum("ni,ni->n", cut[:, :3], x) - cut[:, 3])
 
     def gradient(self, b: np.ndarray, p: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Gradient (n, 3) of the signed distance, unit vectors; arguments as for `distance`."""
@@ -137,12 +134,10 @@ class Solids:
         radial = x[:, :2] / np.where(rho > 0, rho, 1)[:, None] + (rho == 0)[:, None] * [1.0, 0.0]
         around = np.concatenate([face[:, :1] * radial, face[:, 1:2]], axis=1)
         gradient = np.where(revolved[:, None], around, face)
-        if self.has_cut:
-            cut = self.cut[b, p]
-            flat = (cut[:, :3] * x).sum(axis=1) - cut[:, 3]
-            uncut = length + np.minimum(q.max(axis=1), 0) - self.round[b, p]
-            gradient = np.where((flat > uncut)[:, None], cut[:, :3], gradient)
-        return gradient
+        cut = self.cut[b, p]
+        flat = (cut[:, :3] * x).sum(axis=1) - cut[:, 3]
+        uncut = length + np.minimum(q.max(axis=1), 0) - self.round[b, p]
+        return np.where((flat > uncut)[:, None], cut[:, :3], gradient)
 
     def _section(self, b: np.ndarray, p: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points (n, 3) where both families are boxes, how far they are from its faces (n, 3), and which is revolved.

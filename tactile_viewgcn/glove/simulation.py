@@ -21,7 +21,6 @@ from tactile_viewgcn.glove.objects import GraspObject, select_objects
 from tactile_viewgcn.glove.scene import HOLD, OPEN, OPENING, plan, schedule
 from tactile_viewgcn.glove.sensor import Sensors
 from tactile_viewgcn.glove.shapes import Solids
-from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.params import Effect
 from tactile_viewgcn.randomness import stream
 
@@ -33,7 +32,6 @@ RATE = 7.35  # frames a second, STAG's
 TOLERANCE = 0.02  # relative error of the sensors' forces in a step of the solver
 EFFECTS = get_args(Effect)
 TRAINING_SESSIONS = 2  # as in STAG; the others are the test side
-MOST_FRAMES, MOST_RECORDINGS = 10_000_000, 2**15  # of all sessions; recordings are numbered in 16 bits
 BLOCK = 96  # frames that are solved and read together
 MIN_RECORDINGS_PER_WORKER = 20  # with fewer, starting a process takes longer than it saves
 SLIP_STD, SCALE_STD = 0.002, 0.02  # m, and share: the glove's shift and the hand's size from session to session
@@ -81,16 +79,9 @@ def recipe_from_params(glove: Any) -> Recipe:
     """The recipe in the section `glove` of params.yaml.
 
     Raises:
-        UserError: as `select_objects`, or there are more than MOST_FRAMES or MOST_RECORDINGS.
+        UserError: as `select_objects`.
     """
     objects, frames = select_objects(glove.objects), OPENING + glove.grasps * glove.grasp_frames
-    recordings = len(objects) * glove.sessions
-    if recordings > MOST_RECORDINGS or recordings * frames > MOST_FRAMES:
-        raise UserError(
-            f"{several(len(objects), 'object')}, glove.sessions {glove.sessions:,}, glove.grasps {glove.grasps:,}, "
-            f"and glove.grasp_frames {glove.grasp_frames:,} are {recordings:,} recordings of "
-            f"{frames:,} frames; expected at most {MOST_RECORDINGS:,}, and {MOST_FRAMES:,} frames in all"
-        )
     effects = frozenset(EFFECTS) - set(glove.leave_out)
     return Recipe(objects, glove.sessions, frames, glove.grasps, glove.seed, effects=effects)
 
@@ -123,14 +114,8 @@ class Simulation:
     def blocks(self) -> Iterator[np.ndarray]:
         """Counts (B, T, 32, 32) int16 of all B recordings, at most BLOCK frames at a time."""
         recipe, y = self.recipe, None
-        # The movement of an empty hand shows only through the bending of the glove.
-        solves = self.solids.has_primitives or "bending" in recipe.effects
         for start in range(0, recipe.frames, BLOCK):
             stop = min(start + BLOCK, recipe.frames)
-            if not solves:
-                pressure = np.zeros((len(self.recordings), stop - start, len(self.hands.patch)))
-                yield self.sensors.read(pressure, np.zeros((1, 1, 1)))
-                continue
             mechanics = self.mechanics(start, stop)
             y = mechanics.initial_state() if y is None else y
             integrator = ImplicitIntegrator(mechanics, 1 / recipe.rate, recipe.tolerance, statistics=self.statistics)
