@@ -64,7 +64,34 @@ def preprocess_recordings(
     anchor = draw_anchors(recordings.columns, sides.side, keep, rng, published=published)
     keep &= ~sides.surplus  # only now, so that the anchors of the other sides stay the same
 
-    frames = _table(recordings, choice, baseline, sides, keep, anchor, float(passed[sides.training].mean()))
+    index = np.flatnonzero(keep)
+    used, number = np.unique(baseline.of_frame[index], return_inverse=True)
+    kept = recordings.part(index, recordings.live)
+    columns = kept.columns
+    objects, label = np.unique(columns["object"], return_inverse=True)
+    frames = Frames(
+        counts=kept.counts,
+        label=label.astype(np.int16),
+        recording=columns["recording"],
+        session=columns["session"],
+        grasp=columns.get("grasp", np.zeros_like(columns["recording"])),
+        group=sides.group[index],
+        side=sides.side[index],
+        anchor=anchor[keep],
+        baseline=number.astype(np.int32),
+        time=columns["time"],
+        baseline_mean=baseline.mean[used],
+        live=recordings.live,
+        classes=[recordings.objects[i] for i in objects],
+        recordings=recordings.recordings,
+        sessions=recordings.sessions,
+        transform=choice.params.transform,
+        scale=float(choice.params.scale),
+        noise=baseline.noise[np.unique(baseline.of_frame[sides.training])].mean(axis=0),
+        preprocess=asdict(choice.params),
+        kept_share=float(passed[sides.training].mean()),
+        channel_names=recordings.channel_names or None,
+    )
     return Preprocessed(frames, choice, sides, passed, keep, [*choice.notes, *baseline.notes, *notes, *of_classes])
 
 
@@ -90,46 +117,6 @@ def _measure(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> 
     baselines = [baseline for _, _, baseline in parts]
     mean, noise = (np.concatenate([getattr(one, name) for one in baselines]) for name in ("mean", "noise"))
     return choice, Baseline(mean, noise, of_frame, [note for one in baselines for note in one.notes])
-
-
-def _table(
-    recordings: Recordings,
-    choice: Choice,
-    baseline: Baseline,
-    sides: Sides,
-    keep: np.ndarray,
-    anchor: np.ndarray,
-    share: float,
-) -> Frames:
-    """Table of the frames to `keep` (T,), with classes in the order of the recordings; `share` passed the filter."""
-    index = np.flatnonzero(keep)
-    used, number = np.unique(baseline.of_frame[index], return_inverse=True)
-    kept = recordings.part(index, recordings.live)
-    columns = kept.columns
-    objects, label = np.unique(columns["object"], return_inverse=True)
-    return Frames(
-        counts=kept.counts,
-        label=label.astype(np.int16),
-        recording=columns["recording"],
-        session=columns["session"],
-        grasp=columns.get("grasp", np.zeros_like(columns["recording"])),
-        group=sides.group[index],
-        side=sides.side[index],
-        anchor=anchor[keep],
-        baseline=number.astype(np.int32),
-        time=columns["time"],
-        baseline_mean=baseline.mean[used],
-        live=recordings.live,
-        classes=[recordings.objects[i] for i in objects],
-        recordings=recordings.recordings,
-        sessions=recordings.sessions,
-        transform=choice.params.transform,
-        scale=float(choice.params.scale),
-        noise=baseline.noise[np.unique(baseline.of_frame[sides.training])].mean(axis=0),
-        preprocess=asdict(choice.params),
-        kept_share=share,
-        channel_names=recordings.channel_names or None,
-    )
 
 
 def frame_counts(frames: Frames) -> dict[str, int]:

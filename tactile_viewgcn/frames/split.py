@@ -101,9 +101,8 @@ def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:
     """
     column = {"grasp": "grasp", "source": "split"}.get(by)
     if column and column not in columns:
-        what = "grasp numbers" if by == "grasp" else "published split"
-        remedy = ", and split.train_grasps to all" * (by == "grasp")
-        raise UserError(f"the recordings have no {what}: set split.by to recording or session{remedy}")
+        remedy = "set split.by to recording or session, and split.train_grasps to all"
+        raise UserError(f"the recordings have no column {column!r}: {remedy}")
     if by == "session":
         return columns["session"].astype(np.int64)
     keys = [columns["recording"], columns["object"]] + ([columns["grasp"]] if by == "grasp" else [])
@@ -192,18 +191,9 @@ def draw_anchors(
 
     Args:
         published: take the source's balanced frames instead, if it names them.
-
-    Raises:
-        UserError: a side (T,) without balanced frames.
     """
     if published and "balanced" in columns:
-        anchor = keep & columns["balanced"]
-        for code in np.setdiff1d(side[keep], side[anchor]):
-            raise UserError(
-                f"the {SIDES[code]} side of split.by source has no balanced frames (isBalanced) that pass the "
-                "filter; expected some: set preprocess.filter to contact or choose another split.by"
-            )
-        return anchor
+        return keep & columns["balanced"]
     anchor = np.zeros(len(keep), dtype=bool)
     for code in range(len(SIDES)):
         on_side = keep & (side == code)

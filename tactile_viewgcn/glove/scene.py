@@ -61,9 +61,7 @@ def plan(
     tightening = np.select([phase <= 0, close, release], [0, progress, 1 - progress], 1.0)
     closing = np.where(phase < 0, 0, LOOSE + (1 - LOOSE) * tightening)
     loaded = np.select([squeezing, hold, release], [progress, 1, np.maximum(1 - 2 * progress, 0)], 0.0)
-    drift = np.zeros((len(grasp_objects), frames, 11))
-    if effects & {"shift", "tremor"}:
-        drift = np.stack([_drift(rng, frames, 11) for rng in rngs])
+    drift = np.stack([_drift(rng, frames, 11) for rng in rngs])
     squeeze *= loaded[:, None]
     if "shift" in effects:
         moved = loaded[:, None] * np.array([_freedom(one) for one in grasp_objects])[:, None, None]

@@ -91,8 +91,7 @@ class Sensors:
         if "defects" in effects:
             excess = np.where(np.isnan(self.stuck)[:, None], excess, self.stuck[:, None])
         counts = self.baseline[:, None] + excess
-        if effects & {"noise", "common_mode"}:
-            self._add_noise(counts)
+        self._add_noise(counts)
         return self.hand.frame(np.clip(np.rint(counts), 0, MAX_COUNT).astype(np.int16), NO_SENSOR)
 
     def _add_noise(self, counts: np.ndarray) -> None:

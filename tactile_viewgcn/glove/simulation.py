@@ -131,18 +131,13 @@ class Simulation:
         )
 
     def sensor_inputs(self, mechanics: Mechanics, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pressure (B, T, S) Pa on the sensors and flexion (B, T, S) rad under them, for states (B, T, n).
-
-        Without the effect `bending` the flexion is 0, (1, 1, 1).
-        """
+        """Pressure (B, T, S) Pa on the sensors and flexion (B, T, S) rad under them, for states (B, T, n)."""
         hands, frames, _ = states.shape
         pressure, rows = np.zeros((hands, frames, len(self.hands.patch))), np.arange(hands)
         for t in range(frames):
             balance = mechanics.evaluate(rows, np.full(hands, t + 1.0), states[:, t], palm=True)
             sensor = balance.contacts.row, balance.contacts.sensor
             np.add.at(pressure[:, t], sensor, balance.force * balance.facing / self.hands.area[sensor])
-        if "bending" not in self.recipe.effects:
-            return pressure, np.zeros((1, 1, 1))
         bend = np.maximum(states[:, :, :10].reshape(hands, frames, 5, 2) - OPEN, 0)
         patch = self.hands.patch
         on_link = patch < LINK_PATCHES

@@ -143,7 +143,7 @@ def framed(values: Any, form: Form, where: str) -> Any:
             if array.shape == shape:
                 return array.reshape(-1, rows, columns)
         expected = f"(frames, {rows}, {columns}) or (frames, {rows * columns})"
-        raise UserError(f"{where}: an array {array.shape}; expected {expected} by --shape, data.shape or the model")
+        raise UserError(f"{where}: an array {array.shape}; expected {expected} by data.shape or the model")
     return array[:, None] if array.ndim == 2 else array
 
 

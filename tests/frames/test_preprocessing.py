@@ -140,12 +140,6 @@ def test_the_source_s_balanced_frames_are_the_anchors_of_its_split_and_flags_alo
         assert prepared(tmp_path, change, columns=columns)[0].anchor.all()  # no class has more than the fewest anchors
 
 
-@pytest.mark.parametrize("side", [0, 1])
-def test_a_published_side_without_balanced_frames_is_refused(tmp_path, side):
-    with pytest.raises(UserError, match=f"the {['train', 'test'][side]} side .* has no balanced frames"):
-        prepared(tmp_path, columns=COLUMNS | {"balanced": COLUMNS["split"] != side})
-
-
 def without(name):
     return {each: values for each, values in COLUMNS.items() if each != name}
 
@@ -166,8 +160,8 @@ FOUR_LATE = np.where(LATE & (np.cumsum(LATE) > 4), 2, OBJECT)
 REFUSED = {
     "four frames of the empty hand in a session": ((), COLUMNS | {"object": FOUR_LATE}, "'session1' has 4 frames"),
     "no flags": ((), without("valid"), r"glove\.h5: .*preprocess\.filter flags"),
-    "no published split": ((), without("split"), "no published split: set split"),
-    "no grasps": (("split.by=grasp",), without("grasp"), "no grasp numbers: set split"),
+    "no published split": ((), without("split"), "no column 'split': set split"),
+    "no grasps": (("split.by=grasp",), without("grasp"), "no column 'grasp': set split"),
     "no grasps to count": (("split.train_grasps=1",), without("grasp"), "split.train_grasps to all"),
     "one class": (NO_EMPTY, COLUMNS | {"object": np.minimum(OBJECT, 1)}, "one class, object1"),
     "one class left": (NO_EMPTY, COLUMNS | {"valid": OBJECT < 2}, r"two classes .*\(object1\)"),
