@@ -18,10 +18,9 @@ import numpy as np
 from tactile_viewgcn.files import all_below
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, several
 from tactile_viewgcn.readers.child import reading
-from tactile_viewgcn.readers.hdf5 import read_recording
+from tactile_viewgcn.readers.hdf5 import is_raw, matlab_fields, read_metadata, read_raw, read_recording
 from tactile_viewgcn.readers.join import joined
 from tactile_viewgcn.readers.source import AUTO, SPLITS, Form, Recording, Source, no_array, setting
-from tactile_viewgcn.readers.stag import is_raw, matlab_fields, read_metadata, read_raw
 from tactile_viewgcn.readers.text import read_table, recordings_in
 
 TEXTS = (".csv", ".tsv", ".csv.gz", ".txt")  # endings of tables as text
