@@ -17,8 +17,8 @@ from tactile_viewgcn.frames.open_hand import HandStates, hand_states
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.params import Params, load, preset_changes
+from tactile_viewgcn.readers.hdf5 import read_metadata
 from tactile_viewgcn.readers.source import Source
-from tactile_viewgcn.readers.stag import read_metadata
 from tactile_viewgcn.recognition.classifier import Classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.recognition.training import train
@@ -233,10 +233,10 @@ def write(path: Path, counts: np.ndarray, time: np.ndarray | None = None, **attr
         file.attrs.update(attributes)
 
 
-# Gloves of four other kinds: all contact, real numbers, a drifting and a dense array
+# Gloves of three other kinds: all contact, real numbers, a dense array
 FOREIGN_OBJECTS, FOREIGN_RECORDINGS = 4, 4
 FOREIGN_NAMES = ["Tasse groß", "Schlüssel", "Öl Flasche", "Maß band"]
-PRESSURE = 60.0  # counts of the drifting array
+PRESSURE = 60.0  # counts of the dense array
 
 
 def _saved(
@@ -284,20 +284,6 @@ def floats(folder: Path, *, open_hand: float = 0.05) -> Path:
         return np.clip(values, 0, 2.6).astype(np.float32)
 
     return _saved(folder, counts, rate=20, names=FOREIGN_NAMES)
-
-
-def drifting_array(folder: Path) -> Path:
-    """8 x 8 sensors at 200 Hz whose baselines differ by twice the signal between recordings, and drift in them."""
-    rng, time = np.random.default_rng(0), np.arange(800) / 200
-    patterns, force = _patterns(rng, (8, 8), 0.5), PRESSURE * ((time >= 1) & (time < 3))
-
-    def counts(label: int) -> np.ndarray:
-        slope = rng.choice([-1.0, 1.0], (8, 8))
-        baseline = 800 + rng.normal(0, 2 * PRESSURE, (8, 8)) + slope * time[:, None, None]
-        values = baseline + force[:, None, None] * patterns[label] + rng.normal(0, 2, (len(time), 8, 8))
-        return np.rint(values).astype(np.int16)
-
-    return _saved(folder, counts, rate=200)
 
 
 def dense(folder: Path, *, side: int = 8) -> Path:

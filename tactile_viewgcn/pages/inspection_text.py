@@ -104,7 +104,7 @@ def _error(error: QuickError | None, where: str) -> list[tuple[str, str]]:
 
 def warnings(overview: Overview) -> list[Note]:
     """What may spoil a result with the recommended settings, each with a remedy."""
-    by, stuck, saturated = overview.setting("split.by"), _places(overview, "stuck"), _places(overview, "saturated")
+    by, saturated = overview.setting("split.by"), _saturated(overview)
     contact = np.bincount(overview.label, overview.counts["in contact"], len(overview.recordings.objects))
     untouched, single = _names(overview, contact == 0), _names(overview, overview.groups[by] == 1)
     gaps = overview.gaps > MANY_GAPS * overview.counts["frames"].sum()
@@ -116,7 +116,6 @@ def warnings(overview: Overview) -> list[Note]:
         "error": guessing and f"A quick classifier predicts the objects no better than guessing. {FIRMLY}",
         "split": single and f"One {by} alone: {single}. Nothing is left to test with. {TWICE}",
         "time": gaps and f"Frames are missing at {several(overview.gaps, 'place')}. Look at the cable and the logger.",
-        "stuck": stuck and f"Sensors that hardly vary: {stuck}. Check their wiring.",
         "saturated": saturated
         and f"Sensors at the largest reading in more than {100 * SATURATED:.0f} % of the frames: "
         f"{saturated}. Lower the gain of the electronics, or grip less.",
@@ -176,10 +175,10 @@ def _names(overview: Overview, chosen: np.ndarray) -> str:
     return listed([name for name in names if name != EMPTY_HAND])
 
 
-def _places(overview: Overview, fault: str) -> str:
-    """Names of sensors with a fault, of channels, else row/column; "" without any."""
-    names, faulty = overview.recordings.channel_names, np.argwhere(getattr(overview, fault)).tolist()
-    return listed([names[column] if names else f"{row}/{column}" for row, column in faulty])
+def _saturated(overview: Overview) -> str:
+    """Names of the saturated sensors, of channels, else row/column; "" without any."""
+    names, places = overview.recordings.channel_names, np.argwhere(overview.saturated).tolist()
+    return listed([names[column] if names else f"{row}/{column}" for row, column in places])
 
 
 def _wrapped(texts: Iterable[str]) -> list[str]:

@@ -7,19 +7,16 @@ from pathlib import Path
 import numpy as np
 
 from tactile_viewgcn.frames.auto import Choice, choose
-from tactile_viewgcn.frames.baseline import MIN_FRAMES
 from tactile_viewgcn.frames.leak import QuickError, quick_error
 from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.frames.split import has_published_split, split_groups
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import CONTACT_SIGMAS, PreprocessSection
 from tactile_viewgcn.readers.source import AUTO, Form
-from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, recordings_of
 from tactile_viewgcn.tables.remarks import originals, remarks
 
 SAMPLE = 2000  # frames, of all for the variation of a sensor, of an object for its mean
-STUCK = 0.1  # of the median sensor's noise
 SATURATED = 0.01  # share of frames at the largest reading of all sensors
 GAP = 2.5  # median intervals: frames are missing
 MOST_FOLDS = 5
@@ -132,13 +129,6 @@ class Overview:
         return int((self.steps > GAP * np.median(self.steps)).sum()) if len(self.steps) else 0
 
     @cached_property
-    def stuck(self) -> np.ndarray:
-        """Sensors that vary by less than a tenth of the median noise, bool (H, W); none without an open hand."""
-        sample = self.states.counts[evenly(np.arange(len(self.recordings)), SAMPLE)]
-        still = sample.std(axis=0, dtype=np.float64) < STUCK * self.noise
-        return self._layout(still & (self.states.open.sum() >= MIN_FRAMES))
-
-    @cached_property
     def saturated(self) -> np.ndarray:
         """Sensors that read the largest number of all in more than 1 % of the frames, bool (H, W).
 
@@ -147,12 +137,8 @@ class Overview:
         counts = self.states.counts
         largest = max(counts[index].max() for index in self._frames_of)
         at_largest = np.sum([(counts[index] == largest).sum(axis=0) for index in self._frames_of], axis=0)
-        return self._layout((at_largest / len(self.recordings) > SATURATED) & (at_largest.sum() > 1))
-
-    def _layout(self, sensors: np.ndarray) -> np.ndarray:
-        """Bool (H, W) of bool (S,) sensors that vary."""
         layout = np.zeros(self.recordings.shape, dtype=bool)
-        layout[self.recordings.live] = sensors
+        layout[self.recordings.live] = (at_largest / len(self.recordings) > SATURATED) & (at_largest.sum() > 1)
         return layout
 
 

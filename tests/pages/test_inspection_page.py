@@ -65,7 +65,6 @@ def test_each_fault_has_a_warning_that_names_what_is_at_fault(overview):
     mug, oil = (overview.recordings.objects.index(name) for name in ("mug", "Öl & <b>"))
     groups = {"recording": np.where(np.arange(3) == oil, 1, 4)}
     contact = np.where(overview.label == mug, 0, overview.counts["in contact"])
-    one = np.arange(96).reshape(8, 12) == 7
     leak = replace(overview.choice.leak, high=overview.choice.leak.chance / 2)
     faulty = with_groups(
         overview,
@@ -74,12 +73,11 @@ def test_each_fault_has_a_warning_that_names_what_is_at_fault(overview):
         error=replace(overview.error, high=overview.error.chance),
         choice=replace(overview.choice, leak=leak),
         steps=np.repeat([0.1, 0.3], [100, 8]),
-        stuck=one,
-        saturated=~one,
+        saturated=np.arange(96).reshape(8, 12) != 7,
     )
     texts = {note.topic: note.text for note in warnings(faulty)}
-    assert list(texts) == ["contact", "leak", "error", "split", "time", "stuck", "saturated"]
-    names = {"contact": ": mug.", "split": ": Öl & <b>.", "time": "8 ", "stuck": ": 0/7.", "saturated": "and 85 more"}
+    assert list(texts) == ["contact", "leak", "error", "split", "time", "saturated"]
+    names = {"contact": ": mug.", "split": ": Öl & <b>.", "time": "8 ", "saturated": "and 85 more"}
     assert all(name in texts[topic] for topic, name in names.items())
     assert verdict(faulty, warnings(faulty)).kind == "unsure"
 
