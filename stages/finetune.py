@@ -10,9 +10,9 @@ from tactile_viewgcn.nn.network import ViewNetwork, count_weights
 from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.recognition.fitting import Fitted, fit_classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
+from tactile_viewgcn.recognition.network_candidate import NETWORK
 from tactile_viewgcn.tables.frames import Views, load_table, read_frames
 from tactile_viewgcn.training.checkpoint import training_checkpoint
-from tactile_viewgcn.training.loop import Progress
 
 
 def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> str:
@@ -28,24 +28,23 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
     for note in fitted.notes:
         job.note(note)
     job.record.seconds = fitted.progress.resumed[1]  # before an interruption
-    if isinstance(fitted.classifier, ViewNetwork):
-        return f"finetune: {_network(job, fitted.classifier, fitted.progress)}"
-    return f"finetune: {_members(job, fitted)}"
+    classifier = fitted.classifier
+    job.record.counts["weights.head"] = count_weights(classifier.head) if isinstance(classifier, ViewNetwork) else 0
+    return f"finetune: {_members(job, fitted) if on_sensors(params.model.system) else _training(job, fitted)}"
 
 
-def _network(job: Job, network: ViewNetwork, progress: Progress) -> str:
-    """Count the weights of the part that joins the views, and say how the training went."""
-    job.record.counts["weights.head"] = count_weights(network.head)
-    if not network.head.trainable:
+def _training(job: Job, fitted: Fitted) -> str:
+    """How the training of a network went."""
+    if not fitted.progress.epoch:
         return f"{job.params.model.system} is not fine-tuned"
     origin = job.record.origin
-    return f"{progress} on {origin['device']} in {origin['precision']}"
+    return f"{fitted.progress} on {origin['device']} in {origin['precision']}"
 
 
 def _members(job: Job, fitted: Fitted) -> str:
-    """Keep the members that were chosen, and name them."""
-    members = " + ".join(fitted.model.members)
-    job.record.counts |= {"weights.head": 0, "resolved.model.members": members}
+    """Keep the members that were chosen, and name them; it may be a network that was."""
+    members = " + ".join(fitted.model.members) if on_sensors(fitted.model.system) else NETWORK
+    job.record.counts["resolved.model.members"] = members
     return f"{members} fitted in {fitted.progress.seconds:.1f} s"
 
 

@@ -19,6 +19,7 @@ from tactile_viewgcn.tables.frames import VALIDATION, Frames
 from tactile_viewgcn.views.clustering import pool_ids
 
 MIN_TEMPERATURE, MAX_TEMPERATURE = 0.02, 50.0
+PRIOR = 1.5  # standard deviation of the logarithms of members' weights
 
 
 def recording_answer(
@@ -61,16 +62,41 @@ def fit_temperature(logits: np.ndarray, labels: np.ndarray, recordings: int) -> 
     """
     from scipy.optimize import minimize_scalar
 
-    logits, doubt = logits.astype(np.float64), 1 / (recordings + 2)
-    rows, others = np.arange(len(labels)), np.arange(logits.shape[1]) != labels[:, None]
+    logits = logits.astype(np.float64)
+    bounds = np.log(MIN_TEMPERATURE), np.log(MAX_TEMPERATURE)
+    misfit = _misfit(labels, recordings, lambda log_temperature: logits / np.exp(log_temperature))
+    return float(np.exp(minimize_scalar(misfit, bounds=bounds, method="bounded").x))
 
-    def negative_log_likelihood(log_temperature: float) -> float:
-        shares = log_softmax(logits / np.exp(log_temperature), axis=1)
+
+def fit_weights(logarithms: np.ndarray, labels: np.ndarray, recordings: int) -> np.ndarray:
+    """Weights (M,) of the members' log-probabilities (M, n, Y) whose weighted sum fits labels (n,) best.
+
+    The softmax of this sum is fitted as in `fit_temperature`. A member that errs much, or is sure of wrong answers, has
+    little weight. Few recordings leave the weights alike: their logarithms have a normal prior around their mean.
+    """
+    from scipy.optimize import minimize
+
+    logarithms, equal = logarithms.astype(np.float64), np.zeros(len(logarithms))
+    bounds = [(-np.log(MAX_TEMPERATURE), -np.log(MIN_TEMPERATURE))] * len(equal)
+    misfit = _misfit(labels, recordings, lambda log_weights: np.tensordot(np.exp(log_weights), logarithms, 1))
+
+    def with_prior(log_weights: np.ndarray) -> float:
+        return misfit(log_weights) + len(equal) * log_weights.var() / (2 * PRIOR**2 * recordings)
+
+    return np.exp(minimize(with_prior, equal, bounds=bounds, method="L-BFGS-B").x)
+
+
+def _misfit(labels: np.ndarray, recordings: int, logits_of: Callable[[Any], np.ndarray]) -> Callable[[Any], float]:
+    """The mean negative log-likelihood of labels that may be wrong, as a function of what makes the logits."""
+    doubt, rows, known = 1 / (recordings + 2), np.arange(len(labels)), labels[:, None]
+
+    def negative_log_likelihood(parameters: Any) -> float:
+        shares = log_softmax(logits_of(parameters), axis=1)
+        others = np.arange(shares.shape[1]) != known
         wrong = logsumexp(np.where(others, shares, -np.inf), axis=1)
         return float(-((1 - doubt) * shares[rows, labels] + doubt * wrong).mean())
 
-    bounds = np.log(MIN_TEMPERATURE), np.log(MAX_TEMPERATURE)
-    return float(np.exp(minimize_scalar(negative_log_likelihood, bounds=bounds, method="bounded").x))
+    return negative_log_likelihood
 
 
 def network_temperature(network: ViewNetwork, table: Frames, compute: Compute) -> float:

@@ -1,23 +1,28 @@
-"""The choice of a classifier on the sensors, and its calibration, by recordings that are left out of its fits.
+"""The choice of a classifier for recordings, and its calibration, by recordings that are left out of its fits.
 
-A candidate is one member of `sensors` or several. Nothing is pretrained for them, so that a group can be left out of
-all that is fitted to labels.
+A candidate is one member of `sensors`, or several, or the network of the preset of this name. Channels have one recipe,
+whose members are weighed. Nothing is pretrained for the members, so that a group can be left out of all that is fitted
+to labels.
 """
 
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
 from tactile_viewgcn.frames.folds import left_out
 from tactile_viewgcn.messages import Note, several
-from tactile_viewgcn.recognition.calibration import fit_temperature
-from tactile_viewgcn.sensors.estimators import added, probabilities
+from tactile_viewgcn.recognition.calibration import fit_temperature, fit_weights
+from tactile_viewgcn.recognition.network_candidate import NETWORK, NetworkCandidate
+from tactile_viewgcn.sensors.estimators import added, log_shares, probabilities
 from tactile_viewgcn.sensors.examples import Examples
 
-#: a later candidate is taken only if all earlier ones err more by more than a standard error
-ARRAY: list[list[str]] = [["kernel", "pooled_kernel"], ["svm"], ["convolutions"]]
-CHANNELS: list[list[str]] = [["trees", "svm", "convolutions"], ["convolutions"]]
+#: of members the later is taken only if all earlier ones err more by more than a standard error; the network, which the
+#: recordings that a comparison leaves out would help most, wherever it errs least
+ARRAY: list[list[str]] = [["kernel", "pooled_kernel"], ["svm"]]
+CHANNELS = ["trees", "svm", "convolutions"]
 FOLDS = 5
+RULE = "the network if it errs least, else the first whose error is within a standard error of the lowest"
 
 
 class LeftOut:
@@ -29,47 +34,57 @@ class LeftOut:
         groups: (R,) split group of each of the examples' recordings.
 
     Attributes:
+        folds: masks bool (R,) of the recordings that are left out together.
         answered: bool (R,).
+        shares: by member, probabilities (R, classes), means over a recording's points; 0 of recordings that were never
+            left out.
         seconds: of each member's fits to recordings.
     """
 
     def __init__(self, examples: Examples, groups: np.ndarray, seed: int):
         self.examples, self.groups, self._seed = examples, groups, seed
-        self._folds = left_out(groups, examples.labels, FOLDS)
-        self.answered = np.any(self._folds, axis=0) if self._folds else np.zeros(len(groups), dtype=bool)
-        self.seconds: dict[str, float] = {}
-        self._shares: dict[str, np.ndarray] = {}
+        self.folds = left_out(groups, examples.labels, FOLDS)
+        self.answered = np.any(self.folds, axis=0) if self.folds else np.zeros(len(groups), dtype=bool)
+        self.shares, self.seconds = dict[str, np.ndarray](), dict[str, float]()
 
-    def _of_recordings(self, member: str) -> np.ndarray:
-        """Probabilities (R, classes), means over a recording's points; 0 of recordings that were never left out."""
-        if member not in self._shares:
-            examples, (points, recording) = self.examples, self.examples.of_recordings(member)
-            begin = time.perf_counter()
-            shares, label = np.zeros((len(points), examples.classes), dtype=np.float32), examples.labels[recording]
-            for rows in (left[recording] for left in self._folds):
-                estimator = examples.representation.estimator(member, quick=True)
-                estimator.fit(points[~rows], label[~rows], self._seed)
-                shares[rows] = probabilities(estimator, points[rows], examples.classes)
-            means = [shares[recording == each].mean(axis=0) for each in range(len(self.groups))]
-            self._shares[member] = np.stack(means)
-            self.seconds[member] = time.perf_counter() - begin
-        return self._shares[member]
+    def _of_recordings(self, members: Sequence[str]) -> list[np.ndarray]:
+        """The `shares` of some members, each computed once."""
+        for member in members:
+            if member not in self.shares:
+                begin = time.perf_counter()
+                self.shares[member] = self._answers(member)
+                self.seconds[member] = time.perf_counter() - begin
+        return [self.shares[member] for member in members]
 
-    def logits(self, members: list[str]) -> np.ndarray:
-        """Logits (n, classes) of the recordings that were left out."""
-        return added([self._of_recordings(name)[self.answered] for name in members])
+    def _answers(self, member: str) -> np.ndarray:
+        examples, (points, recording) = self.examples, self.examples.of_recordings(member)
+        shares, label = np.zeros((len(points), examples.classes), dtype=np.float32), examples.labels[recording]
+        for rows in (left[recording] for left in self.folds):
+            estimator = examples.representation.estimator(member, quick=True)
+            estimator.fit(points[~rows], label[~rows], self._seed)
+            shares[rows] = probabilities(estimator, points[rows], examples.classes)
+        return np.stack([shares[recording == each].mean(axis=0) for each in range(len(self.groups))])
 
-    def wrong(self, members: list[str]) -> np.ndarray:
-        """Share of wrong answers (G,) to the recordings of each group that was left out."""
-        place = np.unique(self.groups[self.answered], return_inverse=True)[1]
-        wrong = self.logits(members).argmax(axis=1) != self.examples.labels[self.answered]
-        return np.bincount(place, wrong) / np.bincount(place)
+    def weights(self, members: Sequence[str]) -> dict[str, float]:
+        """The weights of the members' log-probabilities, see `fit_weights`; 1 where nothing was left out."""
+        weights = np.ones(len(members))
+        if self.answered.any():
+            shares = [each[self.answered] for each in self._of_recordings(members)]
+            weights = fit_weights(log_shares(shares), self.examples.labels[self.answered], len(shares[0]))
+        return dict(zip(members, weights.tolist(), strict=True))
 
-    def temperature(self, members: list[str]) -> float | None:
-        """The temperature of a candidate, see `calibration`; None where nothing was left out."""
-        if not self.answered.any():
+    def wrong(self, members: Sequence[str], rows: np.ndarray) -> np.ndarray:
+        """Share of wrong answers (G,) to those recordings, bool (R,), of each group that has any."""
+        logits = added([each[rows] for each in self._of_recordings(members)])
+        place = np.unique(self.groups[rows], return_inverse=True)[1]
+        return np.bincount(place, logits.argmax(axis=1) != self.examples.labels[rows]) / np.bincount(place)
+
+    def temperature(self, weights: dict[str, float], rows: np.ndarray) -> float | None:
+        """The temperature of members with these weights, by those recordings; None where there are none."""
+        if not rows.any():
             return None
-        return fit_temperature(self.logits(members), self.examples.labels[self.answered], int(self.answered.sum()))
+        logits = added([each[rows] for each in self._of_recordings([*weights])], [*weights.values()])
+        return fit_temperature(logits, self.examples.labels[rows], int(rows.sum()))
 
 
 def choose(wrong: list[np.ndarray]) -> tuple[int, list[float]]:
@@ -86,32 +101,44 @@ def choose(wrong: list[np.ndarray]) -> tuple[int, list[float]]:
     return next(number for number, each in enumerate(more) if each.mean() <= above[number]), above
 
 
-def choose_members(left: LeftOut, candidates: list[list[str]]) -> tuple[list[str], list[Note]]:
+def choose_members(
+    left: LeftOut, candidates: list[list[str]], network: NetworkCandidate | None
+) -> tuple[list[str], np.ndarray, list[Note]]:
     """Compare the candidates, up to the first that errs nowhere.
 
+    Args:
+        network: the last candidate, on as many folds as its limit of time allows; None: it is not asked.
+
     Returns:
-        The chosen members, and notes: the choice, then each candidate, the chosen one first and the others by their
-        errors. The value of a candidate's note has its error, the standard error of the difference from the lowest, and
-        the seconds of all fits.
+        The chosen members, or `NETWORK`; the recordings bool (R,) that they have answered; and notes: the choice, then
+        each candidate, the chosen one first and the others by their errors. The value of a candidate's note has its
+        error, the standard error of the difference from the lowest, and the seconds of all fits.
     """
-    key = "model.members"
-    if not left.answered.any():
+    key, rows, notes, compared = "model.members", left.answered, list[Note](), list[list[str]]()
+    if not rows.any():
         text = "no object has two groups to train on, so that none can be left out: taken without a comparison"
-        return candidates[0], [Note(text, "choice", "recogniser", key, candidates[0])]
-    wrong = list[np.ndarray]()
+        return candidates[0], rows, [Note(text, "choice", "recogniser", key, candidates[0])]
     for members in candidates:
-        if not wrong or wrong[-1].any():
-            wrong.append(left.wrong(members))
+        if not compared or left.wrong(compared[-1], rows).any():
+            compared.append(members)
+    if network and left.wrong(compared[-1], rows).any():
+        begin = time.perf_counter()
+        shares, answered, text = network.compare(left.folds)
+        notes.append(Note(text, topic="recogniser"))
+        if answered.any():
+            left.shares[NETWORK], left.seconds[NETWORK], rows = shares, time.perf_counter() - begin, answered
+            compared.append([NETWORK])
+    wrong = [left.wrong(members, rows) for members in compared]
     taken, above = choose(wrong)
-    text = (
-        f"of {several(len(wrong), 'candidate')} the first whose error is within a standard error of the lowest, on "
-        f"{several(len(wrong[0]), 'training group')}, each left out of the fits that answer it"
-    )
-    notes = [Note(text, "choice", "recogniser", key, candidates[taken])]
+    if compared[-1] == [NETWORK] and wrong[-1].mean() < min(each.mean() for each in wrong[:-1]):
+        taken = len(wrong) - 1
+    text = f"of {several(len(wrong), 'candidate')} {RULE}, on {several(len(wrong[0]), 'training group')}, each left out"
+    text += " of the fits that answer it"
+    notes.append(Note(text, "choice", "recogniser", key, compared[taken]))
     for number in sorted(range(len(wrong)), key=lambda number: (number != taken, wrong[number].mean())):
-        members, error = candidates[number], float(wrong[number].mean())
+        members, error = compared[number], float(wrong[number].mean())
         seconds = sum(left.seconds[name] for name in members)
         text = f"{' + '.join(members)}: {100 * error:.1f} % of whole recordings wrong, {seconds:.1f} s of fits"
         value = {"members": members, "taken": number == taken, "error": error, "standard_error": above[number]}
         notes.append(Note(text, topic="candidates", key=key, value=value | {"seconds": seconds}))
-    return candidates[taken], notes
+    return compared[taken], rows if compared[taken] == [NETWORK] else left.answered, notes

@@ -31,6 +31,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
     Args:
         preset: a name of `tactile-viewgcn preset`; `best` if `system` is None too.
         system: a value of `model.system`, or a member of `sensors`; on top of the preset, else of the paper's recipe.
+            `network` is the preset of this name, which trains for minutes: in memory `best` does not ask it.
         views: V, the frames of a network's view set.
         params: values by dotted key of params.yaml, on top of all others, such as `{"preprocess.transform": "log"}`.
         random_state: source of every random choice: an integer, a `RandomState` of NumPy, or None.
@@ -157,11 +158,11 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         changes = {"seed": seed, "views": self.views}
         if self.system in get_args(Member):
             changes |= {"model.system": "sensors", "model.members": [self.system]}
-        elif self.system is not None:
+        elif self.system not in (None, "network"):
             changes["model.system"] = self.system
         changes |= self.params or {}
         plain = {key: value.item() if isinstance(value, np.generic) else value for key, value in changes.items()}
-        preset = "best" if self.preset is None and self.system is None else self.preset
+        preset = {None: "best", "network": "network"}.get(self.system) if self.preset is None else self.preset
         texts = preset_changes(preset) if preset is not None else []
         return default_params((*texts, *(as_change(*item) for item in plain.items())), type(self).__name__)
 

@@ -1,7 +1,7 @@
 """One fit, from the table of frames to a calibrated classifier: choice of members, training, calibration."""
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -16,6 +16,7 @@ from tactile_viewgcn.params import Member, Model, Params, on_sensors
 from tactile_viewgcn.recognition.calibration import calibration_warning, network_temperature
 from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, LeftOut, choose_members
 from tactile_viewgcn.recognition.classifier import Classifier
+from tactile_viewgcn.recognition.network_candidate import NETWORK, NetworkCandidate
 from tactile_viewgcn.sensors.convolutions import SAMPLE
 from tactile_viewgcn.sensors.examples import Examples
 from tactile_viewgcn.sensors.features import every_few, is_array
@@ -48,14 +49,19 @@ def fit_classifier(
     compute: Compute,
     checkpoint_path: Path | None = None,
     on_epoch: OnEpoch | None = None,
+    *,
+    ask_network: bool = True,
 ) -> Fitted:
     """Train the classifier that `params.model` names, and calibrate it where groups can be left out for that.
 
     A network is calibrated on the validation side, a system on the sensors by cross-validation on the training side.
-    For the arguments see `finetune_classifier`.
+
+    Args:
+        ask_network: among the candidates for arrays is the network of `network_candidate`, which takes minutes. For the
+            other arguments see `finetune_classifier`.
     """
     if on_sensors(params.model.system):
-        return _fit_sensors(table, views.viewpoints, params)
+        return _fit_sensors(table, views, params, compute, ask_network=ask_network)
     network, progress = finetune_classifier(table, views, pretrained, params, compute, checkpoint_path, on_epoch)
     temperature = network_temperature(network, table, compute) if len(table.on(VALIDATION)) else None
     remedy = "record objects more often, or raise finetune.epochs"
@@ -63,24 +69,36 @@ def fit_classifier(
     return Fitted(network, params.model, temperature, progress, notes)
 
 
-def _fit_sensors(table: Frames, viewpoints: np.ndarray, params: Params) -> Fitted:
+def _fit_sensors(table: Frames, views: Views, params: Params, compute: Compute, *, ask_network: bool) -> Fitted:
     """Choose the members where they are `auto`, fit them to the training recordings, and calibrate them."""
     begin, asked, seed, notes = time.perf_counter(), params.model.members, params.seed, list[Note]()
-    auto = ARRAY if is_array(table.live) else CHANNELS
-    candidates: list[list[str]] = auto if asked == "auto" else [[*asked]]
-    views = len(viewpoints)
-    sizes = powers_of_two(views) if params.finetune.num_views == "random" else (views,)
+    choice = asked == "auto" and is_array(table.live)
+    candidates: list[list[str]] = ARRAY if choice else [CHANNELS if asked == "auto" else [*asked]]
     recordings = training_recordings(table)
-    examples = examples_of(table, recordings, chain(*candidates), sizes, seed)
-    left, members = LeftOut(examples, table.group[first_frames(recordings)], seed), candidates[0]
-    if asked == "auto":
-        members, notes = choose_members(left, candidates)
-    temperature = left.temperature(members)
-    model = replace(params.model, members=cast(list[Member], members))
-    classifier = load_system(model.system).SensorClassifier(members, viewpoints, len(table.classes))
-    classifier.fit(examples, seed)
+    examples = examples_of(table, recordings, chain(*candidates), powers_of_two(len(views.viewpoints)), seed)
+    left, network = LeftOut(examples, table.group[first_frames(recordings)], seed), None
+    members, rows = candidates[0], left.answered
+    if choice:
+        network = NetworkCandidate(table, views, recordings, seed, compute) if ask_network else None
+        members, rows, notes = choose_members(left, candidates, network)
+        if not ask_network:
+            notes.append(
+                Note(f"a network may err less: TactileClassifier(system={NETWORK!r}) trains one", topic=NETWORK)
+            )
+    weights = dict.fromkeys(members, 1.0) if is_array(table.live) else left.weights(members)
+    temperature = left.temperature(weights, rows)
     notes += calibration_warning(temperature, "left-out training groups", "record each object more often")
-    return Fitted(classifier, model, temperature, Progress(seconds=time.perf_counter() - begin), notes)
+    if network and members == [NETWORK]:
+        trained = network.train()
+        return Fitted(trained, network.params.model, temperature, _since(begin), notes)
+    classifier = load_system(params.model.system).SensorClassifier(members, views.viewpoints, len(table.classes))
+    classifier.fit(examples, weights, seed)
+    model = replace(params.model, members=cast(list[Member], members))
+    return Fitted(classifier, model, temperature, _since(begin), notes)
+
+
+def _since(begin: float) -> Progress:
+    return Progress(seconds=time.perf_counter() - begin)
 
 
 def training_recordings(table: Frames) -> list[np.ndarray]:
@@ -100,7 +118,7 @@ def first_frames(recordings: list[np.ndarray]) -> np.ndarray:
 
 
 def examples_of(
-    table: Frames, recordings: list[np.ndarray], members: Iterable[str], sizes: tuple[int, ...], seed: int
+    table: Frames, recordings: list[np.ndarray], members: Iterable[str], sizes: Sequence[int], seed: int
 ) -> Examples:
     """The examples of training recordings, whole and as view sets of the given numbers of frames."""
 

@@ -29,7 +29,7 @@ from tactile_viewgcn.recognition.classifier import Classifier, build_classifier
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TRAIN, Frames, network_input
 
-FORMAT = 15  # add 1 when the content of a file changes
+FORMAT = 16  # add 1 when the content of a file changes
 REMEDY = "name a file such as models/classifier.pt, or train again (`dvc repro`, or fit and save)"
 EXAMPLES, EXAMPLE_FRAMES = 3, 8  # stored recordings, and frames of each
 CLOSE = {"float32": 1e-3, "bfloat16": 0.1}  # by precision, difference of probabilities between two processors
@@ -121,6 +121,7 @@ class Content:
             classifier = build_classifier(viewpoints, len(self.classes), self.model, live.shape)
         if isinstance(classifier, torch.nn.Module):
             classifier.load_state_dict(_converted(self.learnt, np.ndarray, torch.from_numpy), assign=True)
+            classifier.transform = self.transform
         else:
             classifier.load_state_dict(self.learnt, live)
         classifier.prepare(select_device("cpu", self.precision))

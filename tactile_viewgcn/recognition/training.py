@@ -50,6 +50,6 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path
         if with_backbone:
             backbone, linear, _ = pretrain_backbone(frames, params, compute)
             pretrained = {"backbone": backbone.cpu().state_dict(), "classifier": linear.cpu().state_dict()}
-        fitted = fit_classifier(frames, views, pretrained, params, compute)
+        fitted = fit_classifier(frames, views, pretrained, params, compute, ask_network=False)
     save_classifier(path, fitted.classifier, fitted.model, frames, compute.precision, fitted.temperature)
     return notes + fitted.notes

@@ -23,20 +23,13 @@ SHARPNESS = 4.0  # of the softmax of its values, which are -1 for a wrong class 
 
 
 class Convolutions(Arrays):
-    """The features of recordings, fitted without labels.
-
-    Args:
-        zeros: before and after a recording are zeros, as in MiniRocket; else its first and its last frame go on. Zeros
-            err less on channels, whose mean is 0, and more on arrays.
+    """The features of recordings, fitted without labels; before and after a recording are zeros.
 
     Attributes:
         dilations: (D,) frames between a kernel's weights.
         channels: bool (D, N, F) channels that each kernel adds.
         biases: (D, N, B).
     """
-
-    def __init__(self, *, zeros: bool):
-        self._zeros = zeros
 
     def fit(self, recordings: Sequence[np.ndarray], seed: int) -> Self:
         """Draw dilations and channels for recordings of readings (T, F), and measure the biases on some of them."""
@@ -75,7 +68,7 @@ class Convolutions(Arrays):
         The sums are in float64, so that a value that equals a bias does so in whatever order a processor adds.
         """
         summed, reach = channels.astype(np.float64) @ readings.T.astype(np.float64), LENGTH // 2 * int(dilation)
-        padded = np.pad(summed, ((0, 0), (reach, reach)), mode="constant" if self._zeros else "edge")
+        padded = np.pad(summed, ((0, 0), (reach, reach)))
         moved = np.stack([padded[:, place * dilation :][:, : summed.shape[1]] for place in range(LENGTH)])
         return (3 * moved[PLACES.T, np.arange(len(PLACES))].sum(axis=0) - moved.sum(axis=0)).astype(np.float32)
 

@@ -123,8 +123,13 @@ def probabilities(estimator: Estimator, points: np.ndarray, classes: int) -> np.
     return shares
 
 
-def added(shares: Sequence[np.ndarray]) -> np.ndarray:
-    """Logits (B, classes) from the probabilities of one member or several: the sum of their logarithms."""
+def log_shares(shares: Sequence[np.ndarray]) -> np.ndarray:
+    """Logarithms (M, B, classes) of the probabilities of several members, each a little above 0."""
+    return np.log(np.stack(shares) + FLOOR)
+
+
+def added(shares: Sequence[np.ndarray], weights: Sequence[float] = ()) -> np.ndarray:
+    """Logits (B, classes) from the probabilities of one member or several: the weighted sum of their logarithms."""
     if len(shares) == 1:
         return np.log(np.maximum(shares[0], TINY))
-    return np.log(np.stack(shares) + FLOOR).sum(axis=0)
+    return np.tensordot(np.array(weights or [1] * len(shares), dtype=np.float32), log_shares(shares), 1)

@@ -62,13 +62,14 @@ class Examples:
         """
         if member == OF_FRAMES:
             return self.representation.of_frames(self.frames), self.frame_recording
-        numbers, kind = np.arange(len(self.labels)), "svm" if member == "pooled_kernel" else member
-        if kind not in self._points:
+        numbers = np.arange(len(self.labels))
+        if member not in self._points:
             readings = (self.representation.scaled(self._read(number))[None] for number in numbers.tolist())
-            self._points[kind] = np.concatenate([self.representation.of_recordings(kind, each) for each in readings])
-        return self._points[kind], numbers
+            points = [self.representation.of_recordings(member, each) for each in readings]
+            self._points[member] = np.concatenate(points)
+        return self._points[member], numbers
 
-    def of_sets(self, size: int) -> tuple[np.ndarray, np.ndarray]:
-        """Points (M, F) that `svm` and `pooled_kernel` read of view sets, and the recording (M,) of each."""
+    def of_sets(self, member: str, size: int) -> tuple[np.ndarray, np.ndarray]:
+        """Points (M, F) that a member reads of view sets, and the recording (M,) of each."""
         sets = self.sets[size]
-        return self.representation.of_sets(self.frames[sets]), self.frame_recording[sets[:, 0]]
+        return self.representation.of_sets(member, self.frames[sets]), self.frame_recording[sets[:, 0]]

@@ -40,12 +40,6 @@ def block_weights(live: np.ndarray) -> np.ndarray:
     return np.concatenate(weights, axis=1).astype(np.float32)
 
 
-def array_statistics(readings: np.ndarray) -> np.ndarray:
-    """Mean, maximum and standard deviation (B, 3 S) of an array's readings, see `pressed`."""
-    values = pressed(readings)
-    return np.concatenate([values.mean(axis=1), values.max(axis=1), values.std(axis=1)], axis=1)
-
-
 def array_maps(readings: np.ndarray, blocks: np.ndarray) -> np.ndarray:
     """Mean and maximum of an array's readings, each with its means over blocks (S, B) of sensors: (B, 2 (S + B)).
 

@@ -9,7 +9,6 @@ from tactile_viewgcn.sensors.convolutions import Convolutions, Ridge
 from tactile_viewgcn.sensors.estimators import FEWEST_TREES, TREES, Estimator, Forest
 from tactile_viewgcn.sensors.features import (
     array_maps,
-    array_statistics,
     block_weights,
     in_time,
     in_windows,
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
 OF_FRAMES = "kernel"  # the member that answers single frames; its probabilities are averaged
 MOST_FRAMES, QUICK_FRAMES = 2000, 1000  # that this member is fitted to, and quickly fitted to
 OF_SETS = (OF_FRAMES, "pooled_kernel", "svm")  # members that also answer view sets, for which no order counts
+FINER = 10.0  # times finer than the others' is the unit of `svm` on an array, and so narrower its dead zone
 FARTHEST = 1e15  # scaled reading: its square is in the range of single precision
 PRESSED_SHARE = 0.1  # of the readings in contact are above PRESSED_UNITS; with STAG's glove these are four counts
 PRESSED_UNITS = 4.0
@@ -55,7 +55,7 @@ class Representation:
     def __init__(self, live: np.ndarray, centre: np.ndarray, spread: np.ndarray):
         self.live, self.centre, self.spread, self.is_array = live, centre, spread, is_array(live)
         self.blocks = block_weights(live) if self.is_array else np.zeros((int(live.sum()), 0), dtype=np.float32)
-        self.convolutions = Convolutions(zeros=not self.is_array)
+        self.convolutions = Convolutions()
 
     @classmethod
     def of(cls, live: np.ndarray, sample: np.ndarray, unit: float) -> Self:
@@ -74,17 +74,21 @@ class Representation:
         """Points (n, F) of single frames' readings (n, S), for the member `kernel`."""
         return with_blocks(pressed(readings), self.blocks) if self.is_array else readings
 
-    def of_sets(self, readings: np.ndarray) -> np.ndarray:
+    def of_sets(self, member: str, readings: np.ndarray) -> np.ndarray:
         """Points (B, F) of view sets' readings (B, k, S), for `svm` and `pooled_kernel`; no order counts."""
-        return array_maps(readings, self.blocks) if self.is_array else unordered(readings.astype(np.float64))
+        return self._maps(member, readings) if self.is_array else unordered(readings.astype(np.float64))
 
     def of_recordings(self, member: str, readings: np.ndarray) -> np.ndarray:
         """A member's points (B, F) of whole recordings' readings (B, T, S), in the order of time."""
         if member == "convolutions":
             return np.stack([self.convolutions.features(each) for each in readings])
         if self.is_array:
-            return array_statistics(readings) if member == "trees" else array_maps(readings, self.blocks)
+            return self._maps(member, readings)
         return (in_time if member == "trees" else in_windows)(readings.astype(np.float64))
+
+    def _maps(self, member: str, readings: np.ndarray) -> np.ndarray:
+        """Points of an array: `svm` also reads what lies in the others' dead zone, which may not be noise."""
+        return array_maps(FINER * readings if member == "svm" else readings, self.blocks)
 
     def estimator(self, member: str, *, quick: bool = False) -> Estimator:
         """The member's estimator, not fitted yet; a quick one has fewer trees or frames."""

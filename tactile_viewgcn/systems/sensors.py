@@ -28,7 +28,7 @@ class SensorClassifier:
     set of k frames uses those of the largest fitted number of frames up to k.
 
     Args:
-        members: names, whose log-probabilities are added.
+        members: names, whose log-probabilities are added with `weights`.
         viewpoints: (V, 3); only V is used.
         classes: number of classes.
 
@@ -36,42 +36,41 @@ class SensorClassifier:
         representation: what the members read.
         whole: by member, the estimator of recordings; that of `kernel` is of single frames.
         sets: by number of frames and member, the estimator of view sets.
+        weights: of the members' log-probabilities.
         short: fewer frames than these are part of a recording, not a whole one.
     """
 
     transform = "counts"
+    takes_fewer = True
     representation: Representation
 
     def __init__(self, members: Sequence[str], viewpoints: np.ndarray, classes: int):
         self.members, self.viewpoints, self.classes = list(members), viewpoints, classes
         self.whole: dict[str, Estimator] = {}
         self.sets: dict[int, dict[str, Estimator]] = {}
-        self.short = 0.0
+        self.weights, self.short = dict.fromkeys(self.members, 1.0), 0.0
 
     @property
     def views(self) -> int:
         """V."""
         return len(self.viewpoints)
 
-    @property
-    def takes_fewer(self) -> bool:
-        """Whether it was fitted to view sets of fewer than V frames too."""
-        return len(self.sets) > 1 or self.views == 1
-
-    def fit(self, examples: Examples, seed: int) -> None:
+    def fit(self, examples: Examples, weights: dict[str, float], seed: int) -> None:
         """Fit every member to the examples.
 
         Recordings shorter than half the tenth percentile of the training recordings' lengths are answered as view sets:
         after sixty training recordings of 40 frames and one of 2, those of fewer than 20 frames.
         """
-        self.representation, self.short = examples.representation, float(np.quantile(examples.lengths, SHORT)) / 2
+        self.representation, self.weights = examples.representation, weights
+        self.short = float(np.quantile(examples.lengths, SHORT)) / 2
 
         def fitted(member: str, points: np.ndarray, recording: np.ndarray) -> Estimator:
             return self.representation.estimator(member).fit(points, examples.labels[recording], seed)
 
         self.whole = {name: fitted(name, *examples.of_recordings(name)) for name in self.members}
         pooled = [name for name in for_sets(self.members) if name != OF_FRAMES]
-        self.sets = {size: {name: fitted(name, *examples.of_sets(size)) for name in pooled} for size in examples.sets}
+        for size in examples.sets:
+            self.sets[size] = {name: fitted(name, *examples.of_sets(name, size)) for name in pooled}
 
     def prepare(self, compute: object) -> None:
         """Do nothing: it computes on the processor."""
@@ -113,14 +112,15 @@ class SensorClassifier:
     def _logits(self, values: np.ndarray, fitted: dict[str, Estimator], *, whole: bool) -> np.ndarray:
         """Logits (B, classes) of whole recordings or view sets, by the values (B, k, ...) of their frames."""
         read, sensors, shares = self.representation, len(self.representation.centre), []
-        for name in self.members if whole else for_sets(self.members):
+        names = self.members if whole else for_sets(self.members)
+        for name in names:
             readings, of_frames = values[..., :sensors], values[..., sensors:]
             if name == OF_FRAMES:
                 shares.append(of_frames.mean(axis=1))
             else:
-                points = read.of_recordings(name, readings) if whole else read.of_sets(readings)
+                points = read.of_recordings(name, readings) if whole else read.of_sets(name, readings)
                 shares.append(probabilities(fitted[name], points, self.classes))
-        return added(shares)
+        return added(shares, [self.weights.get(name, 1.0) for name in names])
 
     def state_dict(self) -> dict[str, Any]:
         """What it has learnt, without `live`: arrays and plain values."""
@@ -134,6 +134,7 @@ class SensorClassifier:
             "convolutions": read.convolutions.state_dict(),
             "whole": kept(self.whole),
             "sets": {str(size): kept(each) for size, each in self.sets.items()},
+            "weights": self.weights,
             "short": self.short,
         }
 
@@ -149,5 +150,5 @@ class SensorClassifier:
         def loaded(kept: dict[str, Any]) -> dict[str, Estimator]:
             return {name: read.estimator(name).load_state_dict(each) for name, each in kept.items()}
 
-        self.whole, self.short = loaded(state["whole"]), state["short"]
+        self.whole, self.weights, self.short = loaded(state["whole"]), state["weights"], state["short"]
         self.sets = {int(size): loaded(each) for size, each in state["sets"].items()}

@@ -10,6 +10,7 @@ from tactile_viewgcn.recognition.calibration import (
     MIN_TEMPERATURE,
     calibration_warning,
     fit_temperature,
+    fit_weights,
     network_temperature,
     recording_answer,
 )
@@ -17,9 +18,9 @@ from tactile_viewgcn.recognition.fitting import fit_classifier
 from tests.glove_data import CPU, pretrained, recipe, table, trained, views_of
 
 
-def drawn(true, shape, rng):
+def drawn(true, shape, rng, logits=None):
     """Logits, and labels drawn with the probabilities softmax(logits / true)."""
-    logits = 3 * rng.normal(size=shape)
+    logits = 3 * rng.normal(size=shape) if logits is None else logits
     shares = softmax(logits / true, axis=1).cumsum(axis=1)
     return logits, (shares < rng.random(shape[0])[:, None]).sum(axis=1).clip(max=shape[1] - 1)
 
@@ -28,6 +29,15 @@ def drawn(true, shape, rng):
 def test_the_temperature_is_that_of_the_drawn_labels(true):
     logits, labels = drawn(true, (20_000, 5), np.random.default_rng(0))
     assert fit_temperature(logits, labels, 20_000) == pytest.approx(true, rel=0.05)
+
+
+def test_weights_are_those_of_the_drawn_labels_and_a_member_that_knows_nothing_has_none():
+    """Labels are drawn by the sum of a member, and half of a second one; a third one is noise."""
+    rng = np.random.default_rng(0)
+    members = rng.normal(size=(3, 20_000, 5))
+    _, labels = drawn(1.0, members[0].shape, rng, logits=members[0] + members[1] / 2)
+    weights = fit_weights(members, labels, 20_000)
+    assert weights[:2] == pytest.approx([1, 0.5], rel=0.1) and weights[2] < 0.05
 
 
 def test_answers_that_are_all_right_are_believed_by_laplaces_rule():

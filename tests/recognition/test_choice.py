@@ -1,18 +1,16 @@
 """The choice: by groups that were left out, never by the test side; later candidates only where they are better."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, LeftOut, choose, choose_members
 from tactile_viewgcn.recognition.fitting import examples_of, first_frames, fit_classifier, training_recordings
+from tactile_viewgcn.recognition.network_candidate import NETWORK
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tests.glove_data import CPU, recipe, table, views_of
 from tests.recognition.answers import Answers
-
-CANDIDATES = [["kernel"], ["svm"], ["trees", "svm"]]
 
 
 @pytest.mark.parametrize(
@@ -30,46 +28,88 @@ def test_a_later_candidate_is_taken_where_the_first_errs_by_more_than_a_standard
     assert choose([np.asarray(wrong, dtype=float) for wrong in (first, second, np.add(first, 1))])[0] == taken
 
 
-def compared(*wrong, answered=True):
-    """What `choose_members` says of candidates with these shares of wrong answers to the groups."""
-    of = dict(zip(map(tuple, CANDIDATES), map(np.asarray, wrong), strict=False))
-    costs = dict(zip(("kernel", "trees", "svm"), (1.0, 20.0, 4.0), strict=True))
-    left = SimpleNamespace(answered=np.array([answered]), wrong=lambda members: of[tuple(members)])
-    left.seconds = costs
-    return choose_members(left, CANDIDATES)
+LABELS = np.tile([0, 0, 1, 1, 2, 2], 2)  # of six groups of two recordings
+
+
+def answers(wrong):
+    """Probabilities of the recordings, of which the first ones are answered wrongly."""
+    return np.eye(3)[(LABELS + (np.arange(len(LABELS)) < wrong)) % 3]
+
+
+class Network:
+    """A network that answers the first recordings, up to a number, some of them wrongly; it counts how often."""
+
+    def __init__(self, answered, wrong=0):
+        self.wrong, self.answered, self.asked = wrong, np.arange(len(LABELS)) < answered, 0
+
+    def compare(self, folds):
+        self.asked += 1
+        return answers(self.wrong), self.answered, "says how many"
+
+
+def compared(*wrong, network=None, answered=True):
+    """What `choose_members` says of two candidates with these numbers of wrong answers, and of a network."""
+    left = left_out(LABELS, np.arange(12) // 2, knows=False)
+    left.answered &= answered
+    for name, count in zip(("kernel", "svm"), wrong, strict=True):
+        left.shares[name], left.seconds[name] = answers(count), 2.0
+    members, rows, notes = choose_members(left, [["kernel"], ["svm"]], network)
+    return members, rows.sum(), notes
 
 
 def test_the_chosen_candidate_stands_first_and_the_others_by_what_decides():
-    """The second is the first within a standard error of a quarter; members together cost what each of them costs."""
-    members, (choice, *notes) = compared([1, 1, 1, 1], [1, 0, 1, 0], [0, 0, 1, 0])
-    assert (choice.level, choice.key, choice.value) == ("choice", "model.members", members)
-    assert {(note.topic, note.key) for note in notes} == {("candidates", "model.members")}
+    members, rows, (choice, *notes) = compared(12, 1)
+    assert (choice.level, choice.key, choice.value, rows) == ("choice", "model.members", members, 12)
     keys = "members", "taken", "error", "standard_error", "seconds"
     assert [tuple(note.value[key] for key in keys) for note in notes] == [
-        (CANDIDATES[1], True, 0.5, 0.25, 4), (CANDIDATES[2], False, 0.25, 0, 24), (CANDIDATES[0], False, 1, 0.25, 1)
+        (["svm"], True, pytest.approx(1 / 12), 0, 2), (["kernel"], False, 1, pytest.approx(1 / 12), 2)
     ]  # fmt: skip
-    members, notes = compared(*[[0.5, 0.5]] * 3)  # that err alike stand in their order
-    assert members == CANDIDATES[0] and [note.value["members"] for note in notes[1:]] == CANDIDATES
+    assert {(note.topic, note.key) for note in notes} == {("candidates", "model.members")}
 
 
 def test_candidates_behind_one_that_errs_nowhere_are_not_compared_nor_any_where_nothing_can_be_left_out():
-    for wrong, count in (([[0, 0, 0, 0]], 1), ([[1, 0, 0, 0], [0, 0, 0, 0]], 2), ([], 0)):
-        members, (choice, *notes) = compared(*wrong, answered=bool(wrong))
-        assert members == CANDIDATES[0] == choice.value
-        assert [note.value["members"] for note in notes] == CANDIDATES[:count]
-        assert ("on 4 training groups" if wrong else "without a comparison") in choice.text
+    for wrong, count, answered in (([0, 0], 1, True), ([6, 0], 2, True), ([6, 0], 0, False)):
+        network = Network(12)
+        members, _, (choice, *notes) = compared(*wrong, network=network, answered=answered)
+        assert members == choice.value == ["svm" if count == 2 else "kernel"] and not network.asked
+        assert len(notes) == count and ("on 6 training groups" if count else "without a comparison") in choice.text
+
+
+@pytest.mark.parametrize(
+    ("network", "taken", "error"),
+    [
+        (Network(12), NETWORK, 1 / 12),  # by less than a standard error
+        (Network(6), NETWORK, 1 / 6),  # on the groups that it answered
+        (Network(12, wrong=1), "svm", 1 / 12),
+        (Network(0), "svm", 1 / 12),  # there was no time
+    ],
+)
+def test_the_network_is_taken_where_it_errs_least_on_the_recordings_that_it_answers(network, taken, error):
+    members, rows, (note, _, *notes) = compared(12, 1, network=network)
+    assert (members, note.text) == ([taken], "says how many")
+    assert rows == (network.answered.sum() if taken == NETWORK else 12)
+    assert {tuple(note.value["members"]): note.value["error"] for note in notes}["svm",] == pytest.approx(error)
+    assert len(notes) == 2 + (network.answered.any())
 
 
 def left_out(labels, groups, **options):
     return LeftOut(Answers(np.asarray(labels), np.asarray(groups), **options), np.asarray(groups), 0)
 
 
+def wrong(left, *members):
+    return left.wrong(members, left.answered).tolist()
+
+
+def temperature(left, *members):
+    return left.temperature(dict.fromkeys(members, 1.0), left.answered)
+
+
 @pytest.mark.parametrize("groups", [np.arange(24) // 2, np.arange(24) % 6], ids=["of a class", "of several"])
 def test_each_group_is_answered_once_by_fits_without_any_of_it(groups):
     """Estimators that know the groups that they were fitted to, and are wrong about all others."""
     left = left_out(np.arange(24) // 8, groups, knows=True)
-    assert left.answered.all() and (left.wrong(["svm"]) == 1).all() and len(left.wrong(["svm"])) == len(set(groups))
-    assert (left_out(np.arange(24) // 8, groups, knows=False).wrong(["trees", "svm"]) == 0).all()
+    assert left.answered.all() and wrong(left, "svm") == [1] * len(set(groups))
+    assert not any(wrong(left_out(np.arange(24) // 8, groups, knows=False), "trees", "svm"))
 
 
 def test_a_class_that_would_not_be_fitted_stays_and_groups_are_weighed_alike():
@@ -80,8 +120,8 @@ def test_a_class_that_would_not_be_fitted_stays_and_groups_are_weighed_alike():
     assert spanning.answered.tolist() == [True] * 4 + [False]
     assert not left_out([0, 1], [0, 1], knows=False).answered.any()
     left = left_out([0, 0, 0, 1, 1, 1], [0, 0, 1, 2, 3, 3], knows=True)
-    left._shares["svm"] = np.eye(3)[[1, 0, 0, 0, 1, 1]]
-    assert left.wrong(["svm"]).tolist() == [0.5, 0, 1, 0]
+    left.shares["svm"] = np.eye(3)[[1, 0, 0, 0, 1, 1]]
+    assert wrong(left, "svm") == [0.5, 0, 1, 0]
 
 
 def left_out_of(frames, members):
@@ -97,30 +137,31 @@ def test_errors_and_confidence_are_those_of_fits_to_other_recordings():
     dealt = replace(frames, label=labels[frames.recording].astype(frames.label.dtype))
     random, true = left_out_of(dealt, members), left_out_of(frames, members)
     for left, least, most in ((random, 0.5, 1), (true, 0, 0.4)):
-        assert len(left.wrong(members)) == len(np.unique(frames.group[frames.side == TRAIN]))
-        assert all(least <= left.wrong([name]).mean() <= most and left.seconds[name] > 0 for name in members)
-    assert np.inf > random.temperature(["kernel"]) > 2 * true.temperature(["kernel"])
+        assert len(wrong(left, *members)) == len(np.unique(frames.group[frames.side == TRAIN]))
+        assert all(least <= np.mean(wrong(left, name)) <= most and left.seconds[name] > 0 for name in members)
+    assert np.inf > temperature(random, "kernel") > 2 * temperature(true, "kernel")
     one_group = replace(frames, group=frames.label.astype(np.int64))  # of each class
-    assert left_out_of(one_group, ["kernel"]).temperature(["kernel"]) is None
+    assert temperature(left_out_of(one_group, ["kernel"]), "kernel") is None
 
 
-def test_the_temperature_is_that_of_the_members_answers():
+def test_the_temperature_is_that_of_the_members_answers_with_their_weights():
     """All of 12 answers are right, so that by Laplace's rule 13 in 14 should be, each twice as often as both others."""
     left = left_out(np.arange(12) // 4, np.arange(12), knows=False, share={"svm": 0.8, "trees": 0.9})
 
-    def temperature(*shares, floor=0.01):
+    def expected(*shares, floor=0.01):
         return sum(np.log((one + floor) / ((1 - one) / 2 + floor)) for one in shares) / np.log(2 * 13)
 
-    assert left.temperature(["trees", "svm"]) == pytest.approx(temperature(0.8, 0.9), rel=1e-3)
-    assert left.temperature(["svm"]) == pytest.approx(temperature(0.8, floor=0), rel=1e-3)
+    assert temperature(left, "trees", "svm") == pytest.approx(expected(0.8, 0.9), rel=1e-3)
+    assert temperature(left, "svm") == pytest.approx(expected(0.8, floor=0), rel=1e-3)
+    assert left.temperature(left.weights(["trees", "svm"]), left.answered) == pytest.approx(1, rel=1e-3)
 
 
-def test_the_candidates_are_those_of_an_array_or_of_channels_and_the_test_side_changes_nothing(monkeypatch):
+def test_arrays_have_a_choice_and_channels_weights_and_the_test_side_changes_nothing(monkeypatch):
     calls = []
 
-    def choose_spy(left, candidates):
-        calls.append((candidates, left.wrong(candidates[0]).tolist()))
-        return choose_members(left, candidates)
+    def choose_spy(left, candidates, network):
+        calls.append((candidates, left.wrong(candidates[0], left.answered).tolist(), network))
+        return choose_members(left, candidates, network)
 
     monkeypatch.setattr("tactile_viewgcn.recognition.fitting.choose_members", choose_spy)
     frames, few = table("split.folds=6"), np.zeros((12, 12), dtype=bool)
@@ -128,6 +169,7 @@ def test_the_candidates_are_those_of_an_array_or_of_channels_and_the_test_side_c
     changed = np.where(frames.side == TEST, 0, frames.label).astype(frames.label.dtype)
     params = recipe("model.system=sensors", "model.members=auto")
     for one in (frames, replace(frames, label=changed), replace(frames, live=few)):
-        fitted = fit_classifier(one, views_of(one, params), {}, params, CPU)
-        assert fitted.temperature > 0 and fitted.model.members in calls[-1][0]
-    assert calls[0] == calls[1] and calls[0][0] == ARRAY and calls[2][0] == CHANNELS
+        fitted = fit_classifier(one, views_of(one, params), {}, params, CPU, ask_network=False)
+        assert fitted.temperature > 0
+    assert len(calls) == 2 and calls[0] == calls[1] == (ARRAY, calls[0][1], None)
+    assert fitted.model.members == CHANNELS and len(set(fitted.classifier.weights.values())) == 3

@@ -38,11 +38,12 @@ def examples_of(made, labels, members=(), *, live=CHANNELS, sizes=(1, 2, 4)):
     return Examples(made.__getitem__, labels, read, sizes, max(labels) + 1, 0)
 
 
-def fitted(members, made, labels, *, live=CHANNELS, sizes=(1, 2, 4)):
+def fitted(members, made, labels, *, live=CHANNELS, sizes=(1, 2, 4), weights=None):
     """A classifier of recordings."""
     classifier = SensorClassifier(members, viewpoints(sizes[-1]), max(labels) + 1)
     with patch.multiple(representation, TREES=60, FEWEST_TREES=20):  # quicker, and enough for small recordings
-        classifier.fit(examples_of(made, labels, members, live=live, sizes=sizes), 0)
+        examples = examples_of(made, labels, members, live=live, sizes=sizes)
+        classifier.fit(examples, weights or dict.fromkeys(members, 1.0), 0)
     return classifier
 
 

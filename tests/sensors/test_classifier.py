@@ -7,6 +7,7 @@ import pytest
 
 from tactile_viewgcn.params import Member
 from tactile_viewgcn.sensors.estimators import FLOOR
+from tactile_viewgcn.sensors.representation import Representation
 from tactile_viewgcn.systems import sensors
 from tactile_viewgcn.systems.sensors import SensorClassifier
 from tests.sensors.small_recordings import (
@@ -67,13 +68,12 @@ def test_a_loaded_classifier_gives_equal_answers(members, live):
 
 def test_fewer_frames_have_the_estimator_of_the_next_smaller_size():
     classifier = fitted(["trees", "svm"], *recordings())
-    assert classifier.sets.keys() == {1, 2, 4} and classifier.takes_fewer
+    assert classifier.sets.keys() == {1, 2, 4}
     read = values(classifier, recording("up", 100))
     for frames, size in ((1, 1), (2, 2), (3, 2), (4, 4), (9, 4)):
-        points = classifier.representation.of_sets(read[None, :frames])
+        points = classifier.representation.of_sets("svm", read[None, :frames])
         logits = classifier.view_sets(read, np.arange(frames)[None])
         np.testing.assert_allclose(logits, np.log(classifier.sets[size]["svm"].predict_proba(points)), rtol=1e-5)
-    assert not fitted(["trees", "svm"], *recordings(frames=2), sizes=(4,)).takes_fewer
 
 
 def test_one_short_training_recording_makes_no_part_of_a_recording_a_whole_one():
@@ -88,23 +88,33 @@ def test_one_short_training_recording_makes_no_part_of_a_recording_a_whole_one()
             assert (classifier.recording(read[:count]) == as_set).all() == (count < least)
 
 
-def test_members_add_their_logarithms_and_that_of_frames_is_averaged():
-    members, frames = [*KERNELS, "svm"], recording("pushed", 100)
-    alone, together = [fitted([name], *recordings()) for name in members], fitted(members, *recordings())
-    expected = sum(np.log(answers(each, [frames])[0] + FLOOR) for each in alone)
+def test_members_add_their_logarithms_by_weights_and_that_of_frames_is_averaged():
+    weights, frames = {"kernel": 0.5, "pooled_kernel": 2.0, "svm": 1.0}, recording("pushed", 100)
+    alone = [fitted([name], *recordings()) for name in weights]
+    together = fitted([*weights], *recordings(), weights=weights)
+    logarithms = [np.log(answers(each, [frames])[0] + FLOOR) for each in alone]
+    expected = sum(weight * each for weight, each in zip(weights.values(), logarithms, strict=True))
     np.testing.assert_allclose(together.recording(values(together, frames)), expected, rtol=1e-4)
     by_frame = alone[0].whole["kernel"].predict_proba(alone[0].representation.scaled(frames))
     np.testing.assert_allclose(answers(alone[0], [frames])[0], by_frame.mean(axis=0), rtol=1e-4)
+
+
+def test_readings_in_the_dead_zone_of_the_kernels_are_read_by_svm():
+    """Of an array whose readings are all below two units: the kernels read nothing."""
+    rng = np.random.default_rng(0)
+    read = Representation(ARRAY, np.zeros(64, np.float32), np.ones(64, np.float32))
+    points = {name: read.of_recordings(name, rng.uniform(0, 1.9, (5, 10, 64))) for name in ("pooled_kernel", "svm")}
+    assert (points["pooled_kernel"] == 0).all() and (np.ptp(points["svm"], axis=0)[:64] > 0).all()
 
 
 def test_view_sets_stay_in_a_recording_and_take_other_frames_where_there_are_enough():
     made = [recording("up", seed, frames=frames) for seed, frames in enumerate((5, 3, 3000, 5, 2))]
     examples = examples_of(made, np.arange(5))
     for size, sets in examples.sets.items():
-        of = examples.of_sets(size)[1]  # of the third recording 400 frames are taken
+        of = examples.of_sets("svm", size)[1]  # of the third recording 400 frames are taken
         assert (np.searchsorted([5, 8, 408, 413], sets, side="right") == of[:, None]).all()
         assert np.bincount(of).tolist() == [4] * 5 and all(len(set(row)) == size for row in sets[of % 2 == 0][:8])
     frames = np.linspace(0, 2999, 400).astype(int)[examples.sets[1][8:12] - 8]
-    expected = examples.representation.of_sets(examples.representation.scaled(made[2])[frames])
-    np.testing.assert_allclose(examples.of_sets(1)[0][8:12], expected)
+    expected = examples.representation.of_sets("svm", examples.representation.scaled(made[2])[frames])
+    np.testing.assert_allclose(examples.of_sets("svm", 1)[0][8:12], expected)
     assert examples.lengths.tolist() == [5, 3, 3000, 5, 2]

@@ -44,7 +44,6 @@ def test_points_of_an_array_by_hand():
     log2, expected = math.log(2), [-math.log(4), 0, 0, 0, math.log(2), math.log(4)]
     np.testing.assert_allclose(features.pressed(np.array([-5.0, -2, 0, 2, 3, 5])), expected)
     readings, block = np.array([[[2.0, 3.0], [2.0, 9.0]]]), np.full((2, 1), 0.5)
-    np.testing.assert_allclose(features.array_statistics(readings), [[0, 2 * log2, 0, 3 * log2, 0, log2]])
     np.testing.assert_allclose(features.array_maps(readings, block), [[0, 2 * log2, log2, 0, 3 * log2, 1.5 * log2]])
     few = np.arange(80).reshape(8, 10) < 63
     assert [features.is_array(live) for live in (np.ones((4, 16)), np.ones((3, 40)), few)] == [True, False, False]

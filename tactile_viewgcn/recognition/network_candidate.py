@@ -1,0 +1,88 @@
+"""The network of the preset `network` as a candidate of the choice: trained with groups left out, if time allows."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from tactile_viewgcn.device import Compute
+from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.nn.network import ViewNetwork
+from tactile_viewgcn.params import Params, default_params, preset_changes
+from tactile_viewgcn.recognition.calibration import recording_answers
+from tactile_viewgcn.tables.counts import Gathered, evenly
+from tactile_viewgcn.tables.frames import TEST, TRAIN, Frames, Views
+from tactile_viewgcn.training.finetuning import finetune_classifier
+from tactile_viewgcn.training.pretraining import pretrain_backbone
+
+NETWORK = "network"  # the preset's name
+LIMIT = 600.0  # seconds of all trainings of the network: of each fold, and of the one that is kept
+FIRST_STEPS = 8  # by which they are estimated, after as many that are not timed
+
+
+def train_network(table: Frames, views: Views, params: Params, compute: Compute) -> ViewNetwork:
+    """The network that `params` name, pretrained and fine-tuned on the table's training side."""
+    backbone, linear, _ = pretrain_backbone(table, params, compute)
+    pretrained = {"backbone": backbone.state_dict(), "classifier": linear.state_dict()}
+    network, _ = finetune_classifier(table, views, pretrained, params, compute)
+    network.transform = table.transform
+    network.prepare(compute)
+    return network
+
+
+class NetworkCandidate:
+    """The preset's network for a table of frames.
+
+    Args:
+        recordings: indices of the frames of each training recording.
+    """
+
+    def __init__(self, table: Frames, views: Views, recordings: list[np.ndarray], seed: int, compute: Compute):
+        self.params = default_params((*preset_changes(NETWORK), f"seed={seed}"))
+        self.table = replace(table, transform=self.params.preprocess.transform)
+        self.views, self.recordings, self.compute = views.unclustered(), recordings, compute
+
+    def seconds(self) -> float:
+        """Seconds of one training on this machine, estimated by the first steps of its pretraining."""
+        table, config, ends = self.table, self.params.pretrain, list[float]()
+        anchors, few = np.flatnonzero(table.anchor & (table.side == TRAIN)), np.zeros_like(table.anchor)
+        few[evenly(anchors, FIRST_STEPS * config.batch)] = True
+        table, short = replace(table, anchor=few), replace(self.params, pretrain=replace(config, epochs=2))
+        pretrain_backbone(table, short, self.compute, on_epoch=lambda *_: ends.append(time.perf_counter()))
+        return (ends[1] - ends[0]) * config.epochs * len(anchors) / int(few.sum())
+
+    def compare(self, folds: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, str]:
+        """Train the network without each fold, bool (R,), that the limit allows, and answer that fold.
+
+        Returns:
+            Probabilities (R, classes); the recordings bool (R,) that were answered; and a sentence that says how many
+            folds they are, or why there are none.
+        """
+        shares = np.zeros((len(self.recordings), len(self.table.classes)), dtype=np.float32)
+        answered = np.zeros(len(shares), dtype=bool)
+        takes = f"`dvc exp run $(tactile-viewgcn preset {NETWORK})` takes it"
+        try:
+            seconds = self.seconds()
+            limited = folds[: max(0, int(LIMIT / seconds) - 1)]
+            for fold in limited:
+                shares[fold], answered = self._answers(fold), answered | fold
+        except UserError as error:
+            return shares, np.zeros_like(answered), f"the preset {NETWORK} is not compared: {error}; {takes}"
+        text = f"the preset {NETWORK} trains for about {seconds:.0f} s here; all its trainings may take {LIMIT:.0f} s: "
+        if limited:
+            return shares, answered, f"{text}compared on {len(limited)} of {len(folds)} parts of the training groups"
+        return shares, answered, f"{text}it is not compared, but may err less; {takes}"
+
+    def _answers(self, fold: np.ndarray) -> np.ndarray:
+        """Probabilities (n, classes) of the recordings in a fold by a training without them."""
+        left = [self.recordings[number] for number in np.flatnonzero(fold)]
+        index, side = np.concatenate(left), self.table.side.copy()
+        side[index] = TEST
+        network = train_network(replace(self.table, side=side), self.views, self.params, self.compute)
+        values = network.frame_values(Gathered(self.table.inputs, index))
+        pool = np.repeat(np.arange(len(left)), [len(each) for each in left])
+        return np.exp(recording_answers(network, None, values, pool))
+
+    def train(self) -> ViewNetwork:
+        """The network, trained on the whole training side."""
+        return train_network(self.table, self.views, self.params, self.compute)
