@@ -68,7 +68,7 @@ def fit_temperature(logits: np.ndarray, labels: np.ndarray, recordings: int) -> 
     return float(np.exp(minimize_scalar(misfit, bounds=bounds, method="bounded").x))
 
 
-def fit_weights(logarithms: np.ndarray, labels: np.ndarray, recordings: int) -> np.ndarray:
+def fit_weights(logarithms: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Weights (M,) of the members' log-probabilities (M, n, Y) whose weighted sum fits labels (n,) best.
 
     The softmax of this sum is fitted as in `fit_temperature`. A member that errs much, or is sure of wrong answers, has
@@ -78,10 +78,10 @@ def fit_weights(logarithms: np.ndarray, labels: np.ndarray, recordings: int) -> 
 
     logarithms, equal = logarithms.astype(np.float64), np.zeros(len(logarithms))
     bounds = [(-np.log(MAX_TEMPERATURE), -np.log(MIN_TEMPERATURE))] * len(equal)
-    misfit = _misfit(labels, recordings, lambda log_weights: np.tensordot(np.exp(log_weights), logarithms, 1))
+    misfit = _misfit(labels, len(labels), lambda log_weights: np.tensordot(np.exp(log_weights), logarithms, 1))
 
     def with_prior(log_weights: np.ndarray) -> float:
-        return misfit(log_weights) + len(equal) * log_weights.var() / (2 * PRIOR**2 * recordings)
+        return misfit(log_weights) + len(equal) * log_weights.var() / (2 * PRIOR**2 * len(labels))
 
     return np.exp(minimize(with_prior, equal, bounds=bounds, method="L-BFGS-B").x)
 

@@ -38,53 +38,45 @@ class LeftOut:
         answered: bool (R,).
         shares: by member, probabilities (R, classes), means over a recording's points; 0 of recordings that were never
             left out.
-        seconds: of each member's fits to recordings.
     """
 
     def __init__(self, examples: Examples, groups: np.ndarray, seed: int):
         self.examples, self.groups, self._seed = examples, groups, seed
         self.folds = left_out(groups, examples.labels, FOLDS)
         self.answered = np.any(self.folds, axis=0) if self.folds else np.zeros(len(groups), dtype=bool)
-        self.shares, self.seconds = dict[str, np.ndarray](), dict[str, float]()
+        self.shares = dict[str, np.ndarray]()
 
-    def _of_recordings(self, members: Sequence[str]) -> list[np.ndarray]:
-        """The `shares` of some members, each computed once."""
-        for member in members:
-            if member not in self.shares:
-                begin = time.perf_counter()
-                self.shares[member] = self._answers(member)
-                self.seconds[member] = time.perf_counter() - begin
-        return [self.shares[member] for member in members]
-
-    def _answers(self, member: str) -> np.ndarray:
-        examples, (points, recording) = self.examples, self.examples.of_recordings(member)
-        shares, label = np.zeros((len(points), examples.classes), dtype=np.float32), examples.labels[recording]
-        for rows in (left[recording] for left in self.folds):
-            estimator = examples.representation.estimator(member, quick=True)
-            estimator.fit(points[~rows], label[~rows], self._seed)
-            shares[rows] = probabilities(estimator, points[rows], examples.classes)
-        return np.stack([shares[recording == each].mean(axis=0) for each in range(len(self.groups))])
-
-    def weights(self, members: Sequence[str]) -> dict[str, float]:
-        """The weights of the members' log-probabilities, see `fit_weights`; 1 where nothing was left out."""
-        weights = np.ones(len(members))
-        if self.answered.any():
-            shares = [each[self.answered] for each in self._of_recordings(members)]
-            weights = fit_weights(log_shares(shares), self.examples.labels[self.answered], len(shares[0]))
-        return dict(zip(members, weights.tolist(), strict=True))
+    def answers(self, members: Sequence[str], rows: np.ndarray) -> list[np.ndarray]:
+        """The `shares` of some members in those rows, bool (R,); each member's are computed once."""
+        for member in set(members) - self.shares.keys():
+            examples, (points, recording) = self.examples, self.examples.of_recordings(member)
+            shares, label = np.zeros((len(points), examples.classes), dtype=np.float32), examples.labels[recording]
+            for left in (left[recording] for left in self.folds):
+                estimator = examples.representation.estimator(member, quick=True)
+                estimator.fit(points[~left], label[~left], self._seed)
+                shares[left] = probabilities(estimator, points[left], examples.classes)
+            means = [shares[recording == each].mean(axis=0) for each in range(len(self.groups))]
+            self.shares[member] = np.stack(means)
+        return [self.shares[member][rows] for member in members]
 
     def wrong(self, members: Sequence[str], rows: np.ndarray) -> np.ndarray:
         """Share of wrong answers (G,) to those recordings, bool (R,), of each group that has any."""
-        logits = added([each[rows] for each in self._of_recordings(members)])
+        wrong = added(self.answers(members, rows)).argmax(axis=1) != self.examples.labels[rows]
         place = np.unique(self.groups[rows], return_inverse=True)[1]
-        return np.bincount(place, logits.argmax(axis=1) != self.examples.labels[rows]) / np.bincount(place)
+        return np.bincount(place, wrong) / np.bincount(place)
 
-    def temperature(self, weights: dict[str, float], rows: np.ndarray) -> float | None:
-        """The temperature of members with these weights, by those recordings; None where there are none."""
-        if not rows.any():
-            return None
-        logits = added([each[rows] for each in self._of_recordings([*weights])], [*weights.values()])
-        return fit_temperature(logits, self.examples.labels[rows], int(rows.sum()))
+    def calibrated(self, members: list[str], rows: np.ndarray, *, weighed: bool) -> tuple[list[float], float | None]:
+        """Weights of the members' log-probabilities, all 1 unless `weighed`, and the temperature of their sum.
+
+        Both are fitted to the answers to those recordings, bool (R,); without any the temperature is None.
+        """
+        weights, labels = [1.0] * len(members), self.examples.labels[rows]
+        if not len(labels):
+            return weights, None
+        shares = self.answers(members, rows)
+        if weighed:
+            weights = fit_weights(log_shares(shares), labels).tolist()
+        return weights, fit_temperature(added(shares, weights), labels, len(labels))
 
 
 def choose(wrong: list[np.ndarray]) -> tuple[int, list[float]]:
@@ -114,31 +106,35 @@ def choose_members(
         each candidate, the chosen one first and the others by their errors. The value of a candidate's note has its
         error, the standard error of the difference from the lowest, and the seconds of all fits.
     """
-    key, rows, notes, compared = "model.members", left.answered, list[Note](), list[list[str]]()
+    key, rows, notes = "model.members", left.answered, list[Note]()
+    compared, seconds = list[list[str]](), list[float]()
     if not rows.any():
         text = "no object has two groups to train on, so that none can be left out: taken without a comparison"
         return candidates[0], rows, [Note(text, "choice", "recogniser", key, candidates[0])]
     for members in candidates:
         if not compared or left.wrong(compared[-1], rows).any():
+            begin = time.perf_counter()
+            left.answers(members, rows)
             compared.append(members)
+            seconds.append(time.perf_counter() - begin)
     if network and left.wrong(compared[-1], rows).any():
         begin = time.perf_counter()
         shares, answered, text = network.compare(left.folds)
         notes.append(Note(text, topic="recogniser"))
         if answered.any():
-            left.shares[NETWORK], left.seconds[NETWORK], rows = shares, time.perf_counter() - begin, answered
+            left.shares[NETWORK], rows = shares, answered
             compared.append([NETWORK])
+            seconds.append(time.perf_counter() - begin)
     wrong = [left.wrong(members, rows) for members in compared]
     taken, above = choose(wrong)
     if compared[-1] == [NETWORK] and wrong[-1].mean() < min(each.mean() for each in wrong[:-1]):
         taken = len(wrong) - 1
-    text = f"of {several(len(wrong), 'candidate')} {RULE}, on {several(len(wrong[0]), 'training group')}, each left out"
-    text += " of the fits that answer it"
+    groups = several(len(wrong[0]), "training group")
+    text = f"of {several(len(wrong), 'candidate')} {RULE}, on {groups}, each left out of the fits that answer it"
     notes.append(Note(text, "choice", "recogniser", key, compared[taken]))
     for number in sorted(range(len(wrong)), key=lambda number: (number != taken, wrong[number].mean())):
         members, error = compared[number], float(wrong[number].mean())
-        seconds = sum(left.seconds[name] for name in members)
-        text = f"{' + '.join(members)}: {100 * error:.1f} % of whole recordings wrong, {seconds:.1f} s of fits"
+        text = f"{' + '.join(members)}: {100 * error:.1f} % of whole recordings wrong, {seconds[number]:.1f} s of fits"
         value = {"members": members, "taken": number == taken, "error": error, "standard_error": above[number]}
-        notes.append(Note(text, topic="candidates", key=key, value=value | {"seconds": seconds}))
+        notes.append(Note(text, topic="candidates", key=key, value=value | {"seconds": seconds[number]}))
     return compared[taken], rows if compared[taken] == [NETWORK] else left.answered, notes

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from torch import Tensor
@@ -72,33 +72,31 @@ def fit_classifier(
 def _fit_sensors(table: Frames, views: Views, params: Params, compute: Compute, *, ask_network: bool) -> Fitted:
     """Choose the members where they are `auto`, fit them to the training recordings, and calibrate them."""
     begin, asked, seed, notes = time.perf_counter(), params.model.members, params.seed, list[Note]()
-    choice = asked == "auto" and is_array(table.live)
-    candidates: list[list[str]] = ARRAY if choice else [CHANNELS if asked == "auto" else [*asked]]
+    array, auto, network = is_array(table.live), asked == "auto", None
+    classifier: Any
+    candidates: list[list[str]] = [[*asked]] if not auto else ARRAY if array else [CHANNELS]
     recordings = training_recordings(table)
     examples = examples_of(table, recordings, chain(*candidates), powers_of_two(len(views.viewpoints)), seed)
-    left, network = LeftOut(examples, table.group[first_frames(recordings)], seed), None
-    members, rows = candidates[0], left.answered
-    if choice:
+    left, members = LeftOut(examples, table.group[first_frames(recordings)], seed), candidates[0]
+    rows = left.answered
+    if auto and array:
         network = NetworkCandidate(table, views, recordings, seed, compute) if ask_network else None
         members, rows, notes = choose_members(left, candidates, network)
         if not ask_network:
-            notes.append(
-                Note(f"a network may err less: TactileClassifier(system={NETWORK!r}) trains one", topic=NETWORK)
-            )
-    weights = dict.fromkeys(members, 1.0) if is_array(table.live) else left.weights(members)
-    temperature = left.temperature(weights, rows)
+            text = f"a network may err less: TactileClassifier(system={NETWORK!r}) trains one"
+            notes.append(Note(text, topic="recogniser"))
+    weights, temperature = left.calibrated(members, rows, weighed=not array)
+    if auto and not array:
+        text = f"their log-probabilities have the weights {', '.join(f'{each:.2g}' for each in weights)}"
+        notes.append(Note(text, "choice", "recogniser", "model.members", members))
     notes += calibration_warning(temperature, "left-out training groups", "record each object more often")
     if network and members == [NETWORK]:
-        trained = network.train()
-        return Fitted(trained, network.params.model, temperature, _since(begin), notes)
-    classifier = load_system(params.model.system).SensorClassifier(members, views.viewpoints, len(table.classes))
-    classifier.fit(examples, weights, seed)
-    model = replace(params.model, members=cast(list[Member], members))
-    return Fitted(classifier, model, temperature, _since(begin), notes)
-
-
-def _since(begin: float) -> Progress:
-    return Progress(seconds=time.perf_counter() - begin)
+        classifier, model = network.train(), network.params.model
+    else:
+        classifier = load_system(params.model.system).SensorClassifier(members, views.viewpoints, len(table.classes))
+        classifier.fit(examples, weights, seed)
+        model = replace(params.model, members=cast(list[Member], members))
+    return Fitted(classifier, model, temperature, Progress(seconds=time.perf_counter() - begin), notes)
 
 
 def training_recordings(table: Frames) -> list[np.ndarray]:

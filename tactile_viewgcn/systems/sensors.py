@@ -55,13 +55,13 @@ class SensorClassifier:
         """V."""
         return len(self.viewpoints)
 
-    def fit(self, examples: Examples, weights: dict[str, float], seed: int) -> None:
+    def fit(self, examples: Examples, weights: list[float], seed: int) -> None:
         """Fit every member to the examples.
 
         Recordings shorter than half the tenth percentile of the training recordings' lengths are answered as view sets:
         after sixty training recordings of 40 frames and one of 2, those of fewer than 20 frames.
         """
-        self.representation, self.weights = examples.representation, weights
+        self.representation, self.weights = examples.representation, dict(zip(self.members, weights, strict=True))
         self.short = float(np.quantile(examples.lengths, SHORT)) / 2
 
         def fitted(member: str, points: np.ndarray, recording: np.ndarray) -> Estimator:

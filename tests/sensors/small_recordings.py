@@ -43,7 +43,7 @@ def fitted(members, made, labels, *, live=CHANNELS, sizes=(1, 2, 4), weights=Non
     classifier = SensorClassifier(members, viewpoints(sizes[-1]), max(labels) + 1)
     with patch.multiple(representation, TREES=60, FEWEST_TREES=20):  # quicker, and enough for small recordings
         examples = examples_of(made, labels, members, live=live, sizes=sizes)
-        classifier.fit(examples, weights or dict.fromkeys(members, 1.0), 0)
+        classifier.fit(examples, weights or [1.0] * len(members), 0)
     return classifier
 
 

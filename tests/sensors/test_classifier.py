@@ -91,7 +91,7 @@ def test_one_short_training_recording_makes_no_part_of_a_recording_a_whole_one()
 def test_members_add_their_logarithms_by_weights_and_that_of_frames_is_averaged():
     weights, frames = {"kernel": 0.5, "pooled_kernel": 2.0, "svm": 1.0}, recording("pushed", 100)
     alone = [fitted([name], *recordings()) for name in weights]
-    together = fitted([*weights], *recordings(), weights=weights)
+    together = fitted([*weights], *recordings(), weights=[*weights.values()])
     logarithms = [np.log(answers(each, [frames])[0] + FLOOR) for each in alone]
     expected = sum(weight * each for weight, each in zip(weights.values(), logarithms, strict=True))
     np.testing.assert_allclose(together.recording(values(together, frames)), expected, rtol=1e-4)
