@@ -2,6 +2,7 @@
 
 import io
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,7 @@ import click
 
 from tactile_viewgcn.files import check_output, readable
 from tactile_viewgcn.messages import UserError, program, shown
-from tactile_viewgcn.params import default_params, preset_changes, presets
+from tactile_viewgcn.params import MAX_SIDE, default_params, preset_changes, presets
 
 if TYPE_CHECKING:
     from tactile_viewgcn.readers.source import Form
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 _SET_DATA = click.option(
     "--set", "changes", multiple=True, metavar="data.KEY=VALUE", help="How to read SOURCE, as data in params.yaml."
 )
+SIDE = click.IntRange(1, MAX_SIDE)  # rows or columns of a frame
 
 
 @click.group()
@@ -29,8 +31,9 @@ def cli() -> None:
 @cli.command()
 @click.argument("source", type=click.Path(path_type=Path))
 @click.option("--html", "page", type=click.Path(path_type=Path), help="Write a page with pictures to this file.")
+@click.option("--shape", type=(SIDE, SIDE), metavar="ROWS COLUMNS", help="Shape of a frame of arrays, see data.shape.")
 @_SET_DATA
-def inspect(source: Path, page: Path | None, changes: tuple[str, ...]) -> None:
+def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None, changes: tuple[str, ...]) -> None:
     """Describe the recordings SOURCE and recommend parameters for them, with reasons.
 
     SOURCE is a STAG metadata.mat, a STAG folder, HDF5 recordings, a folder of arrays (OBJECT/*.npy, .npz or .csv), or
@@ -43,7 +46,8 @@ def inspect(source: Path, page: Path | None, changes: tuple[str, ...]) -> None:
 
     if page:
         check_output(page, BEGIN)
-    inspection = inspect_source(source, _form(changes))
+    form = _form(changes)
+    inspection = inspect_source(source, replace(form, shape=shape) if shape else form)
     _say(*inspection_lines(inspection))
     if page:
         from tactile_viewgcn.pages.inspection_page import inspection_page

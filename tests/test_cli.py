@@ -53,7 +53,7 @@ def test_a_mistake_in_a_source_is_one_line(tmp_path):
 
 def test_inspect_hands_the_layout_of_arrays_on_to_the_command(tmp_path):
     source = glove(tmp_path / "my glove", "mug", "pen", shape=(20, 12))
-    for words, change in (((), "data.shape=auto"), (("--set", "data.shape=[3,4]"), "'data.shape=[3,4]'")):
+    for words, change in (((), "data.shape=auto"), (("--shape", 3, 4), "'data.shape=[3,4]'")):
         assert f"-S {change}" in call("inspect", source, *words).stdout
 
 
