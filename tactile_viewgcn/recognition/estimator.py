@@ -1,7 +1,8 @@
-"""scikit-learn's interface: a classifier of recordings that are given as arrays."""
+"""scikit-learn's interface: a classifier of recordings in memory, trained by the steps of the stages."""
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, get_args
@@ -13,11 +14,13 @@ from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_consistent_length, check_is_fitted, column_or_1d
 
 from tactile_viewgcn.frames.split import one_class
-from tactile_viewgcn.messages import EMPTY_HAND, UserError, shown, warnings_of
-from tactile_viewgcn.params import Member, Params, default_params, preset_changes
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, shown, warnings_of
+from tactile_viewgcn.params import Member, Params, default_params, on_sensors, preset_changes
+from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.source import FRAMES_LAST
 from tactile_viewgcn.schema import as_change
-from tactile_viewgcn.tables.recordings import ArrayRecordings
+from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings
+from tactile_viewgcn.tables.remarks import originals, remarks
 
 
 class TactileClassifier(ClassifierMixin, BaseEstimator):
@@ -72,7 +75,6 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
             UserError, ValueError: a wrong argument, in one line.
         """
         from tactile_viewgcn.recognition.recogniser import Recogniser
-        from tactile_viewgcn.recognition.training import train
 
         arrays, y = self._arrays(X), column_or_1d(y, warn=True)
         check_consistent_length(arrays, y)
@@ -165,6 +167,50 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         preset = {None: "best", "network": "network"}.get(self.system) if self.preset is None else self.preset
         texts = preset_changes(preset) if preset is not None else []
         return default_params((*texts, *(as_change(*item) for item in plain.items())), type(self).__name__)
+
+
+def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path) -> list[Note]:
+    """Train a classifier on all recordings and write its file; torch's default generator is left as it was.
+
+    The remarks on the recordings and the leak check are those of the stages.
+
+    Args:
+        groups: (T,) split group of each frame; a group is held out as a whole, for the choice of `best`, calibration
+            and `split.validation`.
+
+    Returns:
+        Notes on what was chosen for the recordings, what was left out, what spoils the result, and why.
+
+    Raises:
+        UserError: no sensor that varies; a baseline or flags that the recordings cannot give; fewer than two classes
+            left; a training that diverges.
+    """
+    import torch  # here, with all that loads it, since importing the class does not
+
+    from tactile_viewgcn.device import select_device
+    from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+    from tactile_viewgcn.recognition.fitting import fit_classifier
+    from tactile_viewgcn.recognition.model_file import save_classifier
+    from tactile_viewgcn.training.pretraining import pretrain_backbone
+    from tactile_viewgcn.views.clustering import cluster_frames
+    from tactile_viewgcn.views.viewpoints import viewpoints
+
+    seed, compute = params.seed, select_device(params.device, params.precision)
+    with_backbone = not on_sensors(params.model.system)
+    notes = remarks(recordings, originals(recordings))
+    made = preprocess_recordings(recordings, params.preprocess, params.split, groups=groups)
+    frames, notes = made.frames, notes + made.notes
+    clustering = params.cluster if with_backbone else replace(params.cluster, method="none")
+    places = viewpoints(params.views, params.viewpoints, seed)
+    views = cluster_frames(frames, places, clustering, stream(seed, "cluster"))
+    pretrained: dict[str, Any] = {}
+    with torch.random.fork_rng():
+        if with_backbone:
+            backbone, linear, _ = pretrain_backbone(frames, params, compute)
+            pretrained = {"backbone": backbone.cpu().state_dict(), "classifier": linear.cpu().state_dict()}
+        fitted = fit_classifier(frames, views, pretrained, params, compute, ask_network=False)
+    save_classifier(path, fitted.classifier, fitted.model, frames, compute.precision, fitted.temperature)
+    return notes + fitted.notes
 
 
 def _distinct(y: Any) -> tuple[np.ndarray, np.ndarray]:
