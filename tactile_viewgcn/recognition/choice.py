@@ -5,7 +5,6 @@ whose members are weighed. Nothing is pretrained for the members, so that a grou
 to labels.
 """
 
-import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -79,18 +78,16 @@ class LeftOut:
         return weights, fit_temperature(added(shares, weights), labels, len(labels))
 
 
-def choose(wrong: list[np.ndarray]) -> tuple[int, list[float]]:
-    """The first candidate whose error exceeds the lowest by at most one standard error of the difference.
+def choose(wrong: list[np.ndarray]) -> int:
+    """The number of the first candidate whose error exceeds the lowest by at most one standard error of the difference.
 
     Args:
-        wrong: of each candidate, the share of wrong answers (G,) to the recordings of each group.
-
-    Returns:
-        Its number, and the standard error of each candidate, over groups; 0 of one group.
+        wrong: of each candidate, the share of wrong answers (G,) to the recordings of each group, over which the
+            standard error is taken; 0 of one group.
     """
     more = [each - min(wrong, key=np.mean) for each in wrong]
     above = [float(each.std(ddof=1) / len(each) ** 0.5) if len(each) > 1 else 0.0 for each in more]
-    return next(number for number, each in enumerate(more) if each.mean() <= above[number]), above
+    return next(number for number, each in enumerate(more) if each.mean() <= above[number])
 
 
 def choose_members(
@@ -103,30 +100,23 @@ def choose_members(
 
     Returns:
         The chosen members, or `NETWORK`; the recordings bool (R,) that they have answered; and notes: the choice, then
-        each candidate, the chosen one first and the others by their errors. The value of a candidate's note has its
-        error, the standard error of the difference from the lowest, and the seconds of all fits.
+        each candidate, the chosen one first and the others by their errors.
     """
-    key, rows, notes = "model.members", left.answered, list[Note]()
-    compared, seconds = list[list[str]](), list[float]()
+    key, rows, notes, compared = "model.members", left.answered, list[Note](), list[list[str]]()
     if not rows.any():
         text = "no object has two groups to train on, so that none can be left out: taken without a comparison"
         return candidates[0], rows, [Note(text, "choice", "recogniser", key, candidates[0])]
     for members in candidates:
         if not compared or left.wrong(compared[-1], rows).any():
-            begin = time.perf_counter()
-            left.answers(members, rows)
             compared.append(members)
-            seconds.append(time.perf_counter() - begin)
     if network and left.wrong(compared[-1], rows).any():
-        begin = time.perf_counter()
         shares, answered, text = network.compare(left.folds)
         notes.append(Note(text, topic="recogniser"))
         if answered.any():
             left.shares[NETWORK], rows = shares, answered
             compared.append([NETWORK])
-            seconds.append(time.perf_counter() - begin)
     wrong = [left.wrong(members, rows) for members in compared]
-    taken, above = choose(wrong)
+    taken = choose(wrong)
     if compared[-1] == [NETWORK] and wrong[-1].mean() < min(each.mean() for each in wrong[:-1]):
         taken = len(wrong) - 1
     groups = several(len(wrong[0]), "training group")
@@ -134,7 +124,7 @@ def choose_members(
     notes.append(Note(text, "choice", "recogniser", key, compared[taken]))
     for number in sorted(range(len(wrong)), key=lambda number: (number != taken, wrong[number].mean())):
         members, error = compared[number], float(wrong[number].mean())
-        text = f"{' + '.join(members)}: {100 * error:.1f} % of whole recordings wrong, {seconds[number]:.1f} s of fits"
-        value = {"members": members, "taken": number == taken, "error": error, "standard_error": above[number]}
-        notes.append(Note(text, topic="candidates", key=key, value=value | {"seconds": seconds[number]}))
+        text = f"{' + '.join(members)}: {100 * error:.1f} % of whole recordings wrong"
+        value = {"members": members, "taken": number == taken, "error": error}
+        notes.append(Note(text, topic="candidates", key=key, value=value))
     return compared[taken], rows if compared[taken] == [NETWORK] else left.answered, notes

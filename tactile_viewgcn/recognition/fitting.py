@@ -77,7 +77,7 @@ def _fit_sensors(table: Frames, views: Views, params: Params, compute: Compute, 
     candidates: list[list[str]] = [[*asked]] if not auto else ARRAY if array else [CHANNELS]
     recordings = training_recordings(table)
     examples = examples_of(table, recordings, chain(*candidates), powers_of_two(len(views.viewpoints)), seed)
-    left, members = LeftOut(examples, table.group[first_frames(recordings)], seed), candidates[0]
+    left, members = LeftOut(examples, table.group[[index[0] for index in recordings]], seed), candidates[0]
     rows = left.answered
     if auto and array:
         network = NetworkCandidate(table, views, recordings, seed, compute) if ask_network else None
@@ -110,11 +110,6 @@ def training_recordings(table: Frames) -> list[np.ndarray]:
     return np.split(train[np.argsort(recording.ravel(), kind="stable")], np.cumsum(sizes)[:-1])
 
 
-def first_frames(recordings: list[np.ndarray]) -> np.ndarray:
-    """(R,) the first of each recording's frames, which has its label and its group."""
-    return np.array([index[0] for index in recordings])
-
-
 def examples_of(
     table: Frames, recordings: list[np.ndarray], members: Iterable[str], sizes: Sequence[int], seed: int
 ) -> Examples:
@@ -129,5 +124,5 @@ def examples_of(
     if "convolutions" in members:
         drawn = np.random.default_rng(seed).permutation(len(recordings))[:SAMPLE]
         representation.convolutions.fit([representation.scaled(read(number)) for number in drawn.tolist()], seed)
-    labels = table.label[first_frames(recordings)].astype(np.int64)
+    labels = table.label[[index[0] for index in recordings]].astype(np.int64)
     return Examples(read, labels, representation, sizes, len(table.classes), seed)

@@ -34,20 +34,12 @@ class RecogniserModel:
 
         recogniser, rows = self.recogniser, model_input["recordings"]
         try:
-            counts = [_numbers(row, f"recording {number}") for number, row in enumerate(rows)]
+            counts = (row.tolist() if isinstance(row, np.ndarray) else row for row in rows)  # also an array of objects
             answers = [recogniser.answer(row, f"recording {number}") for number, row in enumerate(counts)]
         except UserError as error:
             raise bad_request(str(error)) from None
         shares = [answer.probabilities for answer in answers]
         return DataFrame(np.reshape(shares, (-1, len(recogniser.classes))), columns=recogniser.classes)
-
-
-def _numbers(row: Any, name: str) -> Any:
-    """A recording as numbers, from lists or an array of objects as the server parses them; true and "515" are none."""
-    values = np.array(row, dtype=object) if isinstance(row, list) else np.asarray(row)
-    if values.dtype == object and any(isinstance(value, bool | str) for value in values.ravel()):
-        raise UserError(f"{name} holds true, false or a text; expected numbers, in nested lists of equal lengths")
-    return values.tolist() if values.dtype == object else values
 
 
 def _load_pyfunc(path: str) -> RecogniserModel:

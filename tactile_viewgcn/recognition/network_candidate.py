@@ -8,7 +8,7 @@ import numpy as np
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.nn.network import ViewNetwork
-from tactile_viewgcn.params import Params, default_params, preset_changes
+from tactile_viewgcn.params import default_params, preset_changes
 from tactile_viewgcn.recognition.calibration import recording_answers
 from tactile_viewgcn.tables.counts import Gathered, evenly
 from tactile_viewgcn.tables.frames import TEST, TRAIN, Frames, Views
@@ -17,17 +17,8 @@ from tactile_viewgcn.training.pretraining import pretrain_backbone
 
 NETWORK = "network"  # the preset's name
 LIMIT = 600.0  # seconds of all trainings of the network: of each fold, and of the one that is kept
+NONE = np.zeros(0, dtype=int)
 FIRST_STEPS = 8  # by which they are estimated, after as many that are not timed
-
-
-def train_network(table: Frames, views: Views, params: Params, compute: Compute) -> ViewNetwork:
-    """The network that `params` name, pretrained and fine-tuned on the table's training side."""
-    backbone, linear, _ = pretrain_backbone(table, params, compute)
-    pretrained = {"backbone": backbone.state_dict(), "classifier": linear.state_dict()}
-    network, _ = finetune_classifier(table, views, pretrained, params, compute)
-    network.transform = table.transform
-    network.prepare(compute)
-    return network
 
 
 class NetworkCandidate:
@@ -76,13 +67,20 @@ class NetworkCandidate:
     def _answers(self, fold: np.ndarray) -> np.ndarray:
         """Probabilities (n, classes) of the recordings in a fold by a training without them."""
         left = [self.recordings[number] for number in np.flatnonzero(fold)]
-        index, side = np.concatenate(left), self.table.side.copy()
-        side[index] = TEST
-        network = train_network(replace(self.table, side=side), self.views, self.params, self.compute)
+        index = np.concatenate(left)
+        network = self.train(index)
         values = network.frame_values(Gathered(self.table.inputs, index))
         pool = np.repeat(np.arange(len(left)), [len(each) for each in left])
         return np.exp(recording_answers(network, None, values, pool))
 
-    def train(self) -> ViewNetwork:
-        """The network, trained on the whole training side."""
-        return train_network(self.table, self.views, self.params, self.compute)
+    def train(self, left: np.ndarray = NONE) -> ViewNetwork:
+        """The network, trained on the training side but for the frames at the indices `left` (k,)."""
+        side = self.table.side.copy()
+        side[left] = TEST
+        table = replace(self.table, side=side)
+        backbone, linear, _ = pretrain_backbone(table, self.params, self.compute)
+        pretrained = {"backbone": backbone.state_dict(), "classifier": linear.state_dict()}
+        network, _ = finetune_classifier(table, self.views, pretrained, self.params, self.compute)
+        network.transform = table.transform
+        network.prepare(self.compute)
+        return network

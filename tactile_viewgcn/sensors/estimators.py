@@ -6,8 +6,7 @@ from typing import Self
 
 import numpy as np
 
-TREES, FEWEST_TREES = 300, 100
-MOST_LEAF_VALUES = 60_000_000  # class probabilities in the leaves: 0.25 GB
+TREES, FEWEST_TREES = 300, 100  # of a fit, and of a quick one
 MOST_PATHS = 1 << 16  # points times trees that are evaluated at once
 MOST_POINTS = 4000  # that a kernel or a ridge is fitted to: its matrix has their square
 FLOOR = 0.01  # added to the probabilities of several members, so that no member's zero is a veto
@@ -50,8 +49,6 @@ class Estimator(Arrays):
 
 class Forest(Estimator):
     """Extremely randomised trees (Geurts et al. 2006), grown by scikit-learn and evaluated all at once.
-
-    They are fully grown, and as few as 100 where the leaves of more would hold more than 60 million numbers.
     The nodes of all trees are numbered in one sequence, a parent before its children. A leaf is its own child.
 
     Attributes:
@@ -68,10 +65,8 @@ class Forest(Estimator):
     def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
         from sklearn.ensemble import ExtraTreesClassifier
 
-        fitting = MOST_LEAF_VALUES // (len(points) * len(np.unique(labels)))
-        count = int(np.clip(fitting, FEWEST_TREES, self._trees))
         with warnings.catch_warnings(record=True):  # its threads warn of each other's change to the list of filters
-            grown = ExtraTreesClassifier(count, random_state=seed, n_jobs=-1).fit(points, labels)
+            grown = ExtraTreesClassifier(self._trees, random_state=seed, n_jobs=-1).fit(points, labels)
         trees = [each.tree_ for each in grown.estimators_]
         left, right, feature, threshold, shares = (
             np.concatenate([getattr(tree, name) for tree in trees])

@@ -11,7 +11,6 @@ from tactile_viewgcn.sensors.estimators import MOST_POINTS, Estimator, sampled
 WIDTH, RIDGE, SHARPNESS = 2.0, 0.3, 8.0  # of kernel ridge regression
 C = 10.0  # of the support vector machines
 LEAST_WITHIN, ROUNDING = 0.05, 1e-9  # of a standardised feature's spread within classes; of a feature's size
-MOST_VALUES = 1 << 24  # margins between two classes that are computed at once
 
 
 class Kernel(Estimator):
@@ -102,11 +101,7 @@ class SupportVectors(Kernel):
         return self
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
-        count = max(1, -(-len(points) * len(self.classes) ** 2 // MOST_VALUES))  # parts that fit memory
-        return np.concatenate([self._probabilities(part) for part in np.array_split(points, count)])
-
-    def _probabilities(self, points: np.ndarray) -> np.ndarray:
-        """Probabilities (n, K) of few points: all pairs of classes are compared at once."""
+        """See `Estimator`; all pairs of classes are compared at once."""
         kernel, classes = self.kernel(points), len(self.classes)
         parts = np.zeros((classes, len(points), classes), dtype=np.float32)  # of a margin, by a class against another
         for number in range(classes):

@@ -11,7 +11,7 @@ from tactile_viewgcn.cli import cli
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.recognition.prediction import load_model
-from tests.glove_data import OBJECTS, SHAPE, empty_hand, model_file, recording, write
+from tests.glove_data import OBJECTS, empty_hand, model_file, recording, write
 from tests.mlflow_stores import fresh_store
 
 
@@ -68,16 +68,6 @@ def test_the_recordings_of_a_folder_or_of_a_labelled_object_are_answered_togethe
     joined = [answer for answer in answers_in(place / "answers.csv") if answer["together"] == "True"]
     keys = "{recording} {frames_used}/{frames_in_contact} {answer}"
     assert sorted(keys.format(**answer) for answer in joined) == expected
-
-
-def test_arrays_of_cells_have_the_models_layout(place):
-    folder = place / "arrays" / "pen"
-    folder.mkdir(parents=True)
-    frames = recording("pen", 82).reshape(-1, SHAPE[0] * SHAPE[1])
-    np.savetxt(folder / "2.csv", frames, fmt="%d", delimiter=",", header="sensors", comments="")
-    assert call(place / "classifier.pt", place / "arrays")[-1].startswith("right: 1 of 1")
-    for path in (folder, folder / "2.csv"):
-        assert call(place / "classifier.pt", path)[2:] == call(place / "classifier.pt", place / "new" / "2.h5")[2:]
 
 
 def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(place):
