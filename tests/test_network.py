@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from torch.nn.modules.module import register_module_forward_hook
 
 from benchmarks.stability.rows import max_rel_error, share_different, share_not_finite
-from tactile_viewgcn.recognition.classifier import build_classifier
+from tactile_viewgcn.recognition.model_file import build_classifier
 from tactile_viewgcn.tables.frames import full_scale
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests import test_invariance

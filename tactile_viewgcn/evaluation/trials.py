@@ -11,7 +11,7 @@ from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.calibration import recording_answers
-from tactile_viewgcn.recognition.classifier import Classifier
+from tactile_viewgcn.recognition.model_file import Classifier
 from tactile_viewgcn.tables.frames import SIDES, Frames
 from tactile_viewgcn.views.clustering import cluster_pools, pool_ids, pool_scores
 from tactile_viewgcn.views.sampling import ViewSets, anchor_first, powers_of_two
@@ -63,7 +63,7 @@ def run_trials(classifier: Classifier, values: Any, table: Frames, params: Param
     """Classify one view set around each anchor of the evaluated side in each trial; all classifiers get the same ones.
 
     Args:
-        values: (n, ...) of the evaluated side's frames, see `recognition.classifier`.
+        values: (n, ...) of the evaluated side's frames, see `recognition.model_file`.
         protocol: `object`: a view set is of all frames of an object; `recording`: of one recording and split group.
     """
     index, cluster, views = table.on(SIDES.index(params.evaluate.side)), params.cluster, classifier.views

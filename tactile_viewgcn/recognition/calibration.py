@@ -5,7 +5,7 @@ groups that were left out of the training.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import log_softmax, logsumexp
@@ -13,23 +13,25 @@ from scipy.special import log_softmax, logsumexp
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.nn.network import ViewNetwork
-from tactile_viewgcn.recognition.classifier import Classifier
 from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import VALIDATION, Frames
 from tactile_viewgcn.views.clustering import pool_ids
+
+if TYPE_CHECKING:
+    from tactile_viewgcn.recognition.model_file import Classifier
 
 MIN_TEMPERATURE, MAX_TEMPERATURE = 0.02, 50.0
 PRIOR = 1.5  # standard deviation of the logarithms of members' weights
 
 
 def recording_answer(
-    classifier: Classifier, temperature: float | None, values_of: Callable[[np.ndarray], Any], count: int
+    classifier: "Classifier", temperature: float | None, values_of: Callable[[np.ndarray], Any], count: int
 ) -> tuple[np.ndarray, int]:
     """The answer to a recording by its `count` frames in contact, the same in every interface and in the evaluation.
 
     Args:
         temperature: of its logits; None where the classifier is not calibrated.
-        values_of: the classifier's values (k, ...) of the frames at indices (k,), see `recognition.classifier`.
+        values_of: the classifier's values (k, ...) of the frames at indices (k,), see `build_classifier`.
 
     Returns:
         Logarithms of the class probabilities (classes,), in float64 so that no rounding makes classes equal, and the
@@ -40,7 +42,7 @@ def recording_answer(
     return log_softmax(logits.astype(np.float64) / (temperature or 1)), len(np.unique(index))
 
 
-def recording_answers(classifier: Classifier, temperature: float | None, values: Any, pool: np.ndarray) -> np.ndarray:
+def recording_answers(classifier: "Classifier", temperature: float | None, values: Any, pool: np.ndarray) -> np.ndarray:
     """The `recording_answer` (P, classes) to each recording, by the values (n, ...) of all frames.
 
     Args:

@@ -11,7 +11,7 @@ import io
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Literal, Self, cast
+from typing import TYPE_CHECKING, Any, Literal, Self, Union, cast
 
 import numpy as np
 import torch
@@ -22,12 +22,15 @@ from torch import Tensor
 from tactile_viewgcn.device import select_device
 from tactile_viewgcn.files import atomic_write, in_one_line
 from tactile_viewgcn.messages import EMPTY_HAND
-from tactile_viewgcn.nn.network import spread_frames
-from tactile_viewgcn.params import Model, PreprocessSection
+from tactile_viewgcn.nn.network import STAG_SHAPE, ViewNetwork, spread_frames
+from tactile_viewgcn.params import Model, PreprocessSection, on_sensors
 from tactile_viewgcn.recognition.calibration import recording_answer
-from tactile_viewgcn.recognition.classifier import Classifier, build_classifier
+from tactile_viewgcn.systems import load_system, system_class
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TRAIN, Frames, network_input
+
+if TYPE_CHECKING:
+    from tactile_viewgcn.systems.sensors import SensorClassifier
 
 FORMAT = 16  # add 1 when the content of a file changes
 REMEDY = "name a file such as models/classifier.pt, or train again (`dvc repro`, or fit and save)"
@@ -37,6 +40,27 @@ STRONG_SHARE = 0.01  # of the readings are above a recording's strong reading
 STRONG_FRAMES = 2000  # that are used for the strong readings
 DIGEST = hashlib.sha256().digest_size
 ARRAYS = ConfigDict(arbitrary_types_allowed=True, extra="forbid", hide_input_in_errors=True)
+
+Classifier = Union[ViewNetwork, "SensorClassifier"]
+
+
+def build_classifier(viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int] = STAG_SHAPE) -> Classifier:
+    """The classifier for viewpoints (V, 3) and frames (H, W); weights come from torch's default generator.
+
+    It is a network on the backbone, or a classifier of what the sensors read, with the same attributes and methods:
+
+    - `views`: V. `viewpoints`: (V, 3).
+    - `transform`: of frames to the input that it reads, see `network_input`; None for the table's.
+    - `prepare(compute)`: puts it on a device, ready for the answers below.
+    - `frame_values(inputs)`: values (n, ...) of frames (n, H, W), each alone.
+    - `view_sets(values, sets)`: logits float32 (A, classes) of view sets (A, k) of indices into these values.
+    - `frames_of(count)`: indices of the frames that it reads of a recording of `count` frames in contact.
+    - `recording(values)`: logits float32 (classes,) of a recording, by the values of these frames in the order of time.
+    - `takes_fewer`: whether `view_sets` also answers fewer frames than V.
+    """
+    if on_sensors(model.system):
+        return load_system(model.system).SensorClassifier(model.members, np.asarray(viewpoints), classes)
+    return ViewNetwork(system_class(model.system), viewpoints, classes, model, shape)
 
 
 @dataclass(frozen=True, config=ARRAYS)

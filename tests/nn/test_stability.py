@@ -13,7 +13,7 @@ import torch
 from benchmarks.stability.rows import max_rel_error, share_different
 from tactile_viewgcn.nn.graph import edge_geometry, furthest_points, nearest, squared_distances
 from tactile_viewgcn.nn.message_passing import NonLocalMessagePassing
-from tactile_viewgcn.recognition.classifier import build_classifier
+from tactile_viewgcn.recognition.model_file import build_classifier
 from tactile_viewgcn.systems.view_gcn import shape_and_view_loss
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.glove_data import recipe

@@ -10,8 +10,7 @@ from scipy.special import softmax
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.nn.network import spread_frames
 from tactile_viewgcn.readers.source import Form
-from tactile_viewgcn.recognition.classifier import build_classifier
-from tactile_viewgcn.recognition.model_file import FittedPreprocessing, save_classifier
+from tactile_viewgcn.recognition.model_file import FittedPreprocessing, build_classifier, save_classifier
 from tactile_viewgcn.recognition.raw_counts import check_strength
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.frames import TEST

@@ -6,7 +6,7 @@ import torch
 
 from tactile_viewgcn.nn.system import Sizes
 from tactile_viewgcn.params import System
-from tactile_viewgcn.recognition.classifier import build_classifier
+from tactile_viewgcn.recognition.model_file import build_classifier
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.glove_data import recipe
 from tests.nn.four_nodes import fill

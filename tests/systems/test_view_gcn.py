@@ -9,7 +9,7 @@ import torch.nn.functional as functional
 
 from tactile_viewgcn.nn.message_passing import SLOPE, NonLocalMessagePassing
 from tactile_viewgcn.params import load, preset_changes
-from tactile_viewgcn.recognition.classifier import build_classifier
+from tactile_viewgcn.recognition.model_file import build_classifier
 from tactile_viewgcn.systems.view_gcn import LocalGraphConvolution, ViewGCN, shape_and_view_loss
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.nn.four_nodes import NODES, POSITIONS, fill, plain_norm

@@ -10,7 +10,7 @@ import torch
 
 from benchmarks.stability.rows import Quantity, max_rel_error, share_not_finite
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.recognition.classifier import build_classifier
+from tactile_viewgcn.recognition.model_file import build_classifier
 from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
