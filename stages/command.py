@@ -48,7 +48,7 @@ class Job:
         return self.record.seconds + time.time() - STARTED
 
     def md5(self, name: str) -> str:
-        """md5 of an input, which is kept in the record."""
+        """Compute the md5 of an input, and keep it in the record."""
         entry = self.record.inputs[name]
         entry["md5"] = md5(entry["path"])
         return entry["md5"]
@@ -97,7 +97,8 @@ def run(work: Callable[..., str], *inputs: str) -> None:
         work: takes a `Job`, by name the paths of the inputs, and `out`, the path of its output; the text that it
             returns is printed once everything is written.
         inputs: files and folders that the stage reads, each an option, but for `source`, which is the parameter
-            data.source. A stage with the input `needs` may be left out: it then makes no run in MLflow.
+            data.source. If the input `needs` says that the system does without the stage, `work` writes a placeholder,
+            and nothing is logged to MLflow.
     """
     options = _options(work, [name for name in (*inputs, "out") if name != "source"])
     with program(debug=options["debug"]):
@@ -112,14 +113,14 @@ def run(work: Callable[..., str], *inputs: str) -> None:
 
 
 def _begin(stage: str, options: dict[str, Any], inputs: tuple[str, ...]) -> tuple[Job, dict[str, Path]]:
-    """A stage with checked parameters, and the paths of its inputs, which are there.
+    """Check the parameters and that the inputs are there; return the stage's job, and the inputs' paths.
 
     Raises:
         UserError: a parameter is wrong, or there is no such input.
     """
     params, entry = load(options["params"], options["set"]), stages()[stage]
     used = params_of(entry, params)
-    values = flatten(params if stage == ROW else used)
+    values = flatten(params if stage == ROW else used)  # the row in MLflow stands for the whole pipeline
     changed = changed_params(values, options["params"])
     paths = {name: Path(params.data.source) if name == "source" else options[name] for name in inputs}
     for path in paths.values():

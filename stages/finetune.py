@@ -1,4 +1,4 @@
-"""Train Tactile-ViewGCN, or another system, on view sets, from the pretrained backbone."""
+"""Train the classifier that model.system names: a network, from the pretrained backbone, or members on the sensors."""
 
 from pathlib import Path
 
@@ -27,10 +27,11 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
         save_classifier(out, fitted.classifier, fitted.model, table, compute.precision, fitted.temperature)
     for note in fitted.notes:
         job.note(note)
-    job.record.seconds = fitted.progress.resumed[1]  # before an interruption
+    job.record.seconds = fitted.progress.resumed[1]  # of the processes before an interruption; this one's are added
     classifier = fitted.classifier
     job.record.counts["weights.head"] = count_weights(classifier.head) if isinstance(classifier, ViewNetwork) else 0
-    return f"finetune: {_members(job, fitted) if on_sensors(params.model.system) else _training(job, fitted)}"
+    describe = _members if on_sensors(params.model.system) else _training
+    return f"finetune: {describe(job, fitted)}"
 
 
 def _training(job: Job, fitted: Fitted) -> str:
@@ -42,7 +43,7 @@ def _training(job: Job, fitted: Fitted) -> str:
 
 
 def _members(job: Job, fitted: Fitted) -> str:
-    """Keep the members that were chosen, and name them; it may be a network that was."""
+    """Keep the chosen members in the record, and name them; with `auto` it may be the network instead."""
     members = " + ".join(fitted.model.members) if on_sensors(fitted.model.system) else NETWORK
     job.record.counts["resolved.model.members"] = members
     return f"{members} fitted in {fitted.progress.seconds:.1f} s"

@@ -24,6 +24,7 @@ MAX_NUMBER = 1e30  # it and its inverse are far inside the range of single preci
 MAX_SIDE = 256  # rows and columns of a frame; pressure mats have up to 160 x 64
 MOST = 1_000_000  # upper limit of counts
 COLUMN = "^(pressure|time|object|recording|session):.+$"
+# auto; or OBJECT, with SESSION and SPLIT before or after it, and FILE last, and text without capitals between them
 LAYOUT = "^(auto|[^A-Z]*((SESSION|SPLIT)[^A-Z]+){0,2}OBJECT([^A-Z]+(SESSION|SPLIT)){0,2}([^A-Z]+FILE)?)$"
 CORNERS = 8  # viewpoints of the cube
 
@@ -49,7 +50,7 @@ Effect = Literal[  # of the virtual glove
 
 
 def everywhere(path: Path) -> Path:
-    """`data.source` as DVC's temporary workspaces find it, which hold what git and DVC track alone: mostly absolute."""
+    """`data.source` so that DVC's temporary workspaces find it: absolute, unless DVC tracks it and copies it there."""
     tracked = path == Path(VIRTUAL) or path.absolute().with_name(f"{path.name}.dvc").exists()
     return path if tracked else path.absolute()
 

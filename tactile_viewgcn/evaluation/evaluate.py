@@ -41,7 +41,7 @@ class Evaluation(NamedTuple):
 def evaluate_table(
     classifier: Classifier, table: Frames, params: Params, compute: Compute, *, timed: bool = True
 ) -> Evaluation:
-    """Ask for view sets, in all trials of both protocols, and for whole recordings, on the side `evaluate.side`.
+    """Classify the side `evaluate.side`: a view set for each anchor, trial and protocol, and each recording once.
 
     Args:
         timed: measure the latency too.
@@ -70,7 +70,7 @@ def evaluate_table(
 def error_of(correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator) -> dict[str, float | None]:
     """Mean error over trials of answers bool (T, A), and the ends of its 95 % interval, as fractions.
 
-    The interval resamples the split groups (A,) of the anchors and is conditional on the one training; its ends are
+    The interval resamples the split groups (A,) of the anchors, and does not cover how trainings differ. Its ends are
     None where there is one group.
     """
     wrong = 1 - correct.mean(axis=0)
@@ -87,8 +87,8 @@ def scores_of(trials: Trials, rng: np.random.Generator, classes: int) -> dict[st
 
     Returns:
         `error`, see `error_of`, with its standard deviation `std` over trials, which differ in their clustering alone;
-        `top3_error` of four classes or more; `by_views`, the error by the number of frames: of views that the
-        classifier takes up to V, or those of the median recording.
+        `top3_error` of four classes or more; `by_views`, the error by the number of frames: of view sets up to V, or
+        for whole recordings the median number alone.
     """
     std = trials.correct.mean(axis=1).std(ddof=1) if len(trials.correct) > 1 else 0.0
     in_top3 = (trials.best == trials.labels[:, None]).any(axis=-1)
@@ -118,7 +118,7 @@ def latency(
     """
 
     def timed(index: np.ndarray, answer: Callable[[Any], Any]) -> np.ndarray:
-        """Milliseconds of each repeat, one at least, until the seconds are spent."""
+        """Milliseconds of each repeat after one that warms up: one at least, until the seconds are spent."""
         frames, taken, end = inputs[index % len(inputs)], list[float](), time.perf_counter() + seconds
         while len(taken) < 2 or (len(taken) <= MAX_REPEATS and time.perf_counter() < end):
             begin = time.perf_counter()

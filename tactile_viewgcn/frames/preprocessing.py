@@ -39,8 +39,8 @@ def preprocess_recordings(
 ) -> Preprocessed:
     """Deal the sides, measure the baseline, filter the frames, draw the anchors, and make the table.
 
-    What is `auto` is decided on the training side. Each side's baseline is measured on that side alone, and on the
-    empty hand of its sessions, as a model measures that of new recordings.
+    What is `auto` is decided on the training side. Each side's baseline comes from that side's frames and the empty
+    hand of its sessions, whichever side those frames are on. A trained model does the same with new recordings.
 
     Args:
         groups: see `deal`.
@@ -51,21 +51,21 @@ def preprocess_recordings(
     """
     rng = stream(SPLIT_SEED, "preprocess")
     sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class, groups=groups)
-    live = recordings.part(np.flatnonzero(sides.training)).live
+    live = recordings.part(np.flatnonzero(sides.training)).live  # sensors that vary there; every side uses the same
     recordings = recordings.part(np.arange(len(recordings)), live)
 
     choice, baseline = _measure(recordings, asked, sides)
 
     passed, notes = passing(recordings, baseline, choice.params)
-    keep = passed & (asked.empty_hand_class | ~recordings.empty_hand)
+    keep = passed & (asked.empty_hand_class | ~recordings.empty_hand)  # the empty hand stays only as a class
     keep, of_classes = keep_testable(recordings, sides, keep, split)
 
     published = groups is None and split.by == "source" and choice.params.filter == "flags"
     anchor = draw_anchors(recordings.columns, sides.side, keep, rng, published=published)
-    keep &= ~sides.surplus  # only now, so that the anchors of the other sides stay the same
+    keep &= ~sides.surplus  # after the draw: else the other sides would draw other anchors
 
     index = np.flatnonzero(keep)
-    used, number = np.unique(baseline.of_frame[index], return_inverse=True)
+    used, number = np.unique(baseline.of_frame[index], return_inverse=True)  # baselines of kept frames, from 0
     kept = recordings.part(index, recordings.live)
     columns = kept.columns
     objects, label = np.unique(columns["object"], return_inverse=True)
@@ -97,6 +97,7 @@ def preprocess_recordings(
 
 def _measure(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> tuple[Choice, Baseline]:
     """What is decided on the training side, and the baseline of all frames, measured on each side by itself."""
+    # of each part: its frames bool (T,), the rows (n,) that its baseline is measured on, and that baseline
     rows = with_empty_hand(recordings, sides.training)
     choice = choose(recordings, rows, asked, sides.group)
     parts = [(sides.training, rows, choice.baseline)]
@@ -108,15 +109,21 @@ def _measure(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> 
         moments = session_moments(part)
         if choice.params.baseline == "grasp":
             states = hand_states(part, int(choice.params.contact_sensors), moments)
-            states = states.as_contact() if choice.states.all_contact else states
+            if choice.states.all_contact:  # the training's hand was never seen open: neither is this one's
+                states = states.as_contact()
         parts.append((frames, rows, measure_baseline(part, choice.params, moments, states)))
-    of_frame, count = np.zeros(len(recordings), dtype=np.int32), 0
-    for frames, rows, baseline in parts:
-        of_frame[frames] = count + baseline.of_frame[frames[rows]]
+    return choice, _joined(parts, len(recordings))
+
+
+def _joined(parts: list[tuple[np.ndarray, np.ndarray, Baseline]], frames: int) -> Baseline:
+    """The baselines of all parts one after another, and for each of the T frames the index of its own."""
+    of_frame, count = np.zeros(frames, dtype=np.int32), 0
+    for own, rows, baseline in parts:
+        of_frame[own] = count + baseline.of_frame[own[rows]]  # of the measured rows those that are the part's own
         count += len(baseline.mean)
     baselines = [baseline for _, _, baseline in parts]
     mean, noise = (np.concatenate([getattr(one, name) for one in baselines]) for name in ("mean", "noise"))
-    return choice, Baseline(mean, noise, of_frame, [note for one in baselines for note in one.notes])
+    return Baseline(mean, noise, of_frame, [note for one in baselines for note in one.notes])
 
 
 def frame_counts(frames: Frames) -> dict[str, int]:

@@ -30,7 +30,7 @@ def level_sizes(views: int) -> list[int]:
 class LocalGraphConvolution(nn.Module):
     """Equations 1 and 2: F_i = Psi(sum_j S_ij F_j W) over the nearest nodes j of i, itself included.
 
-    S_ij is an MLP of the edge's geometry. W and Psi's linear layer are one linear map, since their product is.
+    S_ij is an MLP of the edge's geometry. Nothing stands between W and Psi's linear layer, so one layer is both.
     """
 
     def __init__(self, features: int, neighbours: int, edge_distance: str):

@@ -31,7 +31,7 @@ def finetune_classifier(
 ) -> tuple[ViewNetwork, Progress]:
     """The network, from the pretrained weights, trained on one view set per anchor and epoch.
 
-    A system without weights to fine-tune is returned as it is initialised, but for `finetune.moments`.
+    A system without weights to fine-tune is not trained; `finetune.moments` clean still measures its moments.
 
     Args:
         pretrained: weights of the `backbone` and of its linear `classifier`.
@@ -73,16 +73,17 @@ def _train(
     on_epoch: OnEpoch | None,
 ) -> Progress:
     """Train the network on view sets of the training side; after each epoch it answers those of the validation side."""
-    first_sets = train.draw()  # before `fit` sets the generators as a checkpoint has them
+    first_sets = train.draw()  # before `fit` restores the generators: a resumed training gets the same first sets
     validation_sets = torch.from_numpy(validation.draw()) if len(validation.anchors) else None
-    shares = config.feature_reuse > 1 and network.views > 1  # most features come from the bank
-    loss = SetLoss(network, compute, bank_size=len(train.frames) if shares else 0)
+    # the bank keeps the latest feature of each training frame, and gives a set those of frames that do not pass
+    uses_bank = config.feature_reuse > 1 and network.views > 1
+    loss = SetLoss(network, compute, bank_size=len(train.frames) if uses_bank else 0)
     backbone: dict = {"params": network.backbone.parameters(), "lr": config.lr_backbone}
     optimiser = build_optimiser(config, [backbone, {"params": network.head.parameters()}])
 
     def batches(epoch: int) -> Iterator[Batch]:
         network.train()
-        if shares and epoch == 0:
+        if uses_bank and epoch == 0:  # later epochs have it, those of a resumed training too
             loss.fill_bank(train.frames, config.batch)
         sets = first_sets if config.resample_views == "never" or epoch == 0 else train.draw()
         return train.batches(sets, in_time_order=network.head.in_time_order)
@@ -113,7 +114,7 @@ def measure_moments(
     Args:
         frames: (n, 1, H, W), of the training side.
         drawn: view sets (A, V) of indices into them.
-        order: of the batches, on the processor.
+        order: CPU generator, of the order of the batches.
     """
     with compute.autocast():
         _average_moments(network.backbone, len(frames), frames.__getitem__, order)
@@ -138,7 +139,7 @@ def _average_moments(
     batches = torch.randperm(count, generator=order).tensor_split(num_batches(count, INFERENCE_BATCH))
     for number, index in enumerate(batches, start=1):
         for norm in norms:
-            norm.momentum = 1 / number
+            norm.momentum = 1 / number  # so that the moments are the mean over the batches so far
         module(batch_of(index))
     for norm, momentum in zip(norms, momenta, strict=True):
         norm.momentum = momentum
