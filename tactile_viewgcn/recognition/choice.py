@@ -21,7 +21,6 @@ from tactile_viewgcn.sensors.examples import Examples
 ARRAY: list[list[str]] = [["kernel", "pooled_kernel"], ["svm"]]
 CHANNELS = ["trees", "svm", "convolutions"]
 FOLDS = 5
-RULE = "the network if it errs least, else the first whose error is within a standard error of the lowest"
 
 
 class LeftOut:
@@ -116,11 +115,11 @@ def choose_members(
             left.shares[NETWORK], rows = shares, answered
             compared.append([NETWORK])
     wrong = [left.wrong(members, rows) for members in compared]
-    taken = choose(wrong)
+    taken, rule = choose(wrong), "the first whose error is within a standard error of the lowest"
     if compared[-1] == [NETWORK] and wrong[-1].mean() < min(each.mean() for each in wrong[:-1]):
-        taken = len(wrong) - 1
+        taken, rule = len(wrong) - 1, "the network errs least"
     groups = several(len(wrong[0]), "training group")
-    text = f"of {several(len(wrong), 'candidate')} {RULE}, on {groups}, each left out of the fits that answer it"
+    text = f"of {several(len(wrong), 'candidate')} {rule}, on {groups}, each left out of the fits that answer it"
     notes.append(Note(text, "choice", "recogniser", key, compared[taken]))
     for number in sorted(range(len(wrong)), key=lambda number: (number != taken, wrong[number].mean())):
         members, error = compared[number], float(wrong[number].mean())
