@@ -5,7 +5,8 @@ from pathlib import Path
 
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import Params
-from tactile_viewgcn.recognition.model_file import Classifier, load_classifier
+from tactile_viewgcn.recognition.calibration import Classifier
+from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.tables.frames import Frames, read_frames
 
 FRAMES, CLASSIFIER = Path("data/frames"), Path("models/classifier.pt")  # as `dvc repro` leaves them

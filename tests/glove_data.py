@@ -19,8 +19,8 @@ from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.params import Params, load, preset_changes
 from tactile_viewgcn.readers.hdf5 import read_metadata
 from tactile_viewgcn.readers.source import Source
+from tactile_viewgcn.recognition.calibration import Classifier
 from tactile_viewgcn.recognition.estimator import train
-from tactile_viewgcn.recognition.model_file import Classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.frames import Frames, Views
 from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings, write_recordings

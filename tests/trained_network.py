@@ -15,7 +15,7 @@ from tactile_viewgcn.nn.network import view_set_logits
 from tactile_viewgcn.nn.view_selection import SelectiveViewSampling
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recognition.model_file import Classifier
+from tactile_viewgcn.recognition.calibration import Classifier
 from tactile_viewgcn.tables.frames import TEST, Frames
 
 SINGLE = 1e-5  # of the largest logit: what single precision may cost, a hundred times its rounding

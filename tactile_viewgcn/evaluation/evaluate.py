@@ -15,7 +15,7 @@ from tactile_viewgcn.evaluation.trials import PROTOCOLS, TOP, WHOLE, Predictions
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recognition.model_file import Classifier
+from tactile_viewgcn.recognition.calibration import Classifier
 from tactile_viewgcn.tables.counts import Counts, Gathered
 from tactile_viewgcn.tables.frames import SIDES, Frames
 

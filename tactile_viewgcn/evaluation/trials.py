@@ -10,8 +10,7 @@ from tqdm import tqdm
 from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recognition.calibration import recording_answers
-from tactile_viewgcn.recognition.model_file import Classifier
+from tactile_viewgcn.recognition.calibration import Classifier, recording_answers
 from tactile_viewgcn.tables.frames import SIDES, Frames
 from tactile_viewgcn.views.clustering import cluster_pools, pool_ids, pool_scores
 from tactile_viewgcn.views.sampling import ViewSets, anchor_first, powers_of_two

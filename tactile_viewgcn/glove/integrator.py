@@ -4,7 +4,7 @@ The method is the L-stable, stiffly accurate, singly diagonally implicit Runge-K
 (Alexander, SIAM J. Numer. Anal. 14 (1977), 1006-1021). Each stage minimises an energy by damped Newton iteration, so a
 step of any length ends at a finite state. The embedded method of order 1 estimates the error, filtered through the
 stage's matrix (Hosea and Shampine, Appl. Numer. Math. 20 (1996), 21-37) and converted to an error of the sensors'
-forces. A step in which a finger tunnels through an object is rejected too, see `collision.py`.
+forces. A step in which a finger tunnels through an object is rejected too, see `tunnelling.py`.
 
 The hands do not wait for each other: each evaluation of the mechanics serves all hands, each in its own step, stage and
 Newton iteration.
@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tactile_viewgcn.glove.collision import tunnels
 from tactile_viewgcn.glove.contact import LEVER, Balance, Mechanics
+from tactile_viewgcn.glove.tunnelling import tunnels
 
 GAMMA = 1 - np.sqrt(0.5)
 NEWTON = 16  # iterations of a stage

@@ -5,7 +5,7 @@ groups that were left out of the training.
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Union
 
 import numpy as np
 from scipy.special import log_softmax, logsumexp
@@ -18,14 +18,15 @@ from tactile_viewgcn.tables.frames import VALIDATION, Frames
 from tactile_viewgcn.views.clustering import pool_ids
 
 if TYPE_CHECKING:
-    from tactile_viewgcn.recognition.model_file import Classifier
+    from tactile_viewgcn.systems.sensors import SensorClassifier
 
+Classifier = Union[ViewNetwork, "SensorClassifier"]  # what both have: see `model_file.build_classifier`
 MIN_TEMPERATURE, MAX_TEMPERATURE = 0.02, 50.0
 PRIOR = 1.5  # standard deviation of the logarithms of members' weights
 
 
 def recording_answer(
-    classifier: "Classifier", temperature: float | None, values_of: Callable[[np.ndarray], Any], count: int
+    classifier: Classifier, temperature: float | None, values_of: Callable[[np.ndarray], Any], count: int
 ) -> tuple[np.ndarray, int]:
     """The answer to a recording by its `count` frames in contact, the same in every interface and in the evaluation.
 
@@ -42,7 +43,7 @@ def recording_answer(
     return log_softmax(logits.astype(np.float64) / (temperature or 1)), len(np.unique(index))
 
 
-def recording_answers(classifier: "Classifier", temperature: float | None, values: Any, pool: np.ndarray) -> np.ndarray:
+def recording_answers(classifier: Classifier, temperature: float | None, values: Any, pool: np.ndarray) -> np.ndarray:
     """The `recording_answer` (P, classes) to each recording, by the values (n, ...) of all frames.
 
     Args:

@@ -13,9 +13,8 @@ from torch import Tensor
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import Member, Model, Params, on_sensors
-from tactile_viewgcn.recognition.calibration import calibration_warning, network_temperature
+from tactile_viewgcn.recognition.calibration import Classifier, calibration_warning, network_temperature
 from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, LeftOut, choose_members
-from tactile_viewgcn.recognition.model_file import Classifier
 from tactile_viewgcn.recognition.network_candidate import NETWORK, NetworkCandidate
 from tactile_viewgcn.sensors.convolutions import SAMPLE
 from tactile_viewgcn.sensors.examples import Examples

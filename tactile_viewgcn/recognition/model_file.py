@@ -11,7 +11,7 @@ import io
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, Union, cast
+from typing import Any, Literal, Self, cast
 
 import numpy as np
 import torch
@@ -24,13 +24,10 @@ from tactile_viewgcn.files import atomic_write, in_one_line
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.nn.network import STAG_SHAPE, ViewNetwork, spread_frames
 from tactile_viewgcn.params import Model, PreprocessSection, on_sensors
-from tactile_viewgcn.recognition.calibration import recording_answer
+from tactile_viewgcn.recognition.calibration import Classifier, recording_answer
 from tactile_viewgcn.systems import load_system, system_class
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TRAIN, Frames, network_input
-
-if TYPE_CHECKING:
-    from tactile_viewgcn.systems.sensors import SensorClassifier
 
 FORMAT = 16  # add 1 when the content of a file changes
 REMEDY = "name a file such as models/classifier.pt, or train again (`dvc repro`, or fit and save)"
@@ -40,8 +37,6 @@ STRONG_SHARE = 0.01  # of the readings are above a recording's strong reading
 STRONG_FRAMES = 2000  # that are used for the strong readings
 DIGEST = hashlib.sha256().digest_size
 ARRAYS = ConfigDict(arbitrary_types_allowed=True, extra="forbid", hide_input_in_errors=True)
-
-Classifier = Union[ViewNetwork, "SensorClassifier"]
 
 
 def build_classifier(viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int] = STAG_SHAPE) -> Classifier:
