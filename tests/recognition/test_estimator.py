@@ -155,9 +155,8 @@ def test_a_channel_that_is_the_label_and_a_copy_are_warned_of_as_by_ingest():
 
 def test_a_gripper_that_closes_evenly_is_warned_of_and_stays_a_sensor():
     """By its speed alone the objects are told apart."""
-    label, rng = np.repeat(["a", "b"], 8), np.random.default_rng(0)
-    closing = np.where(label == "a", 1.0, 2.0)[:, None] * np.arange(30.0)
-    X = np.dstack([rng.normal(0, 1, (16, 30, 2)), closing])
+    label, X = np.repeat(["a", "b"], 8), np.random.default_rng(0).normal(0, 1, (16, 30, 3))
+    X[:, :, 2] = np.where(label == "a", 1, 2)[:, None] * np.arange(30)
     with pytest.warns(UserWarning, match="rising or falling evenly"):
         model = TactileClassifier().fit(X[::2], label[::2])
     assert model.score(X[1::2], label[1::2]) == 1

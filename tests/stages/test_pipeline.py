@@ -5,7 +5,7 @@ import re
 import shutil
 import tempfile
 import time
-from functools import reduce
+from dataclasses import asdict
 from pathlib import Path
 
 import h5py
@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 import yaml
 
+from tactile_viewgcn.params import load
 from tests.stages.running import ran, sh
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("default")]  # the warnings are MLflow's own
 ROOT = Path(__file__).parents[2]
-TIMED = ["ingest", "preprocess", "cluster", "pretrain", "finetune", "evaluate"]
 WRITTEN = ("dvc.lock", "results/summary.json")  # kept in git
 ALL = ["ingest", "preprocess", "needs", "cluster", "pretrain", "finetune", "evaluate"]
 TINY = {
@@ -72,10 +72,8 @@ def clone(tmp_path_factory):
         if (ROOT / name).is_file() and name not in WRITTEN:
             shutil.copy(ROOT / name, place / name)
     source = small_glove(place.parent / "recordings")
-    tree = yaml.safe_load((place / "params.yaml").read_text())
-    for key, value in {"data.source": str(source), **TINY}.items():
-        *sections, name = key.split(".")
-        reduce(dict.__getitem__, sections, tree)[name] = value
+    changes = [f"{key}={value}" for key, value in {"data.source": source, **TINY}.items()]
+    tree = asdict(load(place / "params.yaml", (*changes,)))
     (place / "params.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
     for words in ("init -q", "config user.name t", "config user.email t@localhost", "add -A", "commit -qm tiny"):
         sh("git", *words.split(), cwd=place)
