@@ -62,7 +62,9 @@ def preprocess_recordings(
 
     published = groups is None and split.by == "source" and choice.params.filter == "flags"
     anchor = draw_anchors(recordings.columns, sides.side, keep, rng, published=published)
-    keep &= ~sides.surplus  # after the draw: else the other sides would draw other anchors
+    # surplus: frames beyond split.train_groups and train_grasps. They go after the draw, so that the anchors of the
+    # test side do not depend on how much is trained on
+    keep &= ~sides.surplus
 
     index = np.flatnonzero(keep)
     used, number = np.unique(baseline.of_frame[index], return_inverse=True)  # baselines of kept frames, from 0
@@ -97,7 +99,8 @@ def preprocess_recordings(
 
 def _measure(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> tuple[Choice, Baseline]:
     """What is decided on the training side, and the baseline of all frames, measured on each side by itself."""
-    # of each part: its frames bool (T,), the rows (n,) that its baseline is measured on, and that baseline
+    # of each part: its frames bool (T,); the rows (n,) that its baseline is measured on, which are these frames and the
+    # empty hand of their sessions; and that baseline
     rows = with_empty_hand(recordings, sides.training)
     choice = choose(recordings, rows, asked, sides.group)
     parts = [(sides.training, rows, choice.baseline)]
@@ -119,7 +122,7 @@ def _joined(parts: list[tuple[np.ndarray, np.ndarray, Baseline]], frames: int) -
     """The baselines of all parts one after another, and for each of the T frames the index of its own."""
     of_frame, count = np.zeros(frames, dtype=np.int32), 0
     for own, rows, baseline in parts:
-        of_frame[own] = count + baseline.of_frame[own[rows]]  # of the measured rows those that are the part's own
+        of_frame[own] = count + baseline.of_frame[own[rows]]  # without the rows of other parts
         count += len(baseline.mean)
     baselines = [baseline for _, _, baseline in parts]
     mean, noise = (np.concatenate([getattr(one, name) for one in baselines]) for name in ("mean", "noise"))

@@ -75,7 +75,7 @@ def _train(
     """Train the network on view sets of the training side; after each epoch it answers those of the validation side."""
     first_sets = train.draw()  # before `fit` restores the generators: a resumed training gets the same first sets
     validation_sets = torch.from_numpy(validation.draw()) if len(validation.anchors) else None
-    # the bank keeps the latest feature of each training frame, and gives a set those of frames that do not pass
+    # the bank keeps the latest feature of each training frame, for frames that do not pass the backbone in a step
     uses_bank = config.feature_reuse > 1 and network.views > 1
     loss = SetLoss(network, compute, bank_size=len(train.frames) if uses_bank else 0)
     backbone: dict = {"params": network.backbone.parameters(), "lr": config.lr_backbone}
