@@ -79,12 +79,12 @@ def hand_states(
     counts, noises = recordings.live_counts(), np.stack([noise for _, noise in moments])
     contact, opened, quiet = np.full(len(counts), all_contact), np.zeros(len(counts), dtype=bool), []
     flags = [recordings.columns[name] for name in ("valid", "grasp_valid") if name in recordings.columns]
-    held = np.any([opened, *flags], axis=0) & ~recordings.empty_hand
+    flagged = np.any([opened, *flags], axis=0) & ~recordings.empty_hand
     for index in [] if all_contact else frames_by_recording(recordings):
         empty, noise = moments[recordings.columns["session"][index[0]]]
         of_recording = counts[index].astype(np.float64)
         pressed, still, start = _pressed(of_recording, CONTACT_SIGMAS * noise, contact_sensors, empty)
-        contact[index] = (pressed >= contact_sensors) | held[index]
+        contact[index] = (pressed >= contact_sensors) | flagged[index]
         opened[index] = minimum_filter1d(still & ~contact[index], 2 * MARGIN + 1, mode="nearest")
         quiet.append(of_recording[start : start + MIN_FRAMES].mean(axis=0))
     return HandStates(counts, noises, contact, opened, np.array(quiet))

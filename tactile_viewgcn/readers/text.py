@@ -28,7 +28,7 @@ COMMENT = ("#", "%")
 EMPTY = " \t\n,;"  # an empty line has nothing else
 NOT_NUMBERS = re.compile(r"^[ \t]*[#%].*$|^[ \t,;]+$", re.MULTILINE)  # comments and empty lines
 #: What columns without readings hold, by their names in small letters.
-HELD = {
+CONTENTS = {
     **dict.fromkeys(("time", "timestamp", "t", "ms", "millis", "micros"), "time"),
     **dict.fromkeys(("sample", "frame", "index"), "line number"),
     **dict.fromkeys(("object", "label", "class", "gesture", "target"), "object"),
@@ -61,21 +61,21 @@ def read_table(file: Path, form: Form) -> Table:
     sensors, channels, notes = [], [], []
     for at, name in enumerate(names):
         values = _numbers(cells[at])
-        held = _held(name, values, form, is_index=at == 0 and not name and any(names))
-        filled = cells[at].notna() if held in LABELS else ~np.isnan(values)
-        if held in ("", *LABELS) and not filled.all():
-            place, what = f"frame {np.argmin(filled)}, column {at + 1}", "a name" if held else "a number"
+        content = _content(name, values, form, is_index=at == 0 and not name and any(names))
+        filled = cells[at].notna() if content in LABELS else ~np.isnan(values)
+        if content in ("", *LABELS) and not filled.all():
+            place, what = f"frame {np.argmin(filled)}, column {at + 1}", "a name" if content else "a number"
             raise UserError(f"{file}: {place} is not {what}; correct or delete the line")
-        if held:
+        if content:
             notes.append(
-                Note(f"column {at + 1}{f' ({name!r})' if name else ''} is no sensor ({held})", topic="columns")
+                Note(f"column {at + 1}{f' ({name!r})' if name else ''} is no sensor ({content})", topic="columns")
             )
-        if not held:
+        if not content:
             sensors.append(values)
             channels.append(name)
-        elif held in LABELS:
-            labels.setdefault(held, np.array([str(cell).strip() for cell in cells[at]], dtype=object))
-        elif held == "time" and filled.all():  # not texts such as 12:30:01
+        elif content in LABELS:
+            labels.setdefault(content, np.array([str(cell).strip() for cell in cells[at]], dtype=object))
+        elif content == "time" and filled.all():  # not texts such as 12:30:01
             time.setdefault("time", values * SECONDS.get(_base_and_unit(name)[1], 1.0))
     pressure = np.column_stack(sensors) if sensors else np.zeros((len(cells), 0))
     return Recording({}, {"pressure": pressure} | time, channels if any(channels) else [], notes), labels
@@ -103,17 +103,17 @@ def recordings_in(table: Recording, labels: dict[str, np.ndarray]) -> list[Recor
     return parts
 
 
-def _held(name: str, values: np.ndarray, form: Form, *, is_index: bool) -> str:
-    """What a column (T,) holds by its name: a value of `HELD`, `OTHER`, or "" for the readings of a sensor."""
+def _content(name: str, values: np.ndarray, form: Form, *, is_index: bool) -> str:
+    """What a column (T,) holds by its name: a value of `CONTENTS`, `OTHER`, or "" for the readings of a sensor."""
     for kind, column in form.columns.items():
         if column == name:
             return "" if kind == "pressure" else kind
-    held = "line number" if is_index else HELD.get(_base_and_unit(name)[0], "")
+    content = "line number" if is_index else CONTENTS.get(_base_and_unit(name)[0], "")
     steps = np.diff(values)
     counts, rises = (np.sum(each) > MOSTLY * len(steps) for each in (steps == 1, steps > 0))
-    if (held == "line number" and not counts) or (name.lower() == "t" and not rises):  # a finger, a temperature
-        held = ""
-    return OTHER if (held or "pressure") in form.columns else held
+    if (content == "line number" and not counts) or (name.lower() == "t" and not rises):  # a finger, a temperature
+        content = ""
+    return OTHER if (content or "pressure") in form.columns else content
 
 
 def _base_and_unit(name: str) -> tuple[str, str]:

@@ -16,8 +16,7 @@ from tactile_viewgcn.recognition.network_candidate import NETWORK, NetworkCandid
 from tactile_viewgcn.sensors.estimators import added, log_shares, probabilities
 from tactile_viewgcn.sensors.examples import Examples
 
-#: of members the later is taken only if all earlier ones err more by more than a standard error; the network, which the
-#: recordings that a comparison leaves out would help most, wherever it errs least
+#: a later candidate, last of all the network, is taken only if the earlier ones err more by more than a standard error
 ARRAY: list[list[str]] = [["kernel", "pooled_kernel"], ["svm"]]
 CHANNELS = ["trees", "svm", "convolutions"]
 FOLDS = 5
@@ -115,11 +114,9 @@ def choose_members(
             left.shares[NETWORK], rows = shares, answered
             compared.append([NETWORK])
     wrong = [left.wrong(members, rows) for members in compared]
-    taken, rule = choose(wrong), "the first whose error is within a standard error of the lowest"
-    if compared[-1] == [NETWORK] and wrong[-1].mean() < min(each.mean() for each in wrong[:-1]):
-        taken, rule = len(wrong) - 1, "the network errs least"
-    groups = several(len(wrong[0]), "training group")
-    text = f"of {several(len(wrong), 'candidate')} {rule}, on {groups}, each left out of the fits that answer it"
+    taken, groups = choose(wrong), several(len(wrong[0]), "training group")
+    text = f"of {several(len(wrong), 'candidate')} the first whose error is within a standard error of the lowest, "
+    text += f"on {groups}, each left out of the fits that answer it"
     notes.append(Note(text, "choice", "recogniser", key, compared[taken]))
     for number in sorted(range(len(wrong)), key=lambda number: (number != taken, wrong[number].mean())):
         members, error = compared[number], float(wrong[number].mean())

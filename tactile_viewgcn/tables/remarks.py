@@ -28,9 +28,9 @@ def remarks(recordings: Recordings, original: np.ndarray) -> list[Note]:
 
 def without_frames(recordings: Recordings) -> list[Note]:
     """A warning that names recordings without frames, and objects of which there is no frame."""
-    recorded, held = (set(recordings.columns[name]) for name in ("recording", "object"))
+    recorded, with_frames = (set(recordings.columns[name]) for name in ("recording", "object"))
     names = [name for number, name in enumerate(recordings.recordings) if number not in recorded]
-    objects = [name for number, name in enumerate(recordings.objects) if number not in held]
+    objects = [name for number, name in enumerate(recordings.objects) if number not in with_frames]
     text = f"{several(len(names), 'recording')} without frames: {listed(names)}. " if names else ""
     text += f"No frame of the objects {listed(objects)}. " if objects else ""
     return [Note(f"{text}Record them again, or remove them.", "warning", "no frames")] if text else []
