@@ -78,10 +78,6 @@ class ViewNetwork(nn.Module):
         """Logits (A, classes) of view sets (A, k) of indices into `frame_values` (n, ...)."""
         return view_set_logits(self.head, values, torch.from_numpy(sets).to(values.device)).cpu().numpy()
 
-    def frames_of(self, count: int) -> np.ndarray:
-        """The frames that are read of a recording of that many: all."""
-        return np.arange(count)
-
     def recording(self, values: Tensor) -> np.ndarray:
         """Logits (classes,) of a recording from the values (T, ...) of its frames in the order of time.
 

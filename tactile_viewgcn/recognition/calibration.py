@@ -25,22 +25,16 @@ MIN_TEMPERATURE, MAX_TEMPERATURE = 0.02, 50.0
 PRIOR = 1.5  # standard deviation of the logarithms of members' weights
 
 
-def recording_answer(
-    classifier: Classifier, temperature: float | None, values_of: Callable[[np.ndarray], Any], count: int
-) -> tuple[np.ndarray, int]:
-    """The answer to a recording by its `count` frames in contact, the same in every interface and in the evaluation.
+def recording_answer(classifier: Classifier, temperature: float | None, values: Any) -> np.ndarray:
+    """Logarithms of a recording's class probabilities (classes,), the same in every interface and in the evaluation.
+
+    They are in float64, so that no rounding makes classes equal.
 
     Args:
-        temperature: of its logits; None where the classifier is not calibrated.
-        values_of: the classifier's values (k, ...) of the frames at indices (k,), see `build_classifier`.
-
-    Returns:
-        Logarithms of the class probabilities (classes,), in float64 so that no rounding makes classes equal, and the
-        number of distinct frames that were read.
+        temperature: of the logits; None where the classifier is not calibrated.
+        values: the classifier's values (T, ...) of the frames in contact, see `build_classifier`.
     """
-    index = classifier.frames_of(count)
-    logits = classifier.recording(values_of(index))
-    return log_softmax(logits.astype(np.float64) / (temperature or 1)), len(np.unique(index))
+    return log_softmax(classifier.recording(values).astype(np.float64) / (temperature or 1))
 
 
 def recording_answers(classifier: Classifier, temperature: float | None, values: Any, pool: np.ndarray) -> np.ndarray:
@@ -49,11 +43,8 @@ def recording_answers(classifier: Classifier, temperature: float | None, values:
     Args:
         pool: (n,) recording of each frame, 0 to P - 1.
     """
-
-    def answer(frames: np.ndarray) -> np.ndarray:
-        return recording_answer(classifier, temperature, lambda index: values[frames[index]], len(frames))[0]
-
-    return np.stack([answer(np.flatnonzero(pool == number)) for number in range(pool.max() + 1)])
+    frames = (np.flatnonzero(pool == number) for number in range(pool.max() + 1))
+    return np.stack([recording_answer(classifier, temperature, values[index]) for index in frames])
 
 
 def fit_temperature(logits: np.ndarray, labels: np.ndarray, recordings: int) -> float:

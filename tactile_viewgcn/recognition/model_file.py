@@ -49,8 +49,7 @@ def build_classifier(viewpoints: Tensor, classes: int, model: Model, shape: tupl
     - `prepare(compute)`: puts it on a device, ready for the answers below.
     - `frame_values(inputs)`: values (n, ...) of frames (n, H, W), each alone.
     - `view_sets(values, sets)`: logits float32 (A, classes) of view sets (A, k) of indices into these values.
-    - `frames_of(count)`: indices of the frames that it reads of a recording of `count` frames in contact.
-    - `recording(values)`: logits float32 (classes,) of a recording, by the values of these frames in the order of time.
+    - `recording(values)`: logits float32 (classes,) of a recording, by the values of its frames in the order of time.
     - `takes_fewer`: whether `view_sets` also answers fewer frames than V.
     """
     if on_sensors(model.system):
@@ -118,20 +117,17 @@ class Content:
     examples: np.ndarray
     answers: np.ndarray
 
-    def answer(self, classifier: Classifier, excess: np.ndarray) -> tuple[np.ndarray, int]:
+    def answer(self, classifier: Classifier, excess: np.ndarray) -> np.ndarray:
         """`recording_answer` of frames in contact, counts (n, H, W) above baseline, in the order of time."""
-
-        def values_of(index: np.ndarray) -> Any:
-            return classifier.frame_values(network_input(excess[index], self.transform, self.scale))
-
-        return recording_answer(classifier, self.temperature, values_of, len(excess))
+        values = classifier.frame_values(network_input(excess, self.transform, self.scale))
+        return recording_answer(classifier, self.temperature, values)
 
     def answers_now(self, classifier: Classifier) -> np.ndarray:
         """The classifier's `answers` to the examples, whose frames are repeated until they are a whole recording."""
         count = max(EXAMPLE_FRAMES, int(np.ceil(getattr(classifier, "short", 0))))
         frames = self.examples[:, spread_frames(EXAMPLE_FRAMES, count)]
         excess = frames - self.preprocessing.mean_baseline()
-        return np.exp([self.answer(classifier, each)[0] for each in excess])
+        return np.exp([self.answer(classifier, each) for each in excess])
 
     def classifier(self) -> Classifier:
         """The classifier with what it has learnt, ready for answers; any exception for parts that do not fit."""

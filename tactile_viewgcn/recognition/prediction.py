@@ -52,7 +52,7 @@ def predict(
         answers, more = recogniser.answer_table(recordings)
     records = [_record(answer, classes) for answer in answers]
     joined = [_record(answer, classes, together=True) for answer in _joined(recogniser, answers) if together]
-    echo(*map(str, [*notes, *more]), f"{'recording':<{NAME_WIDTH}} {'used/contact':>{FRAMES_WIDTH}}  answer")
+    echo(*map(str, [*notes, *more]), f"{'recording':<{NAME_WIDTH}} {'contact':>{FRAMES_WIDTH}}  answer")
     echo(*map(_line, records), *_summary(records, classes))
     if joined:
         echo("the recordings of a folder together, as one object:", *map(_line, joined), *_summary(joined, classes))
@@ -102,7 +102,7 @@ def _record(answer: Answer, classes: list[str], *, together: bool = False) -> di
         at = order[place] if place < len(order) else None
         record[f"class_{place + 1}"] = None if at is None else classes[at]
         record[f"probability_{place + 1}"] = None if at is None else float(answer.probabilities[at])
-    record |= {"frames_used": answer.used, "frames_in_contact": answer.contact, "frames": answer.frames}
+    record |= {"frames_in_contact": answer.contact, "frames": answer.frames}
     right = answer.object == _best(record)[0] if answer.object in {*classes, EMPTY_HAND} else None
     return record | {"object": answer.object or None, "right": right, "together": together}
 
@@ -114,13 +114,12 @@ def _best(record: dict[str, Any]) -> list[str]:
 
 
 def _line(record: dict[str, Any]) -> str:
-    """One line: name, frames used of frames in contact, first three classes."""
+    """One line: name, frames in contact, first three classes."""
     name = record["recording"]
     name = name if len(name) <= NAME_WIDTH else "…" + name[1 - NAME_WIDTH :]
     best = [(record[f"class_{number}"], record[f"probability_{number}"]) for number in range(1, TOP + 1)]
     shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in best if name)
-    frames = f"{record['frames_used']}/{record['frames_in_contact']}"
-    return f"{name:<{NAME_WIDTH}} {frames:>{FRAMES_WIDTH}}  {shares or NO_CONTACT}"
+    return f"{name:<{NAME_WIDTH}} {record['frames_in_contact']:>{FRAMES_WIDTH}}  {shares or NO_CONTACT}"
 
 
 def _summary(records: list[dict[str, Any]], classes: list[str]) -> list[str]:

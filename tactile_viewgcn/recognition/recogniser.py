@@ -23,13 +23,11 @@ class Answer:
     Attributes:
         probabilities: float32 (classes,). Without a frame in contact it is the class `empty_hand`, or where there is
             none, all are equally probable.
-        used: number of frames that were classified.
         contact: number of frames in contact; frames: number of all frames.
         recording: its name; object: its label, UNLABELLED without one.
     """
 
     probabilities: np.ndarray
-    used: int = 0
     contact: int = 0
     frames: int = 0
     recording: str = ""
@@ -103,8 +101,7 @@ class Recogniser:
         """The answer to a recording by its n frames in contact, counts (n, H, W) above baseline."""
         if not len(excess):
             return Answer(self._without_contact())
-        logarithms, used = self.content.answer(self.classifier, excess)
-        return Answer(np.exp(logarithms, dtype=np.float32), used, len(excess))
+        return Answer(np.exp(self.content.answer(self.classifier, excess), dtype=np.float32), len(excess))
 
     def answer_together(self, answers: list[Answer], name: str) -> Answer:
         """The answer to one object that was recorded several times, from the answers to its recordings.
@@ -113,9 +110,9 @@ class Recogniser:
         """
         shares = [answer.probabilities for answer in answers if answer.contact] or [self._without_contact()]
         logarithms = np.log(np.maximum(shares, np.finfo(np.float32).tiny), dtype=np.float64).sum(axis=0)
-        used, contact, frames = np.sum([(each.used, each.contact, each.frames) for each in answers], axis=0).tolist()
+        contact, frames = (sum(getattr(each, name) for each in answers) for name in ("contact", "frames"))
         label = _common(answer.object for answer in answers)
-        return Answer(softmax(logarithms).astype(np.float32), used, contact, frames, name, label)
+        return Answer(softmax(logarithms).astype(np.float32), contact, frames, name, label)
 
     def _without_contact(self) -> np.ndarray:
         """Probabilities (classes,) of the empty hand, or of all classes alike where it is none."""

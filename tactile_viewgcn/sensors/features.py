@@ -14,9 +14,9 @@ LEAST_SPREAD = 0.05  # of a channel's standard deviation: spreads below it are a
 BLOCKS, LIVE_SHARE = (2, 4, 8), 0.5  # rows and columns of a block; of its cells that are live, at least
 
 
-def every_few(index: np.ndarray) -> np.ndarray:
-    """The indices (T,), of more than 20,000 every second, third or further one."""
-    return index[:: -(-len(index) // MOST_FRAMES)]
+def every_few(frames: np.ndarray) -> np.ndarray:
+    """The frames (T, ...), of more than 20,000 every second, third or further one."""
+    return frames[:: -(-len(frames) // MOST_FRAMES)]
 
 
 def is_array(live: np.ndarray) -> bool:

@@ -99,12 +99,12 @@ class SensorClassifier:
         batches = (values[sets[start : start + step]] for start in range(0, len(sets), step))
         return np.concatenate([self._logits(batch, fitted, whole=False) for batch in batches])
 
-    def frames_of(self, count: int) -> np.ndarray:
-        """The frames that are read of a recording of that many, rising indices."""
-        return every_few(np.arange(count))
-
     def recording(self, values: np.ndarray) -> np.ndarray:
-        """Logits (classes,) of a recording from the values (T, ...) of its frames in the order of time."""
+        """Logits (classes,) of a recording from the values (T, ...) of its frames in the order of time.
+
+        Of a long one `every_few` are read.
+        """
+        values = every_few(values)
         if len(values) < self.short:
             return self.view_sets(values, np.arange(len(values))[None])[0]
         return self._logits(values[None], self.whole, whole=True)[0]

@@ -49,13 +49,12 @@ def test_the_classifier_sees_the_values_of_each_view_set():
 
 
 def test_each_recording_is_answered_once_from_its_frames_in_their_order():
-    """Of 3 and 6 frames and 1, of which the first and the last are read; that of two split groups is two."""
+    """Of 3 and 6 frames and 1; that of two split groups is two."""
     recording, answers = np.repeat([0, 1, 2], [3, 6, 1]), np.array([[2.0, 1.9, 0.0], [0.0, 1.9, 2.0], [2.0, 2.0, 2.0]])
     table = frames_of(np.zeros(10, int), recording)
     table.group = np.array([0, 0, 0, 1, 1, 1, 2, 2, 2, 3])
     classifier = SimpleNamespace(
-        frames_of=lambda count: np.array([0, count - 1]),
-        recording=lambda values: answers[recording[values[0]]] if values[0] <= values[1] else None,
+        recording=lambda values: answers[recording[values[-1]]] if values[0] <= values[-1] else None
     )
     trials = answer_recordings(classifier, np.arange(10), table, recipe())
     assert trials.best.tolist() == [[[0, 1, 2], [2, 1, 0], [2, 1, 0], [0, 1, 2]]]

@@ -70,4 +70,3 @@ def test_a_whole_recording_is_one_set_of_all_frames_or_the_mean_of_the_log_proba
         if name in ("mean", "vote"):
             expected = network.head(features[None])[0][0]
     np.testing.assert_allclose(network.recording(features), expected, rtol=1e-4, atol=1e-5)
-    assert network.frames_of(10).tolist() == list(range(10))

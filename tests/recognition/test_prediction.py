@@ -41,17 +41,17 @@ def answers_in(path):
 def test_unlabelled_recordings_have_a_line_each(place):
     head, columns, *lines, last, errs = call(place / "classifier.pt", place / "new")
     assert head == "model: kernel + pooled_kernel, 3 classes; probabilities are calibrated"
-    assert [line.split()[:3] for line in lines] == [[str(i), "20/20", name] for i, name in enumerate(OBJECTS)]
-    assert columns.split() == ["recording", "used/contact", "answer"]
+    assert [line.split()[:3] for line in lines] == [[str(i), "20", name] for i, name in enumerate(OBJECTS)]
+    assert columns.split() == ["recording", "contact", "answer"]
     assert last == "answers: 3 with an object" and errs.startswith("how often it errs: ")
 
 
 @pytest.mark.parametrize(
     ("names", "expected"),
     [
-        (["1.h5", "2.h5"], ["together 40/40 pen"]),
-        (["cup/1.h5", "pen/2.h5", "pen/3.h5"], ["cup 20/20 cup", "pen 40/40 pen"]),
-        (["1/labelled_1.h5", "1/labelled_2.h5", "1/labelled_cup.h5"], ["1/cup 20/20 cup", "1/pen 40/40 pen"]),
+        (["1.h5", "2.h5"], ["together 40 pen"]),
+        (["cup/1.h5", "pen/2.h5", "pen/3.h5"], ["cup 20 cup", "pen 40 pen"]),
+        (["1/labelled_1.h5", "1/labelled_2.h5", "1/labelled_cup.h5"], ["1/cup 20 cup", "1/pen 40 pen"]),
     ],
     ids=["one folder", "a folder for each object", "labels in one folder"],
 )
@@ -66,7 +66,7 @@ def test_the_recordings_of_a_folder_or_of_a_labelled_object_are_answered_togethe
     assert f"answers: {len(expected)} with an object" in lines[begin:]
     assert (lines[-1] == "right: 2 of 2 (100.0 %)") == ("labelled" in names[0])
     joined = [answer for answer in answers_in(place / "answers.csv") if answer["together"] == "True"]
-    keys = "{recording} {frames_used}/{frames_in_contact} {answer}"
+    keys = "{recording} {frames_in_contact} {answer}"
     assert sorted(keys.format(**answer) for answer in joined) == expected
 
 
@@ -80,7 +80,7 @@ def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(plac
     assert [rows[name]["answer"] for name in OBJECTS] == list(OBJECTS)
     assert rows["empty"]["answer"] == "no contact" and rows["empty"]["class_1"] == ""
     assert [rows[name]["right"] for name in (*OBJECTS, "empty", "zebra")] == [*["True"] * 4, ""]  # as many as printed
-    assert (rows["cup"]["frames_used"], rows["cup"]["frames_in_contact"], rows["cup"]["frames"]) == ("20", "20", "60")
+    assert (rows["cup"]["frames_in_contact"], rows["cup"]["frames"]) == ("20", "60")
     assert sum(float(rows["cup"][f"probability_{place}"]) for place in (1, 2, 3)) == pytest.approx(1, abs=1e-5)
 
 
@@ -88,7 +88,7 @@ def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(plac
 def test_a_network_uses_all_frames_and_without_validation_groups_its_probabilities_are_not_calibrated(place, system):
     head, _, *lines, _, _ = call(model_file(place / "full.pt", f"model.system={system}"), place / "new")
     assert head == f"model: {system}, 3 classes; probabilities are not calibrated"
-    assert [line.split()[1] for line in lines] == ["20/20"] * 3
+    assert [line.split()[1] for line in lines] == ["20"] * 3
 
 
 @pytest.mark.parametrize(

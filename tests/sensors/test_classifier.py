@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.params import Member
+from tactile_viewgcn.sensors import features
 from tactile_viewgcn.sensors.estimators import FLOOR
 from tactile_viewgcn.sensors.representation import Representation
 from tactile_viewgcn.systems import sensors
@@ -86,6 +87,14 @@ def test_one_short_training_recording_makes_no_part_of_a_recording_a_whole_one()
         for count in (1, 2, 8, 19, 20, 40):
             as_set = classifier.view_sets(read, np.arange(count)[None])[0]
             assert (classifier.recording(read[:count]) == as_set).all() == (count < least)
+
+
+@pytest.mark.parametrize("members", [IN_TIME, KERNELS])
+def test_of_a_recording_of_very_many_frames_every_second_one_is_read(monkeypatch, members):
+    classifier = fitted(members, *recordings())
+    read = values(classifier, recording("up", 100))
+    monkeypatch.setattr(features, "MOST_FRAMES", 31)
+    assert (classifier.recording(read) == classifier.recording(read[::2])).all()
 
 
 def test_members_add_their_logarithms_by_weights_and_that_of_frames_is_averaged():
