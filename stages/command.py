@@ -85,7 +85,7 @@ class Job:
 
     def checkpoint_key(self) -> str:
         """A hash of the parameters, the inputs, and the code that the stage's `deps` in dvc.yaml name."""
-        code = code_of(stages()[self.record.stage], getattr(self.params.model, "system", ""))
+        code = code_of(stages()[self.record.stage], getattr(getattr(self.params, "model", None), "system", ""))
         inputs = [self.md5(name) for name in self.record.inputs]
         return hashlib.sha256(repr((self.params, inputs, code)).encode()).hexdigest()
 

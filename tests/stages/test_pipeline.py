@@ -88,7 +88,7 @@ def clone(tmp_path_factory):
 def restore(place):
     """Restore the committed files."""
     sh("git", "checkout", "-q", "--", ".", cwd=place)
-    sh("dvc", "checkout", "-q", "dvc.yaml", cwd=place)  # and not the virtual glove, which made nothing here
+    sh("dvc", "checkout", "-q", cwd=place)
 
 
 def test_a_fresh_clone_shows_the_figures_of_its_commit_and_runs_without_a_warning(clone):

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import get_args
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -58,6 +59,11 @@ def test_the_glove_s_recordings_are_written_with_a_record(place):
     assert source.names["object"] == ["empty_hand", "ball"] and source.names["session"] == ["000", "001"]
     record = Record.read((place / "simulate.json").read_text())
     assert (record.stage, record.counts["frames"]) == ("simulate", 100) and record.seconds > 0
+    with patch("tactile_viewgcn.glove.simulation.simulate", side_effect=AssertionError("it was simulated before")):
+        assert run_stage("simulate", "--out", "again", "--record", "again.json", cwd=place).stdout == result.stdout
+    again = Record.read((place / "again.json").read_text())
+    assert md5(place / "again") == md5(place / "made") and again.counts == record.counts
+    assert 0.9 * record.seconds < again.seconds < record.seconds + 5
 
 
 @pytest.mark.slow
