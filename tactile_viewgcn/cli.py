@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactile_viewgcn.files import check_output, readable
+from tactile_viewgcn.files import readable
 from tactile_viewgcn.messages import UserError, program, shown
 from tactile_viewgcn.params import MAX_SIDE, default_params, preset_changes, presets
 
@@ -40,12 +40,10 @@ def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None, chan
     one table of all recordings with a column `object`.
     Every mistake in it is listed.
     """
-    from tactile_viewgcn.pages.html import BEGIN, write
+    from tactile_viewgcn.pages.html import write
     from tactile_viewgcn.pages.inspection_text import inspection_lines
     from tactile_viewgcn.pages.source_inspection import inspect_source
 
-    if page:
-        check_output(page, BEGIN)
     form = _form(changes)
     inspection = inspect_source(source, replace(form, shape=shape) if shape else form)
     _say(*inspection_lines(inspection))
@@ -94,10 +92,9 @@ def predict(changes: tuple[str, ...], **options: Any) -> None:
 @click.option("--out", type=click.Path(path_type=Path), default="report.html", show_default=True)
 def report(run: str, out: Path) -> None:
     """Write one HTML page of the workspace's last run, or of RUN: a DVC experiment's name, or an MLflow run's id."""
-    from tactile_viewgcn.pages.html import BEGIN, write
+    from tactile_viewgcn.pages.html import write
     from tactile_viewgcn.pages.run_page import read_run, run_page
 
-    check_output(out, BEGIN)
     with readable(f"{run or 'the workspace'}: a file of runs/ or results/"):
         page = run_page(read_run(run))
     _say(write(out, page))

@@ -107,13 +107,6 @@ def in_one_line(path: object, what: str, remedy: str) -> Iterator[None]:
         raise UserError(f"{path}: {what} ({reason}); {remedy}") from error
 
 
-def check_output(path: Path, begin: str) -> None:
-    """Raise a UserError, before any work, if a file at `path` begins otherwise: a recording or a model is kept."""
-    check_is_file(path)
-    if path.exists() and path.stat().st_size and path.read_bytes()[: len(begin)] != begin.encode():
-        raise UserError(f"{path}: exists and is of another kind than is written here; name another file")
-
-
 def all_below(path: Path) -> list[Path]:
     """All files below a folder in the order of their paths, without hidden ones and what programs leave behind.
 

@@ -35,13 +35,9 @@ def glove(folder, *names, number=2, shape=(20, 4, 4)):
     return folder
 
 
-def test_inspect_takes_the_folder_that_it_is_called_in_and_writes_over_no_recording(tmp_path):
+def test_inspect_takes_the_folder_that_it_is_called_in(tmp_path):
     result = call("inspect", ".", cwd=glove(tmp_path, "mug", "pen"))
     assert result.returncode == 0 and f"data.source={tmp_path}" in result.stdout
-    (tmp_path / "classifier.pt").write_bytes(b"PK")
-    for command in "inspect . --html mug/0.npy", "inspect . --html classifier.pt", "report --out classifier.pt":
-        assert f"{command.split()[-1]}: " in refused(call(*command.split(), cwd=tmp_path))
-    assert len(np.load(tmp_path / "mug" / "0.npy")) == 20 and (tmp_path / "classifier.pt").read_bytes() == b"PK"
 
 
 def test_a_mistake_in_a_source_is_one_line(tmp_path):

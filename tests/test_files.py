@@ -3,14 +3,13 @@
 import errno
 import hashlib
 import os
-from contextlib import nullcontext
 from functools import partial
 
 import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.files import all_below, atomic_write, check_output, md5
+from tactile_viewgcn.files import all_below, atomic_write, md5
 from tactile_viewgcn.messages import UserError
 from tests.full_disk import room_for
 
@@ -95,14 +94,6 @@ def test_only_a_file_is_replaced_by_a_file_and_a_folder_by_a_folder(tmp_path, wr
         with pytest.raises(UserError, match=f"{name}: "), write(tmp_path / name):
             raise AssertionError("not reached")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["file", "folder", "link", "pipe"]
-
-
-@pytest.mark.parametrize("old, kept", [("", False), ("<p>old", False), ("<", True), ("PK", True)], ids=repr)
-def test_a_file_of_another_kind_is_not_replaced(tmp_path, old, kept):
-    (path := tmp_path / "page.html").write_text(old)
-    with pytest.raises(UserError, match=r"page\.html") if kept else nullcontext():
-        check_output(path, "<p>")
-    assert path.read_text() == old
 
 
 def test_hidden_files_are_left_out(tmp_path):

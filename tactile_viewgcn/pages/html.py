@@ -22,13 +22,6 @@ if TYPE_CHECKING:
 
 GLOSSARY = "words.md"
 PIXELS = 96 / 72  # of a point
-BEGIN = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
-"""  # of every page; a file that begins differently is not replaced by a page
 
 
 class Verdict(NamedTuple):
@@ -56,7 +49,6 @@ def environment() -> Environment:
         finalize=lambda value: value if isinstance(value, Markup) else shown(value),
     )
     glossary = loader.get_source(templates, GLOSSARY)[0]
-    templates.globals["begin"] = Markup(BEGIN)
     templates.globals["words"] = re.findall(r"^\| (.+) \| (.+) \|$", glossary, re.MULTILINE)[1:]
     templates.globals["as_change"] = as_change
     templates.filters |= {"anchor": _anchor, "headings": _headings, "several": several, "percent": percent, "svg": svg}

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.files import atomic_write, check_output
+from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.messages import EMPTY_HAND, several, warnings_of, write_csv
 from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.recogniser import Answer, Recogniser
@@ -41,8 +41,6 @@ def predict(
     Raises:
         UserError, OSError: a mistake of the user.
     """
-    if csv_path:
-        check_output(csv_path, "recording,answer,class_1,")
     recogniser = load_model(model)
     classes, calibrated = recogniser.classes, "calibrated" if recogniser.calibrated else "not calibrated"
     echo(f"model: {recogniser.system}, {several(len(classes), 'class', 'classes')}; probabilities are {calibrated}")

@@ -7,7 +7,6 @@ import h5py
 import numpy as np
 import pytest
 
-from tactile_viewgcn.pages.html import BEGIN
 from tactile_viewgcn.pages.inspection_page import inspection_page
 from tactile_viewgcn.pages.inspection_text import command_lines, facts, verdict, warnings
 from tactile_viewgcn.pages.source_inspection import inspect_source, split_settings
@@ -36,7 +35,7 @@ def overview(tmp_path_factory):
 def test_the_page_shows_the_facts_and_the_settings(overview):
     page = inspection_page(overview)
     text = text_of(page)
-    assert page.startswith(BEGIN)
+    assert page.startswith("<!DOCTYPE html>")
     assert "12 recordings of 3 objects in 2 sessions" in text and "95 of 96 sensors vary" in text
     assert all(name in text for name in NAMES) and "-S 'data.source=\"" in text
     assert all(note.text in text and note.key in text for note in overview.settings)
