@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from benchmarks.stability.rows import REFUSED, RIGHT, WRONG, Quantity, no_outcome
+from benchmarks.stability.rows import REFUSED, RIGHT, Quantity
 
 if TYPE_CHECKING:
     from tests.trained_network import Subject
@@ -24,15 +24,14 @@ TESTS = Path(__file__).parent
 ROWS = pytest.StashKey[list[dict]]()
 ABOUT = """`error` is the largest difference from a reference in double precision, or an exact one, relative to the
 largest number there, unless its quantity says what is counted. A row is `right` with an error of no more than its
-tolerance, `refused` where the project says in one line that it does not do that, and WRONG otherwise."""
+tolerance, and `refused` where the project says in one line that it does not do that."""
 
 
 class Rows:
-    """Records the quantities of a test, in `recorded`, and asserts each."""
+    """Records the quantities of a check of a part in `recorded`, and asserts each."""
 
-    def __init__(self, part: str = "", check: str = "", folder: Path = TESTS):
-        self.part, self.check, self.folder = part, check, folder
-        self.recorded: list[dict] = []
+    def __init__(self, part: str, check: str, folder: Path, recorded: list[dict]):
+        self.part, self.check, self.folder, self.recorded = part, check, folder, recorded
         self.begin = time.perf_counter()
 
     def __call__(self, quantity: str, error: float, tolerance: float = 0.0, remark: str = "") -> None:
@@ -45,13 +44,13 @@ class Rows:
 
     def record(self, quantity: Quantity) -> None:
         now = time.perf_counter()
+        assert quantity.holds, f"{quantity.name}: {quantity.error} > {quantity.tolerance} {quantity.remark}"
         self.recorded.append(quantity.row(self.part, self.check, now - self.begin, self.folder))
         self.begin = now
-        assert quantity.verdict != WRONG, f"{quantity.name}: {quantity.error} > {quantity.tolerance} {quantity.remark}"
 
 
 def refusal(name: str, call: Callable[[], object], pattern: str) -> Quantity:
-    """That a call ends in a ValueError of one line that contains the pattern; WRONG where it does not."""
+    """That a call ends in a ValueError of one line that contains the pattern."""
     try:
         call()
     except ValueError as error:
@@ -63,10 +62,11 @@ def refusal(name: str, call: Callable[[], object], pattern: str) -> Quantity:
 
 @pytest.fixture
 def row(request: pytest.FixtureRequest, tmp_path: Path) -> Rows:
-    """Rows of the check that the test's marker names, of the part that is the test's folder."""
-    rows = Rows(part_of(request.path), request.node.get_closest_marker("stability").args[0], tmp_path)
-    request.node.stash[ROWS] = rows.recorded
-    return rows
+    """Rows of the check that the test's marker names, of the part that is the test's folder, or its name in tests/."""
+    recorded = request.config.stash.setdefault(ROWS, [])
+    path, check = request.path, request.node.get_closest_marker("stability").args[0]
+    part = path.stem.removeprefix("test_") if path.parent == TESTS else path.parent.name
+    return Rows(part, check, tmp_path, recorded)
 
 
 @pytest.fixture(scope="session")
@@ -85,36 +85,17 @@ def subject(request: pytest.FixtureRequest) -> "Subject":
     return Subject(*read_trained(FRAMES, CLASSIFIER, params), compute)
 
 
-def part_of(path: Path) -> str:
-    """The part of the table for the rows of a test's file: its folder, or its name where that is tests/ itself."""
-    return path.stem.removeprefix("test_") if path.parent == TESTS else path.parent.name
-
-
 def pytest_addoption(parser: pytest.Parser) -> None:
     words = "Write the stability table into this folder, and check the network that the last `dvc repro` trained."
     parser.addoption("--table", type=Path, help=words)
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo) -> pytest.TestReport:
-    """Collect a test's rows; one that failed otherwise, by a warning too, has a WRONG one."""
-    report = yield
-    marker = item.get_closest_marker("stability")
-    if marker and (call.when == "call" or (call.when == "setup" and report.failed)):
-        rows = item.stash.get(ROWS, [])
-        if report.failed and not any(one["verdict"] == WRONG for one in rows):
-            rows.append(no_outcome(call.excinfo.value).row(part_of(item.path), marker.args[0], 0.0, TESTS))
-        item.config.stash.setdefault(ROWS, []).extend(rows)
-    return report
-
-
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    """Print the rows where -m asks for `stability`, and write them into the folder --table."""
+    """Print the rows where -m asks for `stability`, and write them into the folder --table if all checks hold."""
     rows, folder = config.stash.get(ROWS, []), config.getoption("--table")
     counts, checks = Counter(one["verdict"] for one in rows), {(one["part"], one["check"]) for one in rows}
-    verdicts = ", ".join(f"{counts[verdict]} {verdict}" for verdict in (RIGHT, REFUSED, WRONG))
-    total = f"{len(rows)} quantities of {len(checks)} checks: {verdicts}."
-    if folder:
+    total = f"{len(rows)} quantities of {len(checks)} checks: {counts[RIGHT]} {RIGHT}, {counts[REFUSED]} {REFUSED}."
+    if folder and not {"failed", "error"} & terminalreporter.stats.keys():
         from benchmarks.command import write_table
 
         write_table(folder, rows, f"{ABOUT}\n{total}")

@@ -117,11 +117,6 @@ def odds(logits: Tensor, dim: int) -> Tensor:
     )
 
 
-def rms(values: Tensor) -> float:
-    """Root mean square, or 1 where all is 0."""
-    return float(values.detach().square().mean().sqrt()) or 1.0
-
-
 def some_sets(frames: int, views: int, count: int = 32) -> np.ndarray:
     """View sets (A, V) of frames at random."""
     return stream(0, "stability.sets").integers(frames, size=(count, views))

@@ -1,7 +1,7 @@
 """A row of the stability table and what its error is measured with.
 
 A quantity is `right` when its error is no more than its tolerance, `refused` when the project says in one line that it
-cannot do that, else `WRONG`.
+cannot do that. Otherwise its check fails, and no table is written.
 """
 
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-RIGHT, REFUSED, WRONG = "right", "refused", "WRONG"
+RIGHT, REFUSED = "right", "refused"
 
 
 @dataclass(frozen=True)
@@ -17,16 +17,15 @@ class Quantity:
     """One quantity of a check."""
 
     name: str  # what is compared with what
-    error: float  # see `max_rel_error` and `share_different`, or a count that should be 0; NaN is WRONG
+    error: float  # see `max_rel_error` and `share_different`, or a count that should be 0; NaN holds for nothing
     tolerance: float = 0.0  # the largest error that is right
     remark: str = ""  # what the number does not say
     refused: bool = False  # by the project, as it should
 
     @property
-    def verdict(self) -> str:
-        if self.refused:
-            return REFUSED
-        return RIGHT if self.error <= self.tolerance else WRONG
+    def holds(self) -> bool:
+        """Whether it is right or refused."""
+        return self.refused or self.error <= self.tolerance
 
     def row(self, part: str, check: str, seconds: float, folder: Path) -> dict:
         """The row of the table; paths in the remark are relative to `folder` or to where one is."""
@@ -37,7 +36,7 @@ class Quantity:
             "error": "" if self.refused else float(self.error),
             "tolerance": "" if self.refused else float(self.tolerance),
             "seconds": seconds,
-            "verdict": self.verdict,
+            "verdict": REFUSED if self.refused else RIGHT,
             "remark": self.remark.replace(f"{folder}/", "").replace(f"{Path.cwd()}/", ""),
         }
 
@@ -66,8 +65,3 @@ def share_different(values: object, expected: object) -> float:
 def share_not_finite(values: object) -> float:
     """Share of the numbers that are not finite."""
     return float((~np.isfinite(np.asarray(values, dtype=np.float64))).mean())
-
-
-def no_outcome(error: BaseException) -> Quantity:
-    """The WRONG quantity of a check that ended in a warning or another exception."""
-    return Quantity("an outcome", np.nan, 0.0, f"{type(error).__name__}: {' '.join(str(error).split())}")
