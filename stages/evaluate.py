@@ -16,6 +16,7 @@ from tactile_viewgcn.tracking import Run
 def evaluate(job: Job, frames: Path, classifier: Path, records: Path, out: Path) -> str:
     table, (model, _), earlier = read_frames(frames), load_classifier(classifier), results.read_records(records)
     evaluation = evaluate_table(model, table, job.params, job.compute())
+    evaluation.metrics.update(results.new_session(earlier))
     timing = results.costs(evaluation, earlier, job.seconds, peak_mb())
     write_predictions(out / "predictions.npz", evaluation.predictions)
     results.write_results(out, evaluation, timing)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, TextIO
 
 EMPTY_HAND = "empty_hand"  # STAG's name of the class that holds nothing
+NEW_SESSION = "a new session (a person, a day, a new fitting)"
 MAX_LISTED = 10  # mistakes or names in one message
 FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")  # beginnings of a formula, after OWASP
 

@@ -29,7 +29,8 @@ class Evaluation(NamedTuple):
 
     Attributes:
         predictions: all answers.
-        metrics: sizes, and `scores_of` each of `trials.ASKED`; equal on every run with one seed.
+        metrics: sizes, whether all sessions are other ones than the training's, and `scores_of` each of
+            `trials.ASKED`; equal on every run with one seed.
         latency_ms: see `latency`; empty if it was not measured.
     """
 
@@ -60,6 +61,7 @@ def evaluate_table(
         "frames": {name: int(table.anchor[at].sum()) for name, at in (("train", train), (side, tested))},
         "recordings": {side: len(trials[WHOLE].labels)},
         "groups": {side: len(np.unique(trials[WHOLE].groups))},
+        "new_sessions": bool(~np.isin(table.session[tested], table.session[train]).any()),
     }
     for number, (asked, answers) in enumerate(trials.items()):
         metrics[asked] = scores_of(answers, stream(params.seed, "interval", number), len(table.classes))

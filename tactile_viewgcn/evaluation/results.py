@@ -8,11 +8,12 @@ from tactile_viewgcn.evaluation.evaluate import Evaluation
 from tactile_viewgcn.evaluation.trials import ASKED, PROTOCOLS, WHOLE
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.intervals import percent_interval
-from tactile_viewgcn.messages import several, write_csv
+from tactile_viewgcn.messages import NEW_SESSION, several, write_csv
 from tactile_viewgcn.provenance import EARLIER, Record
 from tactile_viewgcn.schema import flatten
 
 Records = dict[str, Record]  # of the earlier stages, by stage
+SCORED = {WHOLE: ASKED[WHOLE], "new_session": NEW_SESSION} | dict(reversed(ASKED.items()))  # by name in metrics.json
 
 
 def read_records(folder: Path) -> Records:
@@ -40,9 +41,15 @@ def costs(evaluation: Evaluation, records: Records, seconds: float, peak_mb: flo
     }
 
 
+def new_session(records: Records) -> dict[str, Any]:
+    """The score `new_session` of metrics.json, if `finetune` has measured it."""
+    notes = [note for record in records.values() for note in record.notes if note.topic == "new session" and note.value]
+    return {"new_session": {"error": notes[0].value}} if notes else {}
+
+
 def summary(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]:
     """The numbers that runs are compared by: errors as fractions, seconds of all stages, ms per answer."""
-    scores = {name: metrics[name] for name in reversed(ASKED)}
+    scores = {name: metrics[name] for name in SCORED if name in metrics}
     return {
         **{f"error.{name}": score["error"]["mean"] for name, score in scores.items()},
         **{f"top3_error.{name}": score["top3_error"] for name, score in scores.items() if "top3_error" in score},
@@ -108,20 +115,20 @@ def row_tags_parameters_metrics(
 
 
 def summary_lines(metrics: dict, timing: dict) -> list[str]:
-    """The number of tests, the error in per cent of each of `trials.ASKED` with its interval, and the costs."""
+    """The number of tests, the error in per cent of each of `SCORED` with its interval, and the costs."""
     latency, ((side, groups),) = timing["latency_ms"], metrics["groups"].items()
     lines = [
         f"evaluate on the {side} side: {several(metrics['frames'][side], 'view set')} of {metrics['views']}, "
         f"{several(metrics['recordings'][side], 'recording')}, {several(metrics['classes'], 'class', 'classes')}, "
         f"{several(metrics['trials'], 'trial')}, {several(groups, 'group')}"
     ]
-    for name, title in ASKED.items():
+    for name in filter(metrics.__contains__, reversed(SCORED)):
         score = metrics[name]
         error = score["error"]
         top3 = f", top-3 error {100 * score['top3_error']:.1f} %" if "top3_error" in score else ""
         std = f", std over trials {100 * error['std']:.1f}" if name in PROTOCOLS else ""
         interval = percent_interval(error["mean"], error["low"], error["high"])
-        lines.append(f"  {title}: error {interval} %{std}{top3}")
+        lines.append(f"  {SCORED[name]}: error {interval} %{std}{top3}")
     times = ", ".join(f"{name} {value:,.1f} s" for name, value in timing["seconds"].items())
     return [
         *lines,

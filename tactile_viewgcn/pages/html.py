@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.messages import several, shown
+from tactile_viewgcn.messages import NEW_SESSION, several, shown
 from tactile_viewgcn.schema import as_change
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def environment() -> Environment:
     )
     glossary = loader.get_source(templates, GLOSSARY)[0]
     templates.globals["words"] = re.findall(r"^\| (.+) \| (.+) \|$", glossary, re.MULTILINE)[1:]
-    templates.globals["as_change"] = as_change
+    templates.globals |= {"as_change": as_change, "new_session": NEW_SESSION}
     templates.filters |= {"anchor": _anchor, "headings": _headings, "several": several, "percent": percent, "svg": svg}
     templates.filters |= {"duration": duration, "lines": _lines}
     return templates

@@ -26,6 +26,7 @@ def inspection_page(overview: Overview) -> str:
         verdict=inspection_text.verdict(overview, warnings),
         facts=inspection_text.facts(overview),
         command="\n".join(inspection_text.command_lines(overview)),
+        of_sessions="\n".join(inspection_text.command_lines(overview, new_sessions=True)),
         settings=overview.settings,
         warnings=warnings,
         remarks=[note for note in overview.remarks if note.level == "info"],

@@ -9,9 +9,9 @@ import numpy as np
 
 from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.split import one_class
-from tactile_viewgcn.messages import EMPTY_HAND, Note, listed, several, warnings_of
+from tactile_viewgcn.messages import EMPTY_HAND, NEW_SESSION, Note, listed, several, warnings_of
 from tactile_viewgcn.pages.html import Verdict
-from tactile_viewgcn.pages.source_inspection import SATURATED, Overview
+from tactile_viewgcn.pages.source_inspection import MOST_FOLDS, SATURATED, Overview
 from tactile_viewgcn.params import everywhere
 from tactile_viewgcn.schema import as_change
 
@@ -44,6 +44,8 @@ def inspection_lines(overview: Overview) -> list[str]:
     lines += _wrapped(note.text for note in warned)
     if command := command_lines(overview):
         lines += ["To use", *_wrapped(map(str, overview.settings)), "", *command]
+        if other := command_lines(overview, new_sessions=True):
+            lines += ["", f"To test it on {NEW_SESSION}", *other]
     return lines
 
 
@@ -70,7 +72,8 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
         seconds = np.nanmedian(overview.seconds)
         rows[-1] = (f"{1 / overview.interval:.4g} Hz", f"is the frame rate, {seconds:.3g} s a recording")
     kind, leak = overview.choice.params.baseline, overview.choice.leak
-    rows += _error(overview.error, f"in contact, above the baseline {kind}") + _error(leak, "without contact")
+    rows += _error(overview.error, f"in contact, above the baseline {kind}")
+    rows += _error(overview.session_error, f"on {NEW_SESSION}") + _error(leak, "without contact")
     return rows
 
 
@@ -109,11 +112,16 @@ def warnings(overview: Overview) -> list[Note]:
     untouched, single = _names(overview, contact == 0), _names(overview, overview.groups[by] == 1)
     gaps = overview.gaps > MANY_GAPS * overview.counts["frames"].sum()
     error, leak = overview.error, overview.choice.leak
-    guessing = error and not error.beats_chance
+    guessing, session = error and not error.beats_chance, overview.session_error
     found = {
         "contact": untouched and f"Never in contact: {untouched}. Record these objects again, held firmly.",
         "leak": leak and leak.beats_chance and f"The object can be recognised before it is touched: {LESS}",
         "error": guessing and f"A quick classifier predicts the objects no better than guessing. {FIRMLY}",
+        "session": error
+        and session
+        and error.high < min(session.error, error.chance)
+        and f"On {NEW_SESSION} a quick classifier errs by {100 * session.error:.1f} %, on a new recording by "
+        f"{100 * error.error:.1f} %. Test both, and record more sessions.",
         "split": single and f"One {by} alone: {single}. Nothing is left to test with. {TWICE}",
         "time": gaps and f"Frames are missing at {several(overview.gaps, 'place')}. Look at the cable and the logger.",
         "saturated": saturated
@@ -138,13 +146,16 @@ def verdict(overview: Overview, warned: list[Note]) -> Verdict:
     return Verdict("good", "Yes: nothing was found that would spoil a result.", reasons)
 
 
-def command_lines(overview: Overview) -> list[str]:
+def command_lines(overview: Overview, *, new_sessions: bool = False) -> list[str]:
     """The command `dvc exp run` with the recommended settings, in lines of a shell that go on after a backslash.
+
+    Args:
+        new_sessions: hold out sessions in place of recordings; none where these cannot be.
 
     None where `preprocess` would keep one class, or nothing can be held out: no setting makes these usable. Every
     `auto` of `preprocess` stays `auto`: unlike an inspection, `preprocess` does not look at the test side.
     """
-    if verdict(overview, []).kind == "bad":
+    if verdict(overview, []).kind == "bad" or (new_sessions and not overview.session_error):
         return []
     path, settings = overview.recordings.path, overview.settings
     presets = [f"$(tactile-viewgcn preset {note.value})" for note in settings if note.key == "preset"]
@@ -152,10 +163,12 @@ def command_lines(overview: Overview) -> list[str]:
     values = {  # all of `data`: params.yaml may be set for other recordings
         "data.source": str(everywhere(path)),
         "data.shape": form.shape if isinstance(form.shape, str) else list(form.shape),
-        "data.layout": form.layout,
+        "data.layout": next((note.value for note in overview.remarks if note.key == "data.layout"), form.layout),
         "data.columns": [f"{kind}:{name}" for kind, name in form.columns.items()],
     }
     values |= {note.key: note.value for note in settings if not note.key.startswith(("preset", "preprocess."))}
+    if new_sessions:
+        values |= {"split.by": "session", "split.folds": min(MOST_FOLDS, len(np.unique(overview.session)))}
     options = [f"  -S {shlex.quote(as_change(key, value))}" for key, value in values.items()]
     return " \\\n".join([" ".join(["dvc exp run", *presets]), *options]).split("\n")
 

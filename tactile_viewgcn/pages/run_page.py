@@ -18,11 +18,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tactile_viewgcn import plots
-from tactile_viewgcn.evaluation.results import errors_by_frames
+from tactile_viewgcn.evaluation.results import SCORED, errors_by_frames
 from tactile_viewgcn.evaluation.trials import ASKED, WHOLE, Predictions, read_predictions
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.intervals import percent_interval
-from tactile_viewgcn.messages import Note, UserError, several
+from tactile_viewgcn.messages import NEW_SESSION, Note, UserError, several
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.html import Verdict, percent
 from tactile_viewgcn.params import VIRTUAL, everywhere, on_sensors
@@ -122,6 +122,9 @@ class Outcome:
     def verdict(self) -> Verdict:
         """Whether the result is good, and why."""
         warned, reasons = len(self.warnings), []
+        session = self.run.metrics.get("new_session")
+        if session and self.ends and session["error"]["mean"] > self.ends[1]:
+            reasons.append(f"For {NEW_SESSION} it errs more: record more sessions.")
         if self.uncertain:
             reasons.append(f"Little was tested: {self.tested}.")
         if warned:
@@ -146,7 +149,7 @@ class Step(NamedTuple):
 
 
 def next_steps(outcome: Outcome) -> list[Step]:
-    """At most three steps: mend what stages warned of, test more, and use the classifier or look at the recordings."""
+    """Steps: mend what stages warned of, test more, on new sessions too, and use the classifier or inspect."""
     run, params, changed, steps = outcome.run, outcome.run.params, outcome.run.changed, list[Step]()
     if outcome.warnings:
         unheeded = (note for note in outcome.warnings if note.key in params)
@@ -161,6 +164,9 @@ def next_steps(outcome: Outcome) -> list[Step]:
         sweep = again(others, f"dvc exp run --queue -S split.fold={folds}")
         command = "" if params["split.by"] == "source" else f"{sweep}\ndvc queue start\ndvc exp show --only-changed"
         steps.append(Step("Record more of each object in more sessions, and test every fold once.", command))
+    if any(note.topic == "new session" for note in run.notes("info")):
+        command = again({**changed, "split.by": "session", "split.fold": 0})
+        steps.append(Step(f"Test it on {NEW_SESSION}.", command))
     if outcome.guesses:
         form = {key: params[key] for key in ("data.shape", "data.layout", "data.columns")}
         form = {key: value for key, value in form.items() if value not in ("auto", [])}
@@ -193,8 +199,8 @@ def run_page(run: FinishedRun) -> str:
         date=date,
         outcome=outcome,
         steps=next_steps(outcome),
-        scores={name: run.metrics[name] for name in reversed(ASKED)},
-        asked=ASKED,
+        scores={name: run.metrics[name] for name in SCORED if name in run.metrics},
+        asked=SCORED,
         interval=percent_interval,
         by_frames=plots.errors_by_frames(by_frames, outcome.chance),
         confusion=plots.confusions({ASKED[WHOLE]: outcome.counts}, run.predictions.classes.tolist()),

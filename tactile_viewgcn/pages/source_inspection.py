@@ -1,6 +1,7 @@
 """What an inspection shows: a rehearsal of `preprocess`, recommended settings, and further facts of the recordings."""
 
 from contextlib import suppress
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
@@ -12,7 +13,8 @@ from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.frames.split import has_published_split, split_groups
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import CONTACT_SIGMAS, PreprocessSection
-from tactile_viewgcn.readers.source import AUTO, Form
+from tactile_viewgcn.readers.formats import other_order
+from tactile_viewgcn.readers.source import AUTO, Form, setting
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, recordings_of
 from tactile_viewgcn.tables.remarks import originals, remarks
 
@@ -82,15 +84,28 @@ class Overview:
 
     @cached_property
     def error(self) -> QuickError | None:
-        """Of the quick classifier on contact, by log(1 + excess) in units of the weakest contact.
+        """Of the quick classifier on contact; None where no two objects have two groups."""
+        return self._quick_error(self.recordings.columns["object"], self._group)
 
-        None where no two objects have two groups.
-        """
+    @cached_property
+    def session_error(self) -> QuickError | None:
+        """The same for a new session; None where no two objects have two sessions, or the published split is taken."""
+        if self.setting("split.by") == "source":
+            return None
+        return self._quick_error(self.recordings.columns["object"], self.recordings.columns["session"])
+
+    @cached_property
+    def error_of_sessions(self) -> QuickError | None:
+        """The same of telling sessions apart in place of objects: high where these do not differ."""
+        return self._quick_error(self.recordings.columns["session"], self._group)
+
+    def _quick_error(self, label: np.ndarray, group: np.ndarray) -> QuickError | None:
+        """Error of labels (T,), with groups (T,) held out, by log(1 + excess) in units of the weakest contact."""
 
         def readings(index: np.ndarray) -> np.ndarray:
             return np.log1p(np.maximum(self.excess(index) / (CONTACT_SIGMAS * self.noise), 0))
 
-        return quick_error(readings, self.in_contact, self.recordings.columns["object"], self._group)
+        return quick_error(readings, self.in_contact, label, group)
 
     @cached_property
     def counts(self) -> dict[str, np.ndarray]:
@@ -145,12 +160,26 @@ class Overview:
 def inspect_source(path: str | Path, form: Form = AUTO) -> Overview:
     """Inspect a source in any form that `ingest` reads, see `open_source`.
 
+    Folders that may be in two orders are read in the other one if readings tell sessions apart and not objects.
+
     Raises:
         UserError: lists the mistakes of the source.
         FileNotFoundError: nothing at that path.
     """
     with recordings_of(path, form) as recordings:
-        return Overview(recordings, form)
+        overview = Overview(recordings, form)
+    note = next((note for note in overview.remarks if note.key == "data.layout"), None)
+    if not note:
+        return overview
+    objects, sessions = (bool(error and error.beats_chance) for error in (overview.error, overview.error_of_sessions))
+    if objects and not sessions:
+        overview.remarks[overview.remarks.index(note)] = replace(note, level="info")
+    elif sessions and not objects:
+        overview = inspect_source(path, replace(form, layout=other_order(str(note.value))))
+        text = f"folders are taken in the order {overview.form.layout}: readings tell the outer ones apart, not the "
+        text += f"inner ones. If that is wrong, {setting(f'data.layout={note.value}')}"
+        overview.remarks.append(replace(note, text=text, value=overview.form.layout))
+    return overview
 
 
 def _groups(recordings: Recordings, original: np.ndarray) -> dict[str, np.ndarray]:

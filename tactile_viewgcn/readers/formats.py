@@ -199,6 +199,10 @@ def layout_of(root: Path, files: Sequence[Path], form: Form) -> tuple[str, list[
     note += ", ".join(f"{level[0]} is the {role.lower()}" for level, role in zip(levels, order, strict=True))
     if count < 2 or EMPTY_HAND in levels[order.index("OBJECT")]:
         return text, [Note(note, topic="folders")]
-    other = "/".join({"SESSION": "OBJECT", "OBJECT": "SESSION"}.get(role, role) for role in order)
-    note += f". If not, {setting(f'data.layout={other}/FILE')}; else data.layout={text}"
-    return text, [Note(note, "warning", "folders")]
+    note += f". If not, {setting(f'data.layout={other_order(text)}')}; else data.layout={text}"
+    return text, [Note(note, "warning", "folders", "data.layout", text)]
+
+
+def other_order(layout: str) -> str:
+    """The layout with sessions and objects in each other's place."""
+    return "/".join({"SESSION": "OBJECT", "OBJECT": "SESSION"}.get(role, role) for role in layout.split("/"))

@@ -33,7 +33,7 @@ CONTENTS = {
     **dict.fromkeys(("sample", "frame", "index"), "line number"),
     **dict.fromkeys(("object", "label", "class", "gesture", "target"), "object"),
     **dict.fromkeys(("recording", "trial"), "recording"),
-    **dict.fromkeys(("session", "subject"), "session"),
+    **dict.fromkeys(("session", "subject", "person", "participant"), "session"),
 }
 LABELS = ("session", "object", "recording")
 OTHER = "data.columns names others"  # why a column that may have readings is left out

@@ -56,9 +56,9 @@ class LeftOut:
             self.shares[member] = np.stack(means)
         return [self.shares[member][rows] for member in members]
 
-    def wrong(self, members: Sequence[str], rows: np.ndarray) -> np.ndarray:
+    def wrong(self, members: Sequence[str], rows: np.ndarray, weights: Sequence[float] = ()) -> np.ndarray:
         """Share of wrong answers (G,) to those recordings, bool (R,), of each group that has any."""
-        wrong = added(self.answers(members, rows)).argmax(axis=1) != self.examples.labels[rows]
+        wrong = added(self.answers(members, rows), weights).argmax(axis=1) != self.examples.labels[rows]
         place = np.unique(self.groups[rows], return_inverse=True)[1]
         return np.bincount(place, wrong) / np.bincount(place)
 

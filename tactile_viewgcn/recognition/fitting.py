@@ -11,8 +11,10 @@ import numpy as np
 from torch import Tensor
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.messages import Note
+from tactile_viewgcn.intervals import percent_interval, proportion_interval
+from tactile_viewgcn.messages import NEW_SESSION, Note
 from tactile_viewgcn.params import Member, Model, Params, on_sensors
+from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.calibration import Classifier, calibration_warning, network_temperature
 from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, LeftOut, choose_members
 from tactile_viewgcn.recognition.network_candidate import NETWORK, NetworkCandidate
@@ -22,7 +24,7 @@ from tactile_viewgcn.sensors.features import every_few, is_array
 from tactile_viewgcn.sensors.representation import Representation, contact_unit, successive_noise
 from tactile_viewgcn.systems import load_system
 from tactile_viewgcn.tables.counts import evenly
-from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames, Views
+from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION, Frames, Views
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.loop import OnEpoch, Progress
 from tactile_viewgcn.views.sampling import powers_of_two
@@ -64,7 +66,7 @@ def fit_classifier(
     network, progress = finetune_classifier(table, views, pretrained, params, compute, checkpoint_path, on_epoch)
     temperature = network_temperature(network, table, compute) if len(table.on(VALIDATION)) else None
     remedy = "record objects more often, or raise finetune.epochs"
-    notes = calibration_warning(temperature, "validation groups", remedy)
+    notes = [*calibration_warning(temperature, "validation groups", remedy), *_of_new_sessions(table)]
     return Fitted(network, params.model, temperature, progress, notes)
 
 
@@ -76,7 +78,8 @@ def _fit_sensors(table: Frames, views: Views, params: Params, compute: Compute, 
     candidates: list[list[str]] = [[*asked]] if not auto else ARRAY if array else [CHANNELS]
     recordings = training_recordings(table)
     examples = examples_of(table, recordings, chain(*candidates), powers_of_two(len(views.viewpoints)), seed)
-    left, members = LeftOut(examples, table.group[[index[0] for index in recordings]], seed), candidates[0]
+    first = np.array([index[0] for index in recordings])
+    left, members = LeftOut(examples, table.group[first], seed), candidates[0]
     rows = left.answered
     if auto and array:
         network = NetworkCandidate(table, views, recordings, seed, compute) if ask_network else None
@@ -91,11 +94,37 @@ def _fit_sensors(table: Frames, views: Views, params: Params, compute: Compute, 
     notes += calibration_warning(temperature, "left-out training groups", "record each object more often")
     if network and members == [NETWORK]:
         classifier, model = network.train(), network.params.model
+        notes += _of_new_sessions(table)
     else:
         classifier = load_system(params.model.system).SensorClassifier(members, views.viewpoints, len(table.classes))
         classifier.fit(examples, weights, seed)
         model = replace(params.model, members=cast(list[Member], members))
+        notes += _of_new_sessions(table, LeftOut(examples, table.session[first], seed), members, weights)
     return Fitted(classifier, model, temperature, Progress(seconds=time.perf_counter() - begin), notes)
+
+
+def _of_new_sessions(
+    table: Frames, left: LeftOut | None = None, members: Sequence[str] = (), weights: Sequence[float] = ()
+) -> list[Note]:
+    """A note with the error for a new session, the mean over sessions, or one that says how to measure it.
+
+    There is none where the test itself is of new sessions, or the training of one.
+
+    Args:
+        left: its groups are the sessions of the training recordings; None: leaving one out takes a training.
+    """
+    trained, tested = (np.unique(table.session[table.on(side)]) for side in (TRAIN, TEST))
+    if len(trained) < 2 or not np.isin(tested, trained).any() or (left and not left.answered.any()):
+        return []
+    if not left:
+        text = f"no network was trained without a session: split.by=session measures the error for {NEW_SESSION}"
+        return [Note(text, topic="new session")]
+    wrong = left.wrong(members, left.answered, weights)
+    low, high = proportion_interval(wrong, np.arange(len(wrong)), stream(0, "new session")) or (None, None)
+    mean = float(wrong.mean())
+    text = f"{percent_interval(mean, low, high)} % of whole recordings of {NEW_SESSION} wrong; "
+    text += f"{len(wrong)} training sessions, each left out of the fits that answer it"
+    return [Note(text, topic="new session", value={"mean": mean, "low": low, "high": high})]
 
 
 def training_recordings(table: Frames) -> list[np.ndarray]:
