@@ -14,7 +14,7 @@ from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_consistent_length, check_is_fitted, column_or_1d
 
 from tactile_viewgcn.frames.split import one_class
-from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, shown, warnings_of
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, shown, warnings_of
 from tactile_viewgcn.params import Member, Params, default_params, on_sensors, preset_changes
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.source import FRAMES_LAST
@@ -101,22 +101,30 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
     def predict_proba(self, X: Any) -> np.ndarray:
         """Class probabilities float32 (n, Y) of recordings X, a column for each of `classes_`.
 
-        A recording without contact is the empty hand; where that is no class, a warning says so.
+        What the command `predict` refuses or warns of, this does too. A recording without contact is the empty hand;
+        where that is no class, a warning says so.
 
         Raises:
             NotFittedError: before `fit`.
-            UserError: X of a different form or layout than in training.
+            UserError: X of a different form, layout or scale than in training.
         """
         check_is_fitted(self, "recogniser_")
         recogniser, names = self.recogniser_, list(map(str, self.classes_))
         arrays = self._arrays(X)
+        one_frame = arrays[0].shape[1] == 1 and arrays[0].shape[::2] == recogniser.shape
+        if one_frame and (recogniser.shape[0] > 1 or isinstance(X, np.ndarray)):
+            raise UserError(
+                "X is one recording, or each of X is one frame; expected a list of recordings: [X], or [*X]"
+            )
+        answers, notes = recogniser.answer_arrays({f"X[{number}]": counts for number, counts in enumerate(arrays)})
+        none = [answer.recording for answer in answers if not answer.contact and EMPTY_HAND not in recogniser.classes]
+        texts = [note.text for note in warnings_of(notes)]
+        texts += [f"no frame in contact: {listed(none)}; their classes are equally probable"] * bool(none)
+        for text in texts:
+            warnings.warn(shown(text), stacklevel=2)
         probabilities = np.zeros((len(arrays), len(names)), dtype=np.float32)
         columns = [names.index(name) for name in recogniser.classes]
-        for number, counts in enumerate(arrays):
-            answer = recogniser.answer(counts, f"X[{number}]", any_scale=True)
-            if not answer.contact and EMPTY_HAND not in recogniser.classes:
-                warnings.warn(f"X[{number}] has no frame in contact: its classes are equally probable", stacklevel=2)
-            probabilities[number, columns] = answer.probabilities
+        probabilities[:, columns] = [answer.probabilities for answer in answers]
         return probabilities
 
     def predict(self, X: Any) -> np.ndarray:
@@ -125,7 +133,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         return self.classes_[best]
 
     def save(self, path: str | Path) -> None:
-        """Write a file like the pipeline's models/classifier.pt, which `Recogniser` and `predict` read.
+        """Write a file like the pipeline's models/classifier.pt, which `load` and the command `predict` read.
 
         Its classes are the texts of `classes_`.
 
@@ -136,6 +144,20 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         from tactile_viewgcn.recognition.model_file import write_content
 
         write_content(path, self.recogniser_.content)
+
+    @classmethod
+    def load(cls, path: str | Path) -> "TactileClassifier":
+        """The classifier of a file of `save` or of the pipeline, to predict with; its labels are texts.
+
+        Raises:
+            UserError, OSError: no such file, or none of this version.
+        """
+        from tactile_viewgcn.recognition.recogniser import Recogniser
+
+        classifier = cls()
+        classifier.recogniser_ = Recogniser(path)
+        classifier.classes_ = np.array(classifier.recogniser_.classes)
+        return classifier
 
     def _arrays(self, X: Any) -> list[np.ndarray]:
         """The recordings of X, (T_i, H, W) each, one or more."""

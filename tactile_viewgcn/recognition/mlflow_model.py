@@ -35,7 +35,7 @@ class RecogniserModel:
         recogniser, rows = self.recogniser, model_input["recordings"]
         try:
             counts = (row.tolist() if isinstance(row, np.ndarray) else row for row in rows)  # also an array of objects
-            answers = [recogniser.answer(row, f"recording {number}") for number, row in enumerate(counts)]
+            answers, _ = recogniser.answer_arrays({f"recording {number}": row for number, row in enumerate(counts)})
         except UserError as error:
             raise bad_request(str(error)) from None
         shares = [answer.probabilities for answer in answers]

@@ -27,9 +27,9 @@ from tactile_viewgcn.params import Model, PreprocessSection, on_sensors
 from tactile_viewgcn.recognition.calibration import Classifier, recording_answer
 from tactile_viewgcn.systems import load_system, system_class
 from tactile_viewgcn.tables.counts import evenly
-from tactile_viewgcn.tables.frames import TRAIN, Frames, network_input
+from tactile_viewgcn.tables.frames import TRAIN, Frames, frame_rates, network_input
 
-FORMAT = 16  # add 1 when the content of a file changes
+FORMAT = 17  # add 1 when the content of a file changes
 REMEDY = "name a file such as models/classifier.pt, or train again (`dvc repro`, or fit and save)"
 EXAMPLES, EXAMPLE_FRAMES = 3, 8  # stored recordings, and frames of each
 CLOSE = {"float32": 1e-3, "bfloat16": 0.1}  # by precision, difference of probabilities between two processors
@@ -66,6 +66,8 @@ class FittedPreprocessing:
         kept_share: share of the training's frames that the filter keeps.
         dtype: of the counts.
         strong_readings: see the function of this name.
+        rates: lowest and highest frame rate of the training's recordings in Hz; 0 and infinity without times.
+        channel_names: names of the sensors, row after row, or none.
         live: bool (H, W) sensors.
         noise: (H, W) standard deviation of the baseline in counts, 0 where it was not measured.
         baselines: (H, W) mean of each session that has training frames, by the session's name.
@@ -74,7 +76,9 @@ class FittedPreprocessing:
     params: PreprocessSection
     kept_share: float
     dtype: Literal["int16", "int32", "float32", "float64"]
-    strong_readings: list[float]
+    strong_readings: list[list[float]]
+    rates: list[float]
+    channel_names: list[str]
     live: np.ndarray
     noise: np.ndarray
     baselines: dict[str, np.ndarray]
@@ -89,7 +93,9 @@ class FittedPreprocessing:
             for session in np.unique(pairs[:, 0])
         }
         params, noise = PreprocessSection(**frames.preprocess), np.nan_to_num(frames.noise)
-        return cls(params, frames.kept_share, dtype, strong_readings(frames), frames.live, noise, baselines)
+        rates = sorted(frame_rates(frames.time[train], frames.recording[train]).values()) or [0.0, np.inf]
+        names, readings, rates = frames.channel_names or [], strong_readings(frames), [rates[0], rates[-1]]
+        return cls(params, frames.kept_share, dtype, readings, rates, names, frames.live, noise, baselines)
 
     def mean_baseline(self) -> np.ndarray:
         """Mean (H, W) of the baselines of the training's sessions."""
@@ -204,18 +210,23 @@ def _examples(frames: Frames) -> np.ndarray:
     return np.stack([frames.counts[index[spread_frames(len(index), EXAMPLE_FRAMES)]] for index in rows])
 
 
-def strong_readings(frames: Frames) -> list[float]:
-    """The strong readings of the weakest and of the strongest training recording of an object.
+def strong_readings(frames: Frames) -> list[list[float]]:
+    """The strong readings of the weakest and of the strongest training recording of an object, above baseline and raw.
 
-    A recording's strong reading is the count above baseline that one in a hundred readings of its live sensors
-    exceeds. Up to 2,000 training anchors are used.
+    Up to 2,000 training anchors are used.
     """
     empty = frames.classes.index(EMPTY_HAND) if EMPTY_HAND in frames.classes else -1
     anchors = np.flatnonzero(frames.anchor & (frames.side == TRAIN) & (frames.label != empty))
     used = evenly(anchors, STRONG_FRAMES)
-    readings, recording = frames.inputs(used, "counts")[:, frames.live], frames.recording[used]
-    strong = [np.quantile(readings[recording == number], 1 - STRONG_SHARE) for number in np.unique(recording)]
-    return [float(min(strong)), float(max(strong))]
+    both, recording = (frames.inputs(used, "counts"), frames.counts[used]), frames.recording[used]
+    parts = [np.flatnonzero(recording == number) for number in np.unique(recording)]
+    strong = [[strong_reading(readings[part][:, frames.live]) for part in parts] for readings in both]
+    return [[min(each), max(each)] for each in strong]
+
+
+def strong_reading(readings: np.ndarray) -> float:
+    """The strong reading of a recording: what one in a hundred absolute readings (n, S) of its live sensors exceeds."""
+    return float(np.quantile(np.abs(readings), 1 - STRONG_SHARE))
 
 
 def load_classifier(path: str | Path) -> tuple[Classifier, Content]:

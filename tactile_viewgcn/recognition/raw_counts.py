@@ -1,51 +1,78 @@
 """Raw counts of new recordings: are they like the training's, what is their baseline, which frames are in contact?"""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tactile_viewgcn.frames.baseline import Baseline, measure_baseline, session_moments, sessions_with_empty_hand
 from tactile_viewgcn.frames.filter import flagged, pressed_frames
 from tactile_viewgcn.frames.open_hand import hand_states
-from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.recognition.model_file import STRONG_SHARE, FittedPreprocessing
+from tactile_viewgcn.messages import Note, UserError, several
+from tactile_viewgcn.recognition.model_file import FittedPreprocessing, strong_reading
+from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.recordings import Recordings
 
 MOST_TIMES = 4.0  # factor by which readings may be weaker or stronger than all recordings of the training
+RATE_TIMES = 1.1  # factor by which frame rates may be lower or higher
 ALL_KEPT = 0.99  # share of the training's frames that the filter kept, from which recordings count as all contact
 
 
-def check_counts(fitted: FittedPreprocessing, counts: np.ndarray, where: str) -> None:
-    """Raise a UserError, whose message begins with `where`, for counts (..., H, W) that the model does not take.
+def check_layout(
+    fitted: FittedPreprocessing, shape: tuple[int, ...], where: str, channel_names: Sequence[str] = ()
+) -> None:
+    """Raise a UserError, whose message begins with `where`, for frames of a shape or of sensors unlike the training's.
 
-    These are frames of a different layout, and raw counts that the training's integer type cannot hold. Whether counts
-    are finite is checked where they come in, see `recording_array` and `check_column`.
+    Args:
+        channel_names: of the sensors, row after row; compared where the training's have names too.
     """
-    if counts.shape[-2:] != fitted.live.shape:
-        layout, expected = (" x ".join(map(str, shape)) for shape in (counts.shape[-2:], fitted.live.shape))
+    if shape != fitted.live.shape:
+        layout, expected = (" x ".join(map(str, each)) for each in (shape, fitted.live.shape))
         raise UserError(f"{where}: frames of {layout}; expected {expected}, as the model was trained on")
+    for at, (name, expected) in enumerate(zip(channel_names, fitted.channel_names, strict=False), 1):
+        if name != expected:
+            raise UserError(
+                f"{where}: sensor {at} is {name}; expected {expected}, the sensors of the training in order"
+            )
+
+
+def fault_of(fitted: FittedPreprocessing, counts: np.ndarray, contact: np.ndarray, excess: np.ndarray) -> str:
+    """What is wrong with a recording, "" if nothing: counts that the training's integer type cannot hold, or a scale.
+
+    Whether counts are finite is checked where they come in, see `recording_array` and `check_column`.
+
+    Args:
+        counts: (n, H, W) of all its frames.
+        contact: bool (n,) frames of contact with an object; the scale is that of these.
+        excess: (k, H, W) their counts above baseline.
+    """
     dtype = np.dtype(fitted.dtype)
     if dtype.kind == "i" and counts.dtype != dtype:
         least, most = np.iinfo(dtype).min, np.iinfo(dtype).max
         unfit = counts[(counts % 1 != 0) | (counts < least) | (counts > most)]
         if unfit.size:
-            raise UserError(
-                f"{where} holds {unfit[0]:g}; expected whole numbers from {least} to {most}, raw counts as in training"
+            return f"holds {unfit[0]:g}; expected whole numbers from {least} to {most}, raw counts as in training"
+    scales = zip(("off its baseline", "from 0"), (excess, counts[contact]), fitted.strong_readings, strict=True)
+    for origin, readings, (weakest, strongest) in scales if contact.any() else ():
+        reading = strong_reading(readings[:, fitted.live])
+        if not weakest / MOST_TIMES <= reading <= strongest * MOST_TIMES:
+            return (
+                f"one in a hundred readings in contact is {reading:.3g} or more {origin}; expected {weakest:.3g} to "
+                f"{strongest:.3g}, as in the training: is the glove or the unit a different one?"
             )
+    return ""
 
 
-def check_strength(fitted: FittedPreprocessing, excess: np.ndarray, where: str) -> None:
-    """Raise a UserError, whose message begins with `where`, for readings that are far weaker or stronger than trained.
-
-    Args:
-        excess: (n, H, W) counts above baseline of frames in contact.
-    """
-    if not len(excess):
-        return
-    reading, (weakest, strongest) = float(np.quantile(excess[:, fitted.live], 1 - STRONG_SHARE)), fitted.strong_readings
-    if not weakest / MOST_TIMES <= reading <= strongest * MOST_TIMES:
-        raise UserError(
-            f"{where}: one in a hundred readings in contact is {reading:.3g} or more above its baseline; expected "
-            f"{weakest:.3g} to {strongest:.3g}, as in the training: is the glove or the unit a different one?"
-        )
+def rate_notes(fitted: FittedPreprocessing, recordings: Recordings) -> list[Note]:
+    """A warning of recordings that are slower or faster than the training's by more than a tenth."""
+    rates = frame_rates(recordings.columns["time"], recordings.columns["recording"])
+    lowest, highest = fitted.rates
+    unlike = [number for number, rate in rates.items() if not lowest / RATE_TIMES <= rate <= highest * RATE_TIMES]
+    if not unlike:
+        return []
+    name, rate = recordings.recordings[unlike[0]], rates[unlike[0]]
+    text = f"{len(unlike)} of {several(len(rates), 'recording')} at a different rate, first {name} at {rate:.3g} Hz; "
+    text += f"expected {lowest:.3g} to {highest:.3g} Hz, as in the training: resample, or record at that rate"
+    return [Note(text, "warning", "frame rate")]
 
 
 def find_contact(fitted: FittedPreprocessing, recordings: Recordings) -> tuple[Baseline, np.ndarray]:

@@ -1,6 +1,6 @@
 """The trained recogniser: the object in the hand, from the raw counts of one recording or of a table of recordings."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from scipy.special import softmax
 
-from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.readers.source import MAX_PRESSURE, UNLABELLED, check_shape, storage_type
 from tactile_viewgcn.recognition.model_file import load_classifier
-from tactile_viewgcn.recognition.raw_counts import check_counts, check_strength, find_contact
+from tactile_viewgcn.recognition.raw_counts import check_layout, fault_of, find_contact, rate_notes
 from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings, frames_by_recording
 
 
@@ -55,47 +55,57 @@ class Recogniser:
         self.system = " + ".join(model.members) if on_sensors(model.system) else model.system
         self.shape = self.preprocessing.live.shape
 
-    def answer(self, counts: Any, name: str = "counts", *, any_scale: bool = False) -> Answer:
-        """The answer to one recording of raw counts (T, H, W), or of channels (T, C), in the order of time.
+    def answer(self, counts: Any, name: str = "counts") -> Answer:
+        """The answer to one recording, which errors call `name`; see `answer_arrays`."""
+        return self.answer_arrays({name: counts})[0][0]
 
-        Baseline and frames in contact are found as in the training, from these frames alone.
+    def answer_arrays(self, arrays: Mapping[str, Any]) -> tuple[list[Answer], list[Note]]:
+        """The answers to recordings of raw counts (T, H, W), or of channels (T, C), in the order of time, by name.
 
-        Args:
-            name: of the counts, in errors.
-            any_scale: see `answer_table`.
+        Baseline and frames in contact are found as in the training, from each recording's frames alone.
+
+        Returns:
+            As `answer_table`.
 
         Raises:
             UserError: see `recording_array` and `answer_table`.
         """
-        one = np.zeros(1, dtype=int)
-        recordings = ArrayRecordings([recording_array(counts, name)], [UNLABELLED], one, one)
-        recordings.path = Path(name)
-        return self.answer_table(recordings, any_scale=any_scale)[0][0]
+        counts = [recording_array(each, name) for name, each in arrays.items()]
+        for name, each in zip(arrays, counts, strict=True):
+            check_layout(self.preprocessing, each.shape[1:], name)
+        if not counts:
+            return [], []
+        numbers = np.arange(len(counts))
+        recordings = ArrayRecordings(counts, [UNLABELLED], np.zeros_like(numbers), numbers)
+        recordings.path, recordings.recordings = Path(), list(arrays)
+        return self.answer_table(recordings)
 
-    def answer_table(self, recordings: Recordings, *, any_scale: bool = False) -> tuple[list[Answer], list[Note]]:
-        """The answers to the recordings of a table, and notes on baselines that could not be measured.
-
-        Args:
-            any_scale: allow recordings whose readings in contact are much stronger or weaker than the training's.
+    def answer_table(self, recordings: Recordings) -> tuple[list[Answer], list[Note]]:
+        """The answers to the recordings of a table; and notes: on baselines that could not be measured, and on rates.
 
         Raises:
-            UserError: a recording unlike the training's in form or scale.
+            UserError: recordings unlike the training's in layout, sensors or scale; it names the first.
         """
-        fitted, columns = self.preprocessing, recordings.columns
-        for _, counts in recordings.blocks():
-            check_counts(fitted, counts, str(recordings.path))
+        fitted, columns, path = self.preprocessing, recordings.columns, recordings.path
+        check_layout(fitted, recordings.shape, str(path), recordings.channel_names)
+        notes = rate_notes(fitted, recordings)
         recordings = recordings.part(np.arange(len(recordings)), fitted.live)
-        answers, path = [], str(recordings.path)
         baseline, contact = find_contact(fitted, recordings)
-        for index in frames_by_recording(recordings):
+        answers, faults, index_of = list[Answer](), dict[str, str](), frames_by_recording(recordings)
+        for index in index_of:
             name = recordings.recordings[columns["recording"][index[0]]]
             pressed = index[contact[index]]
             excess = recordings.counts[pressed] - baseline.mean[baseline.of_frame[pressed]]
             label = _common(recordings.objects[number] for number in columns["object"][index])
-            if not any_scale and label != EMPTY_HAND:
-                check_strength(fitted, excess, path if len(recordings.recordings) == 1 else f"{path}, {name}")
+            held = contact[index] & (label != EMPTY_HAND)
+            if fault := fault_of(fitted, recordings.counts[index], held, excess):
+                faults[str(path if path.is_file() and len(index_of) == 1 else path / name)] = fault
             answers.append(replace(self.answer_contact(excess), frames=len(index), recording=name, object=label))
-        return answers, baseline.notes
+        if faults:
+            place, fault = next(iter(faults.items()))
+            more = f" and {len(faults) - 1} more of {several(len(index_of), 'recording')}" if len(faults) > 1 else ""
+            raise UserError(f"{place}{more}: {fault}")
+        return answers, baseline.notes + notes
 
     def answer_contact(self, excess: np.ndarray) -> Answer:
         """The answer to a recording by its n frames in contact, counts (n, H, W) above baseline."""
@@ -143,6 +153,8 @@ def recording_array(recording: Any, name: str, *, frames_last: bool = False) -> 
         array = np.moveaxis(array, -1, 0)
     array = array[:, None] if array.ndim == 2 else array
     check_shape(array.shape, name)
+    if not isinstance(recording, np.ndarray) and {bool, np.bool_} & {*map(type, np.ravel(np.array(recording, object)))}:
+        raise UserError(f"{name} holds true or false; expected integer counts or real numbers")
     if array.dtype.kind not in "iuf":
         raise UserError(f"{name} is of type {array.dtype}; expected integer counts or real numbers")
     unfit = np.argwhere(~(np.abs(array) <= np.float64(MAX_PRESSURE)))  # float16 has no such number

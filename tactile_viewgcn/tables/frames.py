@@ -129,6 +129,18 @@ def full_scale(transform: str, scale: float) -> float:
     return float(network_input(np.array(scale), transform, scale))
 
 
+def frame_rates(time: np.ndarray, recording: np.ndarray) -> dict[int, float]:
+    """Frames a second of each recording that has times, by its number: one over the median of its steps.
+
+    Args:
+        time, recording: (n,) seconds and number of the recording of each frame, in the order of time.
+    """
+    from pandas import Series  # here, since it loads slowly
+
+    steps = Series(time).groupby(recording).diff().groupby(recording).median()
+    return (1 / steps[steps > 0]).to_dict()
+
+
 def save_table(path: str | Path, table: Any) -> None:
     """Write a table, an object of a dataclass, as a folder, see `tables.counts`."""
     values = {field.name: getattr(table, field.name) for field in fields(table)}

@@ -11,7 +11,7 @@ from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.nn.network import spread_frames
 from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.model_file import FittedPreprocessing, build_classifier, save_classifier
-from tactile_viewgcn.recognition.raw_counts import check_strength
+from tactile_viewgcn.recognition.raw_counts import fault_of
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.tables.recordings import recordings_of
@@ -53,8 +53,8 @@ def test_frames_are_spread_evenly(count, views, expected):
     "counts, message",
     [
         (np.zeros((5, 8, 9), np.int16), "counts: .*8 x 9; expected 8 x 10"),
-        (np.full((5, *SHAPE), 0.5), "counts holds 0.5; .*-32768 to 32767"),
-        (np.full((5, *SHAPE), 40_000), "counts holds 40000; .*-32768 to 32767"),
+        (np.full((5, *SHAPE), 0.5), "counts: holds 0.5; .*-32768 to 32767"),
+        (np.full((5, *SHAPE), 40_000), "counts: holds 40000; .*-32768 to 32767"),
         (np.full((5, *SHAPE), 2**31, np.uint32), "counts holds counts from 2147483648"),
         (np.full((5, *SHAPE), np.inf, np.float16), "counts holds inf in frame 0, row 0, column 0"),
     ],
@@ -68,8 +68,8 @@ def test_a_different_layout_or_type_and_numbers_that_are_not_finite_are_refused(
     ("name", "change", "message"),
     [
         ("fractions", lambda counts: counts + 0.25, r"holds \d+.25"),
-        ("strong", lambda counts: 500 + (counts - 500) * 12, "(one|many, strong): .* or more above"),
-        ("weak", lambda counts: 500 + (counts - 500) // 6, "(one|many, weak): .* or more above"),
+        ("strong", lambda counts: 500 + (counts - 500) * 12, "(one|many)/strong: .* or more off"),
+        ("weak", lambda counts: 500 + (counts - 500) // 6, "(one|many)/weak: .* or more off"),
     ],
 )
 def test_a_recording_of_fractions_or_of_a_different_scale_is_refused_also_among_others(tmp_path, name, change, message):
@@ -81,17 +81,20 @@ def test_a_recording_of_fractions_or_of_a_different_scale_is_refused_also_among_
     for folder in ("one", "many"):
         with pytest.raises(UserError, match=message):
             answered(recogniser(), tmp_path / folder)
-    if name != "fractions":  # the class allows any scale
-        assert recogniser().answer(counts, any_scale=True).contact
 
 
-def test_readings_may_be_four_times_weaker_or_stronger_than_in_the_training_and_no_more():
-    fitted = recogniser().preprocessing
-    weakest, strongest = (value * times for value, times in zip(fitted.strong_readings, (1 / 4, 4), strict=True))
-    for reading, outside in (weakest, 0), (strongest, np.inf):
-        check_strength(fitted, np.full((3, *SHAPE), reading), "new")
-        with pytest.raises(UserError, match="new: "):
-            check_strength(fitted, np.full((3, *SHAPE), np.nextafter(reading, outside)), "new")
+@pytest.mark.parametrize(("kind", "edge", "times", "outside"), [(0, 0, 1 / 4, 0), (0, 1, 4, 1e9), (1, 0, 1 / 4, 0)])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_readings_may_be_four_times_weaker_or_stronger_than_in_the_training_and_no_more(
+    kind, edge, times, outside, sign
+):
+    """Above the baseline, kind 0, and raw; a shear force has both signs."""
+    fitted = replace(recogniser().preprocessing, dtype="float64")
+    limit = fitted.strong_readings[kind][edge] * times
+    for reading, fault in (limit, False), (np.nextafter(limit, outside), True):
+        readings = [np.full((3, *SHAPE), weakest) for weakest, _ in fitted.strong_readings]
+        readings[kind] = np.full((3, *SHAPE), sign * reading)
+        assert bool(fault_of(fitted, readings[1], np.ones(3, dtype=bool), readings[0])) == fault
 
 
 @pytest.mark.parametrize(
