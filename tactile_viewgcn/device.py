@@ -2,10 +2,8 @@
 
 import ctypes
 import os
-import time
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 
 import torch
 from torch import Tensor
@@ -74,30 +72,19 @@ def set_threads() -> None:
     """Take as many threads as there are idle cores, at least one, unless OMP_NUM_THREADS fixes the number.
 
     A step of a small network splits hundreds of products among the threads, and each product waits for the last one:
-    where a busy program uses the core of one thread, all others wait. The number holds for the whole process: call this
-    from a program, not a library.
+    where a busy program uses the core of one thread, all others wait. What is idle is measured for 0.3 seconds, since
+    the load average would still count the stage before. The number holds for the whole process: call this from a
+    program, not a library.
     """
+    import psutil  # comes with DVC, which runs the stages
     from joblib import cpu_count  # respects a container's limit
     from threadpoolctl import threadpool_limits
 
     if "OMP_NUM_THREADS" not in os.environ:
-        threads = max(1, round(min(torch.get_num_threads(), cpu_count(), idle_cores())))
+        idle = psutil.cpu_count() * (1 - psutil.cpu_percent(0.3) / 100)
+        threads = max(1, round(min(torch.get_num_threads(), cpu_count(), idle)))
         torch.set_num_threads(threads)
         threadpool_limits(threads)
-
-
-def idle_cores(seconds: float = 0.3) -> float:
-    """Cores that no program uses during the next `seconds`; infinite where the system does not say.
-
-    The load average would still count the stage before, which has ended.
-    """
-    readings = []
-    with suppress(OSError):
-        for pause in (seconds, 0.0):
-            readings.append(float(Path("/proc/uptime").read_text().split()[1]))  # seconds idled, summed over cores
-            time.sleep(pause)
-    before, after = readings or (0.0, 0.0)
-    return (after - before) / seconds if after else float("inf")  # some sandboxes always say 0
 
 
 def keep_freed_memory() -> None:

@@ -1,11 +1,11 @@
 """Device and precision of the computation, and the moves of frames to a device."""
 
 import joblib
+import psutil
 import pytest
 import threadpoolctl
 import torch
 
-from tactile_viewgcn import device
 from tactile_viewgcn.device import Compute, select_device, set_threads
 from tactile_viewgcn.messages import UserError
 
@@ -53,18 +53,20 @@ def test_the_user_s_choice_is_taken_else_what_the_machine_has_and_a_missing_card
 
 
 @pytest.mark.parametrize(
-    ("idle", "in_container", "torchs", "expected"),
+    ("cores", "busy", "in_container", "torchs", "expected"),
     [
-        (1.96, 2, 2, 2),  # a quiet machine
-        (1.03, 2, 2, 1),  # one busy program
-        (33.8, 2, 64, 2),
-        (float("inf"), 8, 4, 4),  # the system does not say
+        (2, 2.0, 2, 2, 2),  # a quiet machine
+        (2, 48.5, 2, 2, 1),  # one busy program
+        (2, 100.0, 2, 2, 1),
+        (64, 47.0, 2, 64, 2),
+        (8, 0.0, 8, 4, 4),  # also said by a system that does not count
     ],
 )
-def test_there_is_a_thread_for_each_idle_core(monkeypatch, idle, in_container, torchs, expected):
+def test_there_is_a_thread_for_each_idle_core(monkeypatch, cores, busy, in_container, torchs, expected):
     limits, now = [], []
     monkeypatch.delenv("OMP_NUM_THREADS")
-    monkeypatch.setattr(device, "idle_cores", lambda: idle)
+    monkeypatch.setattr(psutil, "cpu_count", lambda: cores)
+    monkeypatch.setattr(psutil, "cpu_percent", lambda seconds: busy)
     monkeypatch.setattr(joblib, "cpu_count", lambda: in_container)
     monkeypatch.setattr(torch, "get_num_threads", lambda: torchs)
     monkeypatch.setattr(torch, "set_num_threads", now.append)
@@ -73,27 +75,9 @@ def test_there_is_a_thread_for_each_idle_core(monkeypatch, idle, in_container, t
     assert now == limits == [expected]
 
 
-@pytest.mark.parametrize(
-    ("uptimes", "expected"),
-    [
-        (["9.0 100.0", "9.5 101.0"], 2.0),  # nobody else computes on two cores
-        (["9.0 0.00", "9.5 0.00"], float("inf")),  # a sandbox that does not count
-        ([], float("inf")),  # no such file
-    ],
-)
-def test_idle_cores_are_those_whose_idle_time_grows_meanwhile(monkeypatch, uptimes, expected):
-    def read(_):
-        if not uptimes:
-            raise FileNotFoundError
-        return uptimes.pop(0)
-
-    monkeypatch.setattr(device.Path, "read_text", read)
-    assert device.idle_cores(0.5) == pytest.approx(expected)
-
-
 def test_the_user_s_number_of_threads_stays(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    monkeypatch.setattr(device, "idle_cores", None)  # nothing is measured
+    monkeypatch.setattr(psutil, "cpu_percent", None)  # nothing is measured
     before = torch.get_num_threads()
     set_threads()
     assert torch.get_num_threads() == before
