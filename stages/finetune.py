@@ -6,7 +6,7 @@ import torch
 
 from stages.command import Job, run
 from tactile_viewgcn.files import readable
-from tactile_viewgcn.nn.network import ViewNetwork, count_weights
+from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.recognition.fitting import Fitted, fit_classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
@@ -29,7 +29,8 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
         job.note(note)
     job.record.seconds = fitted.progress.resumed[1]  # of the processes before an interruption; this one's are added
     classifier = fitted.classifier
-    job.record.counts["weights.head"] = count_weights(classifier.head) if isinstance(classifier, ViewNetwork) else 0
+    head = classifier.head.parameters() if isinstance(classifier, ViewNetwork) else ()
+    job.record.counts["weights.head"] = sum(weight.numel() for weight in head)
     describe = _members if on_sensors(params.model.system) else _training
     return f"finetune: {describe(job, fitted)}"
 

@@ -83,7 +83,6 @@ class Backbone(nn.Module):
     Args:
         width: channels of stage 1, half of stage 2's; the paper's is 64.
         dropout: share of stage 1's channels dropped in training.
-        blocks: of each stage; the paper has two.
         readout: `average` of each map as in the paper, or `grid`: averages of 4 x 4 parts of each map, which keep where
             on the hand a feature is, and a linear layer to as many features.
         maps: return the maps themselves, (B, 2 * width, H / 4, W / 4), in the precision of their computation.
@@ -96,7 +95,6 @@ class Backbone(nn.Module):
         self,
         width: int = WIDTH,
         dropout: float = DROPOUT,
-        blocks: int = 2,
         readout: str = "average",
         *,
         maps: bool = False,
@@ -104,10 +102,9 @@ class Backbone(nn.Module):
         super().__init__()
         self.width, self.features, self.maps = width, 2 * width, maps
         self.stem = Stem(width)
-        self.stage1 = nn.Sequential(*(BasicBlock(width, width) for _ in range(blocks)))
+        self.stage1 = nn.Sequential(BasicBlock(width, width), BasicBlock(width, width))
         self.dropout = nn.Dropout2d(dropout)
-        more = (BasicBlock(2 * width, 2 * width) for _ in range(blocks - 1))
-        self.stage2 = nn.Sequential(BasicBlock(width, 2 * width, stride=2), *more)
+        self.stage2 = nn.Sequential(BasicBlock(width, 2 * width, stride=2), BasicBlock(2 * width, 2 * width))
         self.grid = None
         if readout == "grid" and not maps:
             join = nn.Linear(GRID**2 * self.features, self.features, bias=False)

@@ -104,11 +104,6 @@ def spread_frames(count: int, views: int) -> np.ndarray:
     return ((np.arange(views) + 0.5) * count / views).astype(np.int64)
 
 
-def count_weights(module: nn.Module) -> int:
-    """Number of weights that a module learns."""
-    return sum(weight.numel() for weight in module.parameters())
-
-
 def view_set_logits(head: ViewSystem, features: Tensor, sets: Tensor) -> Tensor:
     """Logits (A, classes) of view sets (A, k) of indices into features (n, ...), in batches that fit memory.
 
