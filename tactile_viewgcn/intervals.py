@@ -4,6 +4,7 @@ import numpy as np
 
 RESAMPLES = 2000
 OUTSIDE = 0.05  # share of the resampled means outside an interval
+FEW = 10  # groups: an interval of fewer says little
 DRAWN_AT_ONCE = 2_000_000  # groups of the resamples that are in memory
 
 

@@ -3,11 +3,11 @@
 The root's params.yaml lists the same values, with whose choice each is.
 """
 
+from contextlib import suppress
 from dataclasses import field
-from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from annotated_types import Interval, MaxLen, MinLen
 from pydantic import Strict, StrictBool, StrictFloat, StrictInt, StrictStr, StringConstraints
@@ -15,7 +15,7 @@ from pydantic.dataclasses import dataclass
 from pydantic.functional_validators import AfterValidator, model_validator
 
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.schema import SECTION, Unique, as_change, build, read_yaml
+from tactile_viewgcn.schema import SECTION, Unique, as_change, build, flatten, nearest, read_yaml
 
 PRESETS = Path(str(files("tactile_viewgcn"))) / "presets"
 VIRTUAL = "data/virtual/recordings"  # the `data.source` that the virtual glove writes
@@ -239,6 +239,14 @@ def load(path: str | Path, changes: tuple[str, ...] = (), name: str = "") -> Par
     return build(Params, read_yaml(Path(path)), str(name or path), changes)
 
 
+def unlike_the_file(values: dict[str, Any], path: str = "params.yaml") -> dict[str, Any]:
+    """Those of the values, by dotted key, that the file has otherwise; none where there is no such file."""
+    with suppress(UserError, OSError):
+        here = flatten(load(path))
+        return {key: value for key, value in values.items() if here[key] != value}
+    return {}
+
+
 def default_params(changes: tuple[str, ...] = (), name: str = "parameters") -> Params:
     """The defaults with `key=value` changes on top, of no file; arguments and errors as in `load`."""
     return build(Params, {}, name, changes)
@@ -257,6 +265,8 @@ def preset_changes(name: str) -> list[str]:
         UserError: there is no preset of that name; the message has the nearest name, or all.
     """
     if name not in (names := list(presets())):
-        near = get_close_matches(str(name), names, n=1) or names
-        raise UserError(f"preset is {name!r}; did you mean {' or '.join(near)}?")
+        raise UserError(
+            f"preset is {name!r}; expected one of {', '.join(names)}{nearest(name, names)} "
+            "`tactile-viewgcn preset best` is the one to begin with"
+        )
     return [as_change(key, value) for key, value in read_yaml(PRESETS / f"{name}.yaml").items()]

@@ -2,11 +2,11 @@
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 import yaml
 from pydantic import AfterValidator, ConfigDict, TypeAdapter, ValidationError
@@ -57,7 +57,7 @@ def build(kind: Any, tree: dict[str, Any], name: str, changes: tuple[str, ...] =
 
     Raises:
         UserError: begins with `name` and lists every mistake, each with its key, pydantic's message and the value; of a
-            misspelt key the nearest known one.
+            misspelt key or choice the nearest known one.
     """
     mistakes = []
     for change in changes:
@@ -68,27 +68,41 @@ def build(kind: Any, tree: dict[str, Any], name: str, changes: tuple[str, ...] =
     try:
         built = TypeAdapter(kind).validate_python(tree)
     except ValidationError as error:
-        mistakes += [_mistake(list(_keys(kind)), one) for one in error.errors(include_url=False)]
+        mistakes += [_mistake(dict(_keys(kind)), one) for one in error.errors(include_url=False)]
     if mistakes:
         raise UserError(f"{name}: " + "; ".join(mistakes))
     return built
 
 
-def _mistake(keys: list[str], error: ErrorDetails) -> str:
-    """One of pydantic's errors with the key it is about, one of `keys`, and the value."""
+def _mistake(kinds: dict[str, Any], error: ErrorDetails) -> str:
+    """One of pydantic's errors with the key it is about, one of `kinds`, which has their types, and the value."""
     key, text = ".".join(map(str, error["loc"])), error["msg"].removeprefix("Value error, ")
     if error["type"] == "unexpected_keyword_argument":
-        near = get_close_matches(key, keys, n=1)
-        return f"unknown key {key}" + (f"; did you mean {near[0]}?" if near else "")
-    while key and key not in keys:  # pydantic goes on into a list or to a branch of a union
+        return f"unknown key {key}{nearest(key, kinds)}"
+    while key and key not in kinds:  # pydantic goes on into a list or to a branch of a union
         key = key.rpartition(".")[0]
-    return f"{key}: {text} (got {repr(error['input'])[:MOST_SHOWN]})" if key else text
+    if not key:
+        return text
+    return f"{key}: {text} (got {repr(error['input'])[:MOST_SHOWN]}){nearest(error['input'], _choices(kinds[key]))}"
 
 
-def _keys(kind: Any, prefix: str = "") -> Iterator[str]:
-    """The dotted keys of a dataclass, with those of its sections."""
+def nearest(word: Any, words: Iterable[str]) -> str:
+    """`; did you mean ...?` with the known word that is most like this one; empty if none is."""
+    near = get_close_matches(str(word), words, n=1)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
+def _choices(kind: Any) -> list[str]:
+    """The texts that a type allows by name."""
+    if get_origin(kind) is Literal:
+        return [choice for choice in get_args(kind) if isinstance(choice, str)]
+    return [choice for part in get_args(kind) for choice in _choices(part)]
+
+
+def _keys(kind: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """The dotted keys of a dataclass with their types, and those of its sections."""
     for field in fields(kind):
-        yield prefix + field.name
+        yield prefix + field.name, field.type
         if is_dataclass(field.type):
             yield from _keys(field.type, f"{prefix}{field.name}.")
 

@@ -3,6 +3,7 @@
 import shlex
 import textwrap
 from collections.abc import Iterable
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +13,8 @@ from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, NEW_SESSION, Note, listed, several, warnings_of
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import MOST_FOLDS, SATURATED, Overview
-from tactile_viewgcn.params import everywhere
-from tactile_viewgcn.schema import as_change
+from tactile_viewgcn.params import default_params, everywhere, unlike_the_file
+from tactile_viewgcn.schema import as_change, flatten
 
 WIDTH = 80
 NAME = 24  # letters of an object's or session's name
@@ -153,24 +154,29 @@ def command_lines(overview: Overview, *, new_sessions: bool = False) -> list[str
         new_sessions: hold out sessions in place of recordings; none where these cannot be.
 
     None where `preprocess` would keep one class, or nothing can be held out: no setting makes these usable. Every
-    `auto` of `preprocess` stays `auto`: unlike an inspection, `preprocess` does not look at the test side.
+    `auto` of `preprocess` stays `auto`: unlike an inspection, `preprocess` does not look at the test side. What a line
+    for other recordings has set in params.yaml is named too.
     """
     if verdict(overview, []).kind == "bad" or (new_sessions and not overview.session_error):
         return []
-    path, settings = overview.recordings.path, overview.settings
-    presets = [f"$(tactile-viewgcn preset {note.value})" for note in settings if note.key == "preset"]
-    form = overview.form
-    values = {  # all of `data`: params.yaml may be set for other recordings
-        "data.source": str(everywhere(path)),
+    form, settings, defaults = overview.form, [*overview.remarks, *overview.settings], flatten(default_params())
+    advised = {note.key: note.value for note in settings if note.key and not note.key.startswith("preprocess.")}
+    preset = advised.pop("preset", None)
+    if new_sessions:
+        advised |= {"split.by": "session", "split.folds": min(MOST_FOLDS, len(np.unique(overview.session)))}
+    always = ["split.by", "split.folds", "split.fold", "views", *([] if preset else ["model.system"])]
+    values = unlike_the_file({key: defaults[key] for key in defaults if key.startswith(("split.", "preprocess."))})
+    values |= {key: defaults[key] for key in always} | {
+        "data.source": str(everywhere(overview.recordings.path)),
         "data.shape": form.shape if isinstance(form.shape, str) else list(form.shape),
-        "data.layout": next((note.value for note in overview.remarks if note.key == "data.layout"), form.layout),
+        "data.layout": form.layout,
         "data.columns": [f"{kind}:{name}" for kind, name in form.columns.items()],
     }
-    values |= {note.key: note.value for note in settings if not note.key.startswith(("preset", "preprocess."))}
-    if new_sessions:
-        values |= {"split.by": "session", "split.folds": min(MOST_FOLDS, len(np.unique(overview.session)))}
-    options = [f"  -S {shlex.quote(as_change(key, value))}" for key, value in values.items()]
-    return " \\\n".join([" ".join(["dvc exp run", *presets]), *options]).split("\n")
+    values |= advised
+    sections = groupby(sorted(values), lambda key: key if key == "data.source" else key.partition(".")[0])
+    options = [" ".join(f"-S {shlex.quote(as_change(key, values[key]))}" for key in keys) for _, keys in sections]
+    lines = [f"dvc exp run $(tactile-viewgcn preset {preset})" if preset else "dvc exp run", *options]
+    return " \\\n  ".join(lines).split("\n")
 
 
 def _kept(overview: Overview) -> list[str]:

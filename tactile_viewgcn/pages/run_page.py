@@ -21,7 +21,7 @@ from tactile_viewgcn import plots
 from tactile_viewgcn.evaluation.results import SCORED, errors_by_frames
 from tactile_viewgcn.evaluation.trials import ASKED, WHOLE, Predictions, read_predictions
 from tactile_viewgcn.files import readable
-from tactile_viewgcn.intervals import percent_interval
+from tactile_viewgcn.intervals import FEW, percent_interval
 from tactile_viewgcn.messages import NEW_SESSION, Note, UserError, several
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.html import Verdict, percent
@@ -31,7 +31,6 @@ from tactile_viewgcn.schema import as_change
 
 REMEDY = "run `dvc repro`, or name a DVC experiment or an MLflow run"
 MLFLOW_ID = re.compile(r"[0-9a-f]{32}")
-FEW = 10  # split groups: an interval of fewer says little
 WIDE = 0.25  # of an interval
 ROUNDING = 1e-9  # of a share
 

@@ -11,6 +11,7 @@ from tactile_viewgcn.frames.auto import Choice, choose
 from tactile_viewgcn.frames.leak import QuickError, quick_error
 from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.frames.split import has_published_split, split_groups
+from tactile_viewgcn.intervals import FEW
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import CONTACT_SIGMAS, PreprocessSection
 from tactile_viewgcn.readers.formats import other_order
@@ -208,13 +209,21 @@ def split_settings(groups: dict[str, np.ndarray]) -> list[Note]:
     repeated = groups[by] >= 2
     if repeated.sum() < 2:
         return [_choice("split.by", by, "no whole recording can be held out: record each object twice")]
-    fewest = int(groups[by][repeated].min())
-    each_is_needed = by == "recording" and fewest < 2 * MOST_FOLDS  # to learn from, so one at a time is held out
-    folds = fewest if each_is_needed else min(MOST_FOLDS, fewest)
+    fewest, folds = int(groups[by][repeated].min()), folds_of(groups[by])
     return [
         _choice("split.by", by, f"an object has {fewest} {by}s or more, of which whole ones are held out"),
         _choice("split.folds", folds, f"{by}s in {folds} parts; split.fold says which is tested"),
     ]
+
+
+def folds_of(groups: np.ndarray) -> int:
+    """The most folds, up to five, that each test two groups of every object and ten in all, where there are so many.
+
+    Args:
+        groups: each object's number of groups (O,).
+    """
+    fewest = int(groups[groups >= 2].min())
+    return max(2, min(MOST_FOLDS, fewest // 2, int(groups.sum()) // FEW))
 
 
 def preprocess_settings(recordings: Recordings, choice: Choice) -> list[Note]:
