@@ -126,8 +126,7 @@ def _begin(stage: str, options: dict[str, Any], inputs: tuple[str, ...]) -> tupl
     for path in paths.values():
         if not path.exists():
             raise UserError(
-                f"{path}: no such file or folder; `dvc repro` makes what a stage reads, "
-                "and data.source in params.yaml names what ingest reads"
+                f"{path}: no such file or folder; data.source names what ingest reads, and DVC's stages make the others"
             )
     needed = True
     if "needs" in paths:

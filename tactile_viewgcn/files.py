@@ -80,7 +80,7 @@ def readable(path: object) -> AbstractContextManager[None]:
     Raises:
         UserError: the file is damaged, or of another version of the project.
     """
-    return in_one_line(path, "damaged, or not written by this version", "delete it and run `dvc repro` again")
+    return in_one_line(path, "damaged, or not written by this version", "delete it and repeat the command")
 
 
 @contextmanager

@@ -53,6 +53,18 @@ def test_inspect_hands_the_layout_of_arrays_on_to_the_command(tmp_path):
         assert f"-S {change}" in call("inspect", source, *words).stdout
 
 
+@pytest.mark.parametrize(
+    ("words", "near"),
+    [
+        ("inspect . --set data.shape=frames_lst", "frames_last"),
+        ("preset kernel", "`tactile-viewgcn preset kernels`"),
+        ("preset", "`tactile-viewgcn preset best`"),
+    ],
+)
+def test_a_wrong_choice_is_answered_with_the_nearest_one(words, near):
+    assert f"did you mean {near}?" in refused(call(*words.split()))
+
+
 @pytest.mark.parametrize("name", ["released", "bset", ""])
 def test_preset_prints_options_of_dvc_and_one_that_dvc_refuses_for_an_unknown_name(name):
     result = call("preset", name)

@@ -25,11 +25,11 @@ from tactile_viewgcn.intervals import FEW, percent_interval
 from tactile_viewgcn.messages import NEW_SESSION, Note, UserError, several
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.html import Verdict, percent
-from tactile_viewgcn.params import VIRTUAL, everywhere, on_sensors
+from tactile_viewgcn.params import VIRTUAL, everywhere, on_sensors, unlike_the_file
 from tactile_viewgcn.provenance import EARLIER, PACKAGES, ROW, Record
 from tactile_viewgcn.schema import as_change
 
-REMEDY = "run `dvc repro`, or name a DVC experiment or an MLflow run"
+REMEDY = "run the line that `tactile-viewgcn inspect` prints, or name an experiment of DVC or a run of MLflow"
 MLFLOW_ID = re.compile(r"[0-9a-f]{32}")
 WIDE = 0.25  # of an interval
 ROUNDING = 1e-9  # of a share
@@ -66,6 +66,11 @@ class FinishedRun:
     def changed(self) -> dict[str, Any]:
         """Parameters that differ from the committed ones, by dotted key."""
         return self.records["evaluate"].params["changed"]
+
+    @property
+    def repeated(self) -> dict[str, Any]:
+        """Parameters of a line that repeats the run: the changed ones, and those unlike params.yaml here."""
+        return self.changed | unlike_the_file(self.params)
 
     def notes(self, level: str) -> list[Note]:
         """The stages' notes of that level, in the order of the stages."""
@@ -149,7 +154,7 @@ class Step(NamedTuple):
 
 def next_steps(outcome: Outcome) -> list[Step]:
     """Steps: mend what stages warned of, test more, on new sessions too, and use the classifier or inspect."""
-    run, params, changed, steps = outcome.run, outcome.run.params, outcome.run.changed, list[Step]()
+    run, params, changed, steps = outcome.run, outcome.run.params, outcome.run.repeated, list[Step]()
     if outcome.warnings:
         unheeded = (note for note in outcome.warnings if note.key in params)
         remedies = {note.key: note.value for note in unheeded if note.value not in (None, params[note.key])}
@@ -206,7 +211,7 @@ def run_page(run: FinishedRun) -> str:
         without_network=on_sensors(run.params["model.system"]),
         remarks=[note for note in run.notes("info") if note.topic != "candidates"],
         choices=run.notes("choice"),
-        again=again(run.changed),
+        again=again(run.repeated),
         changed=list(starmap(as_change, run.changed.items())),
         versions=[f"{name} {text}" for name, text in origin.items() if name in ("python", *PACKAGES)],
     )

@@ -30,7 +30,7 @@ from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TRAIN, Frames, frame_rates, network_input
 
 FORMAT = 17  # add 1 when the content of a file changes
-REMEDY = "name a file such as models/classifier.pt, or train again (`dvc repro`, or fit and save)"
+REMEDY = "name a file such as models/classifier.pt, or train again by the line that `tactile-viewgcn inspect` prints"
 EXAMPLES, EXAMPLE_FRAMES = 3, 8  # stored recordings, and frames of each
 CLOSE = {"float32": 1e-3, "bfloat16": 0.1}  # by precision, difference of probabilities between two processors
 STRONG_SHARE = 0.01  # of the readings are above a recording's strong reading

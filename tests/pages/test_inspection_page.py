@@ -1,15 +1,19 @@
 """The page of an inspection, of a glove whose facts are chosen."""
 
 from copy import copy
-from dataclasses import replace
+from dataclasses import asdict, replace
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+import yaml
 
+from tactile_viewgcn.intervals import FEW
 from tactile_viewgcn.pages.inspection_page import inspection_page
 from tactile_viewgcn.pages.inspection_text import command_lines, facts, verdict, warnings
 from tactile_viewgcn.pages.source_inspection import inspect_source, split_settings
+from tactile_viewgcn.params import default_params
 from tests.pages.test_html import parsed, text_of
 
 NAMES = ["Öl & <b>", "mug", "$x$"]
@@ -102,7 +106,24 @@ def test_what_can_be_held_out_is_judged_by_the_recommended_split(overview, group
     assert answer in " ".join([judged.answer, *judged.reasons]) and (judged.kind == "bad") == (len(groups) == 1)
 
 
-@pytest.mark.parametrize(("recordings", "folds"), [(2, 2), (9, 9), (10, 5)])
-def test_few_recordings_are_held_out_one_at_a_time(recordings, folds):
-    settings = {note.key: note.value for note in split_settings({"recording": np.array([0, recordings, 30])})}
+@pytest.mark.parametrize(
+    ("recordings", "folds"), [([2, 30], 2), ([9, 60], 4), ([10, 60], 5), ([8, 8, 8], 2), ([8] * 5, 4), ([1, 6, 30], 3)]
+)
+def test_each_fold_tests_two_recordings_of_an_object_and_ten_in_all_where_there_are_so_many(recordings, folds):
+    settings = {note.key: note.value for note in split_settings({"recording": np.array([0, *recordings])})}
     assert settings == {"split.by": "recording", "split.folds": folds}
+    tested = sum(recordings) // folds
+    assert (tested >= FEW and min(each for each in recordings if each > 1) // folds >= 2) or folds == 2
+
+
+def test_a_line_names_what_it_rests_on_and_what_another_has_left_in_params_yaml(overview, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    before = " ".join(command_lines(overview))
+    left = ("split.deal=3", "split.train_groups=1", "preprocess.filter=none", "data.layout=OBJECT/FILE", "views=1")
+    Path("params.yaml").write_text(yaml.safe_dump(asdict(default_params((*left, "precision=float32")))))
+    line = " ".join(command_lines(overview))
+    added = {"preprocess.filter=auto", "split.deal=0", "split.train_groups=all"}
+    assert set(line.split()) - set(before.split()) == added
+    assert {"data.layout=auto", "split.fold=0", "views=8"} <= set(before.split())
+    Path("params.yaml").write_text("views: [1")  # of a different program
+    assert " ".join(command_lines(overview)) == before

@@ -1,7 +1,6 @@
 """The worth of a run's answers, and the next steps, of runs with chosen answers."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +18,13 @@ RIGHT = [[label] * 12 for label in range(3)]
 FEW = [[label] * 2 for label in range(3)]
 ALWAYS_BALL = [[0] * 12] * 3
 PREDICT = "tactile-viewgcn predict models/classifier.pt NEW_RECORDINGS"
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    """A folder without params.yaml, in which each test runs."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
 def finished(answers, *, notes=(), **changes):
@@ -49,6 +55,13 @@ def advice(run):
     return Outcome(run).verdict(), [step.what for step in steps], "\n".join(step.command for step in steps)
 
 
+def test_a_line_names_what_params_yaml_now_has_otherwise(elsewhere):
+    assert "pretrain.epochs" not in advice(finished(FEW))[2]
+    (elsewhere / "params.yaml").write_text("pretrain: {epochs: 3}\nfinetune: {epochs: 15}\n")
+    line = advice(finished(FEW, views=4))[2].splitlines()[0]
+    assert " -S views=4 " in line and " -S pretrain.epochs=30 " in line and "finetune.epochs" not in line
+
+
 def test_objects_and_guessing_by_hand():
     labels = np.array([0] * 8 + [1] * 4)  # recordings of a cup and a pen; no tape
     answers = np.array([[0, 0, 1, 2, 0, 1, 1, 0, 1, 1, 1, 0]])
@@ -59,7 +72,7 @@ def test_objects_and_guessing_by_hand():
     assert outcome.chance == pytest.approx(4 / 12)
 
 
-QUEUE = f"-S split.fold=0,1,2 -S views=4 -S 'data.source=\"{Path.cwd() / 'my glove'}\"'\ndvc q"
+QUEUE = "-S split.fold=0,1,2 -S views=4 -S 'data.source=\"{here}/my glove\"'\ndvc q"
 
 
 @pytest.mark.parametrize(
@@ -79,10 +92,12 @@ QUEUE = f"-S split.fold=0,1,2 -S views=4 -S 'data.source=\"{Path.cwd() / 'my glo
         (FEW, {"data_source": "data/virtual/recordings"}, "unsure", "", "Record", "data/virtual/recordings\ndvc q"),
     ],
 )
-def test_verdict_and_steps_follow_from_error_interval_and_split(answers, changes, kind, reason, first_step, command):
+def test_verdict_and_steps_follow_from_error_interval_and_split(
+    elsewhere, answers, changes, kind, reason, first_step, command
+):
     judged, steps, commands = advice(finished(answers, **changes))
     assert judged.kind == kind and reason in " ".join(judged.reasons)
-    assert steps[0].startswith(first_step) and command in commands
+    assert steps[0].startswith(first_step) and command.replace("{here}", str(elsewhere)) in commands
     assert ("predict" in commands) == (kind != "bad")
 
 

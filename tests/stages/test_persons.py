@@ -97,7 +97,7 @@ def test_inspect_gives_both_errors_and_both_lines(glove):
         note.topic for note in warnings(overview)
     }
     lines = "\n".join(inspection_lines(overview))
-    assert "-S split.by=recording" in lines and "-S split.by=session \\\n  -S split.folds=4" in lines
+    assert "-S split.by=recording" in lines and "-S split.by=session -S split.fold=0 -S split.folds=4" in lines
     alone = inspect_source(glove / PERSONS[0])
     assert alone.session_error is None and command_lines(alone) and command_lines(alone, new_sessions=True) == []
 

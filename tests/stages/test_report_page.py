@@ -44,7 +44,7 @@ def test_an_unfinished_run_and_one_that_does_not_belong_together_are_refused(wor
         read_run()
     path.write_text(record)
     Path("results/metrics.json").unlink()
-    with pytest.raises(UserError, match=r"the workspace: no results/metrics\.json; run `dvc repro`"):
+    with pytest.raises(UserError, match=r"the workspace: no results/metrics\.json; run the line that `tactile"):
         read_run()
 
 

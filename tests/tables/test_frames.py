@@ -115,7 +115,7 @@ def test_a_damaged_table_is_refused_in_one_line(tmp_path, damage):
     path = tmp_path / "frames"
     save_table(path, made())
     DAMAGE[damage](path)
-    with pytest.raises(UserError, match=r"^.*frames: damaged, .*delete it and run `dvc repro` again$") as error:
+    with pytest.raises(UserError, match=r"^.*frames: damaged, .*delete it and repeat the command$") as error:
         read_frames(path)
     assert "\n" not in str(error.value)
 

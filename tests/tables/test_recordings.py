@@ -55,7 +55,7 @@ def test_a_table_that_lacks_a_part_is_called_damaged(tmp_path, name):
     values = read_columns(tmp_path / "t")
     del values[name]
     write_columns(tmp_path / "t", values)
-    with pytest.raises(UserError, match=r"t: damaged, or not written by this version .*dvc repro"):
+    with pytest.raises(UserError, match=r"t: damaged, or not written by this version .*repeat"):
         Recordings(tmp_path / "t")
 
 
