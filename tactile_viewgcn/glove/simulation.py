@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import ExitStack
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -163,8 +162,7 @@ class Simulation:
 def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> Counter[str]:
     """Write a recipe's recordings to `folder`/SESSION/NUMBER-OBJECT.h5, all of them or none.
 
-    The recordings do not depend on the number of worker processes. Memory holds a block of pressures, and about 800
-    bytes for each frame of every recording: its file among them.
+    The recordings do not depend on the number of worker processes. Memory holds a block of pressures, and all counts.
 
     Returns:
         The cost, see `Simulation.statistics`.
@@ -174,8 +172,6 @@ def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> Counter
     """
     workers = max(1, min(workers, len(recipe.recordings) // MIN_RECORDINGS_PER_WORKER))
     with atomic_write(folder, folder=True) as part:
-        for session in range(recipe.sessions):
-            (part / f"{session:03d}").mkdir()
         shares = (recipe.recordings[worker::workers] for worker in range(workers))
         write = delayed(_write)
         costs = Parallel(n_jobs=workers)(
@@ -186,38 +182,22 @@ def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> Counter
 
 def _write(recipe: Recipe, recordings: list[SessionObject], folder: Path, *, bar: bool) -> Counter[str]:
     """Simulate the recordings of one process into a folder of sessions; `bar` shows the progress on a terminal."""
-    simulation, start = Simulation(recipe, recordings), 0
-    progress = tqdm(total=recipe.frames, desc="simulate", unit="frame", disable=None if bar else True)
-    contents = [BytesIO() for _ in recordings]  # in memory, since HDF5 may crash or say nothing where a disk is full
-    with ExitStack() as stack, progress:
-        files = [stack.enter_context(h5py.File(content, "w")) for content in contents]
-        for file, recording in zip(files, recordings, strict=True):
-            _describe(file, recipe, recording)
-        for block in simulation.blocks():
-            for file, counts in zip(files, block, strict=True):
-                file["pressure"][start : start + len(counts)] = counts
-            start += block.shape[1]
-            progress.update(block.shape[1])
-    for (session, number), content in zip(recordings, contents, strict=True):
-        name = f"{number:03d}-{recipe.objects[number].name}"
-        (folder / f"{session:03d}" / f"{name}.h5").write_bytes(content.getbuffer())
+    simulation, (phase, _, grasp) = Simulation(recipe, recordings), schedule(recipe.frames, recipe.grasps)
+    number_of_blocks, silent = -(-recipe.frames // BLOCK), None if bar else True
+    blocks = tqdm(simulation.blocks(), "simulate", number_of_blocks, unit="block", disable=silent)
+    for (session, number), counts in zip(recordings, np.concatenate(list(blocks), axis=1), strict=True):
+        grasp_object, content = recipe.objects[number], BytesIO()  # HDF5 may say nothing where a disk is full
+        with h5py.File(content, "w") as file:
+            file.create_dataset("pressure", data=counts, compression="gzip", compression_opts=1, shuffle=True)
+            file["time"] = np.arange(recipe.frames) / recipe.rate
+            file["valid"], file["grasp"] = phase == HOLD, grasp.astype(np.int16)
+            file.attrs.update({
+                "object": grasp_object.name, "session": f"{session:03d}", "weight": float(grasp_object.weight),
+                "split": recipe.side(session),
+                "simulated": f"virtual glove, version {VERSION}, seed {recipe.seed}",
+                "effects": " ".join(sorted(recipe.effects)), "layer": str(recipe.layer), "tolerance": recipe.tolerance,
+            })  # fmt: skip
+        path = folder / f"{session:03d}" / f"{number:03d}-{grasp_object.name}.h5"
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(content.getbuffer())
     return simulation.statistics
-
-
-def _describe(file: h5py.File, recipe: Recipe, recording: SessionObject) -> None:
-    """Write all of a recording's file but the counts."""
-    session, number = recording
-    grasp_object = recipe.objects[number]
-    file.create_dataset(
-        "pressure", (recipe.frames, 32, 32), np.int16, chunks=(min(BLOCK, recipe.frames), 32, 32),
-        compression="gzip", compression_opts=1, shuffle=True,
-    )  # fmt: skip
-    file["time"] = np.arange(recipe.frames) / recipe.rate
-    phase, _, grasp = schedule(recipe.frames, recipe.grasps)
-    file["valid"], file["grasp"] = phase == HOLD, grasp.astype(np.int16)
-    file.attrs.update({
-        "object": grasp_object.name, "session": f"{session:03d}", "weight": float(grasp_object.weight),
-        "split": recipe.side(session),
-        "simulated": f"virtual glove, version {VERSION}, seed {recipe.seed}",
-        "effects": " ".join(sorted(recipe.effects)), "layer": str(recipe.layer), "tolerance": recipe.tolerance,
-    })  # fmt: skip
