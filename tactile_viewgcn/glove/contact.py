@@ -189,7 +189,7 @@ class Mechanics:
         slope[:, 2:] = contacts.normal
         on = contacts.patch < LINK_PATCHES
         r, finger, link = contacts.row[on], contacts.patch[on] // 3, contacts.patch[on] % 3
-        spin = _cross(pose.hinge[r, finger], contacts.normal[on])  # n . (hinge x arm) = -arm . (hinge x n)
+        spin = np.cross(pose.hinge[r, finger], contacts.normal[on])  # n . (hinge x arm) = -arm . (hinge x n)
         arm = contacts.point[on, None] - pose.origin[r[:, None], 3 * finger[:, None] + np.arange(3)]  # (C, 3 joints, 3)
         by_joint = np.einsum("nji,ni->nj", arm, spin) * (np.arange(3) <= link[:, None])
         slope[on, :2] = by_joint @ COUPLING
@@ -224,9 +224,3 @@ class Mechanics:
         remainder = on_fingers - np.einsum("rfij,rj->rfi", balance.cross, x_object)
         x_fingers = np.einsum("rfij,rfj->rfi", inverse, remainder).reshape(count, 10)
         return np.concatenate([x_fingers, x_object], axis=1)
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross products (n, 3) of a and b (n, 3); np.cross takes ten times as long on few rows."""
-    (ax, ay, az), (bx, by, bz) = a.T, b.T
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
