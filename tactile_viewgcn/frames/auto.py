@@ -14,7 +14,7 @@ from tactile_viewgcn.frames.baseline import (
     session_moments,
 )
 from tactile_viewgcn.frames.filter import flagged, sensors_in_contact
-from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_notes, quietest_are_contact
+from tactile_viewgcn.frames.leak import QuickError, check_leak, column_notes, leak_notes, quietest_are_contact
 from tactile_viewgcn.frames.open_hand import HandStates, hand_states
 from tactile_viewgcn.frames.split import has_published_split
 from tactile_viewgcn.messages import Note, UserError, several
@@ -39,7 +39,7 @@ class Choice:
         states: of the training side's frames, whether the hand is open or in contact.
         baseline: of these frames, the one that `params` names.
         leak: the leak check above that baseline; None where it cannot be made.
-        notes: one of level `choice` for each value that was `auto`, and those of the leak check.
+        notes: one of level `choice` for each value that was `auto`, those of the leak check and on columns.
     """
 
     params: PreprocessSection
@@ -109,7 +109,7 @@ def choose(recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, g
     if kind == "grasp" and states.all_contact:
         text = "even the quietest frames are contact, so grasp subtracts signal: set preprocess.baseline to auto"
         notes.append(Note(text, "warning", "baseline", "preprocess.baseline", "auto"))
-    notes += leak_notes(training, states, leak, advised="grasp" not in kinds)
+    notes += [*leak_notes(training, states, leak, advised="grasp" not in kinds), *column_notes(training)]
     return Choice(params, states, baseline, leak, notes)
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactile_viewgcn.frames.leak import QuickError
+from tactile_viewgcn.frames.leak import ALIKE, QuickError
 from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, NEW_SESSION, Note, listed, several, warnings_of
 from tactile_viewgcn.pages.html import Verdict
@@ -69,9 +69,10 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
         (f"{table.live.sum():,}", f"of {several(table.live.size, 'sensor')} vary"),
         ("no times", "of frames in the recordings, so no frame rate"),
     ]
-    if overview.interval:
-        seconds = np.nanmedian(overview.seconds)
-        rows[-1] = (f"{1 / overview.interval:.4g} Hz", f"is the frame rate, {seconds:.3g} s a recording")
+    if rates := sorted(overview.rates.values()):
+        seconds, alike = np.nanmedian(overview.seconds), rates[-1] < rates[0] * ALIKE
+        rate = f"{np.median(rates):.4g}" if alike else f"{rates[0]:.4g} to {rates[-1]:.4g}"
+        rows[-1] = (f"{rate} Hz", f"is the frame rate, {seconds:.3g} s a recording")
     kind, leak = overview.choice.params.baseline, overview.choice.leak
     rows += _error(overview.error, f"in contact, above the baseline {kind}")
     rows += _error(overview.session_error, f"on {NEW_SESSION}") + _error(leak, "without contact")

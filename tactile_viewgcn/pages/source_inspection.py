@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tactile_viewgcn.frames.auto import Choice, choose
-from tactile_viewgcn.frames.leak import QuickError, quick_error
+from tactile_viewgcn.frames.leak import COLUMNS, FRAME_RATE, QuickError, quick_error
 from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.frames.split import has_published_split, split_groups
 from tactile_viewgcn.intervals import FEW
@@ -16,12 +16,13 @@ from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import CONTACT_SIGMAS, PreprocessSection
 from tactile_viewgcn.readers.formats import other_order
 from tactile_viewgcn.readers.source import AUTO, Form, setting
+from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, recordings_of
 from tactile_viewgcn.tables.remarks import originals, remarks
 
 SAMPLE = 2000  # frames, of all for the variation of a sensor, of an object for its mean
 SATURATED = 0.01  # share of frames at the largest reading of all sensors
-GAP = 2.5  # median intervals: frames are missing
+GAP = 2.5  # median steps of a recording: frames are missing
 MOST_FOLDS = 5
 FEW_FRAMES = 50_000  # of contact
 
@@ -35,7 +36,7 @@ class Overview:
         asked: settings of `preprocess`; `auto` where the inspection chooses as `preprocess` does.
 
     Attributes:
-        remarks: notes on the source and its table, see `tables.remarks`.
+        remarks: notes on the source and its table, see `tables.remarks`, and warnings of columns, see `column_notes`.
         groups: by `split.by`, each object's number of groups (O,), 0 for the empty hand; copies of a recording are one.
         choice: what `auto` becomes on all recordings, where `preprocess` looks at the training side alone.
         settings: recommended values with reasons, of level `choice`.
@@ -49,6 +50,7 @@ class Overview:
         split, everything = split_settings(self.groups), np.arange(len(recordings))
         self._group = split_groups(columns, str(split[0].value))
         self.choice = choose(recordings, everything, asked or PreprocessSection(), self._group)
+        self.remarks += [note for note in self.choice.notes if note.topic in (COLUMNS, FRAME_RATE)]
         self.settings = [*preprocess_settings(recordings, self.choice), *split]
         self._frames_of = frames_by_recording(recordings)
         first = np.array([index[0] for index in self._frames_of])
@@ -129,20 +131,16 @@ class Overview:
         return np.where(seconds > 0, seconds, np.nan)
 
     @cached_property
-    def steps(self) -> np.ndarray:
-        """Seconds between successive frames of a recording, of all recordings; none unless their median is above 0."""
-        steps = np.concatenate([np.diff(self.recordings.columns["time"][index]) for index in self._frames_of])
-        return steps if len(steps) and np.median(steps) > 0 else steps[:0]
+    def rates(self) -> dict[int, float]:
+        """See `frame_rates`."""
+        return frame_rates(self.recordings.columns["time"], self.recordings.columns["recording"])
 
-    @property
-    def interval(self) -> float | None:
-        """Median seconds between frames; None where the source has no times."""
-        return float(np.median(self.steps)) if len(self.steps) else None
-
-    @property
+    @cached_property
     def gaps(self) -> int:
-        """Number of steps of more than 2.5 times the interval."""
-        return int((self.steps > GAP * np.median(self.steps)).sum()) if len(self.steps) else 0
+        """Number of steps of more than 2.5 times the median step of their recording."""
+        time, recording = self.recordings.columns["time"], self.recordings.columns["recording"]
+        rates = [self.rates.get(recording[index[0]], 0) for index in self._frames_of]
+        return sum(int((np.diff(time[of]) * rate > GAP).sum()) for of, rate in zip(self._frames_of, rates, strict=True))
 
     @cached_property
     def saturated(self) -> np.ndarray:

@@ -8,17 +8,14 @@ import numpy as np
 from tactile_viewgcn.messages import Note, listed, several
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
-FEWEST = 20  # steps that show a ramp
-STRAIGHT = 0.999  # correlation with the frame's number
-
 
 def remarks(recordings: Recordings, original: np.ndarray) -> list[Note]:
-    """The reader's notes, and warnings of recordings without frames, copies, labels, ramps and times.
+    """The reader's notes, and warnings of recordings without frames, copies and times.
 
     Args:
         original: see `originals`.
     """
-    warnings = [*_copies(recordings, original), *_labels(recordings), *_ramps(recordings), *_times(recordings)]
+    warnings = [*_copies(recordings, original), *_times(recordings)]
     return [
         *recordings.notes,
         *without_frames(recordings),
@@ -50,40 +47,6 @@ def _copies(recordings: Recordings, original: np.ndarray) -> Iterator[tuple[str,
     if pairs := [f"{names[copy]} repeats {names[first]}" for copy, first in enumerate(original) if copy != first]:
         text = f"{several(len(pairs), 'recording')} with the counts of a different one: {listed(pairs)}. A copy tests "
         yield "copies", f"{text}nothing, and as a different object it is wrong: remove it, or record it again."
-
-
-def _labels(recordings: Recordings) -> Iterator[tuple[str, str]]:
-    """A warning of sensors that read one number for each object, and not the same for all."""
-    first, labels = dict[int, np.ndarray](), recordings.live.copy()
-    for index in frames_by_recording(recordings):
-        counts = recordings.counts[index]
-        expected = first.setdefault(int(recordings.columns["object"][index[0]]), counts[0])
-        labels &= (counts == expected).all(axis=0)
-    if labels.any() and len(first) > 1:
-        remedy = "Names of objects are no readings: remove them, or call the column `object`."
-        yield "labels", f"{_named(labels, recordings)} with one reading for each object. {remedy}"
-
-
-def _ramps(recordings: Recordings) -> Iterator[tuple[str, str]]:
-    """A warning of sensors whose readings are a straight line over time in every recording, as those of a clock are."""
-    ramps, count = recordings.live.copy(), 0
-    for index in frames_by_recording(recordings):
-        place = np.arange(len(index)) - (len(index) - 1) / 2
-        counts = recordings.counts[index][:, ramps].astype(np.float64)
-        counts -= counts.mean(axis=0)
-        with np.errstate(invalid="ignore", divide="ignore"):  # of sensors that do not vary
-            straight = np.abs(place @ counts) / np.sqrt((place**2).sum() * (counts**2).sum(axis=0)) > STRAIGHT
-        ramps[ramps], count = straight, count + len(index) - 1
-    if ramps.any() and count >= FEWEST:
-        remedy = "Remove a clock: by it alone recordings can be told from earlier ones."
-        yield "ramps", f"{_named(ramps, recordings)} rising or falling evenly in every recording. {remedy}"
-
-
-def _named(sensors: np.ndarray, recordings: Recordings) -> str:
-    """Number and names of some sensors, bool (H, W): the channel's name, or row and column from 1."""
-    names = recordings.channel_names or [f"row {row + 1}, column {at + 1}" for row, at in np.ndindex(sensors.shape)]
-    chosen = [names[at] or f"column {at + 1}" for at in np.flatnonzero(sensors)]
-    return f"{several(len(chosen), 'sensor')} ({listed(chosen, '; ')})"
 
 
 def _times(recordings: Recordings) -> Iterator[tuple[str, str]]:

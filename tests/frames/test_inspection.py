@@ -79,7 +79,7 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(tmp_p
     if write is floats:
         assert sorted(page.recordings.objects) == sorted(FOREIGN_NAMES)
         assert page.recordings.sessions == ["Übung 1", "Übung 2"]
-        assert page.interval == pytest.approx(0.05) and page.gaps == 0
+        assert [*page.rates.values()] == pytest.approx([20] * len(page.rates)) and page.gaps == 0
         assert np.median(page.states.noise) == pytest.approx(0.015, rel=0.4)
         np.testing.assert_allclose(page.choice.baseline.mean, 0.05, atol=0.03)
     Path("my glöve.dvc").touch()
@@ -105,7 +105,7 @@ def test_saturated_sensors_and_gaps_in_time_are_detected(tmp_path):
     page = inspected(recordings, "preprocess.contact_sensors=auto")
     assert np.argwhere(page.saturated).tolist() == [[1, 1]]
     assert not page.recordings.live[2, 2] and page.recordings.live.sum() == 19
-    assert (page.interval, page.gaps) == (pytest.approx(0.1), 1)
+    assert (page.rates, page.gaps) == (pytest.approx({0: 10}), 1)
 
 
 def test_recordings_of_one_frame_are_views_of_one(tmp_path):

@@ -45,8 +45,8 @@ def test_the_page_shows_the_facts_and_the_settings(overview):
     assert all(note.text in text and note.key in text for note in overview.settings)
     assert verdict(overview, warnings(overview)).kind == "good"  # most healthy sensors are pressed by no object
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"})
-    timed = changed(overview, steps=np.full(9, 0.05), seconds=np.full(12, 3.0))
-    assert (facts(overview)[4][0], facts(timed)[4][0]) == ("no times", "20 Hz")
+    timed = changed(overview, rates={0: 20.0, 1: 21.0}, seconds=np.full(12, 3.0))
+    assert (facts(overview)[4][0], facts(timed)[4][0]) == ("no times", "20.5 Hz")
 
 
 def changed(overview, **facts):
@@ -75,7 +75,7 @@ def test_each_fault_has_a_warning_that_names_what_is_at_fault(overview):
         counts=overview.counts | {"in contact": contact},
         error=replace(overview.error, high=overview.error.chance),
         choice=replace(overview.choice, leak=leak),
-        steps=np.repeat([0.1, 0.3], [100, 8]),
+        gaps=8,
         saturated=np.arange(96).reshape(8, 12) != 7,
     )
     texts = {note.topic: note.text for note in warnings(faulty)}
