@@ -64,8 +64,8 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
     def fit(self, X: Any, y: Any, groups: Any = None) -> "TactileClassifier":
         """Train on recordings X and their labels y (n,).
 
-        What spoils the result is warned of as by the stages: recordings that are copies, channels that are no sensors, an
-        offset of a recording that predicts its object.
+        What spoils the result is warned of as by the stages: recordings that are copies, channels that are no
+        sensors, an offset of a recording that predicts its object.
 
         Args:
             groups: (n,) group of each recording; a group is held out as a whole, for the choice of `best`, calibration
