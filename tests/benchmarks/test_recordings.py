@@ -7,7 +7,7 @@ import pandas as pd
 from click.testing import CliRunner
 
 from benchmarks.recordings import __main__ as recordings
-from benchmarks.recordings.__main__ import COLUMNS, SIMPLE, main, statistics
+from benchmarks.recordings.__main__ import COLUMNS, SIMPLE, main
 
 
 def write_set(folder, shape, level, sessions):
@@ -52,9 +52,3 @@ def test_sets_have_errors_on_held_out_groups_and_a_later_run_keeps_what_an_earli
     assert (table["trees, s"] > 0).all()
     unknown = run.invoke(main, [*sets, "--only", "our"])
     assert unknown.exit_code == 1 and unknown.output.startswith("Error: --only has our; expected some of ours, trees")
-
-
-def test_statistics_counted_by_hand():
-    recording = np.array([[[0.0, 8.0]], [[2.0, 8.0]], [[10.0, 8.0]]])
-    expected = [4, 8, np.std([0, 2, 10]), 0, 0, 8, 10, 8, 2, 8]  # mean, deviation, minimum, maximum, median
-    np.testing.assert_allclose(statistics([recording]), [expected])

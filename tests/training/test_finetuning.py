@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
+from tactile_viewgcn.tables.frames import TRAIN, VALIDATION
 from tactile_viewgcn.training.view_sets import SideViewSets
-from tactile_viewgcn.views.sampling import ViewSets, random_clusters
+from tactile_viewgcn.views.sampling import ViewSets
 from tests.glove_data import CPU, fewer_anchors, recipe, table, views_of
 from tests.training.small_trainings import finetune
 
@@ -88,16 +88,3 @@ def test_random_sizes_are_all_there_one_a_batch_and_keep_the_anchor():
         assert sets.shape[1] == 4 or (
             set(sets[:, 0]) <= set(side.anchors) and set(sets[:, 0]) <= set(sets.flat[passing])
         )
-
-
-def test_a_classifier_of_any_number_of_views_is_better_than_chance_with_each():
-    classifier, _ = finetune("finetune.num_views=random", "finetune.epochs=3", VALIDATED)
-    frames = table()
-    index = frames.on(TEST)
-    classifier.prepare(CPU)
-    values, recording = classifier.frame_values(frames.inputs(index)), frames.recording[index]
-    sets = ViewSets(random_clusters(recording, 4, rng := np.random.default_rng(0)), recording, 4)
-    drawn = sets.draw(np.arange(len(index)), rng, "anchor")
-    for count in (1, 2, 3, 4):
-        answers = classifier.view_sets(values, np.ascontiguousarray(drawn[:, :count])).argmax(axis=1)
-        assert (answers == frames.label[index]).mean() > 0.5  # chance: 0.25

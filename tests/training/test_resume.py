@@ -1,62 +1,41 @@
-"""Training stages that are killed and started again."""
+"""Training stages that are interrupted and started again."""
 
-import os
-import subprocess
-import sys
-import time
-from pathlib import Path
+import shutil
 
 import pytest
+import torch
 
-from tests.stag_files import metadata, save_matlab5
+from tactile_viewgcn.tables.frames import save_table
+from tactile_viewgcn.training import loop
+from tests.glove_data import FILE, SMALL, pretrained, recipe, table, views_of
+from tests.stages.running import changed, run_stage
 
-pytestmark = pytest.mark.slow  # test_checkpoint.py interrupts the same trainings in one process
-ROOT = Path(__file__).parents[2]
-ENVIRONMENT = os.environ | {"MLFLOW_TRACKING_URI": "disabled", "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-RECIPE = ("views=4", "split.by=recording", "precision=float32", "model.backbone.width=8")
-RECIPE += ("pretrain.epochs=12", "finetune.epochs=8")
-
-
-def command(stage, *words):
-    changes = [word for change in RECIPE for word in ("--set", change)]
-    return [sys.executable, "-m", f"stages.{stage}", "--record", f"{stage}.json", *changes, *words]
+STAGES = {
+    "pretrain": "--needs needs.json --frames frames --out out.pt",
+    "finetune": "--frames frames --views views --backbone backbone.pt --out out.pt",
+}
 
 
-def run(place, stage, *words):
-    words = command(stage, *words)
-    return subprocess.run(words, cwd=place, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True, check=True).stdout
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_stage_that_was_interrupted_goes_on_and_ends_as_one_that_was_not(tmp_path, monkeypatch, stage):
+    shutil.copy(FILE, tmp_path)
+    (tmp_path / "needs.json").write_text('{"pretrain": true}')
+    save_table(tmp_path / "frames", table())
+    save_table(tmp_path / "views", views_of(table(), recipe()))
+    torch.save(pretrained(), tmp_path / "backbone.pt")
+    out, words = tmp_path / "out.pt", STAGES[stage].split() + changed(*SMALL, "precision=float32", "finetune.epochs=2")
+    save = loop.save
 
+    def stop(*state):
+        save(*state)
+        raise KeyboardInterrupt
 
-@pytest.fixture(scope="module")
-def place(tmp_path_factory):
-    """A folder with all that the trainings read."""
-    place = tmp_path_factory.mktemp("resume")
-    (place / "params.yaml").write_text((ROOT / "params.yaml").read_text())
-    (place / "needs.json").write_text('{"cluster": true, "pretrain": true}')
-    save_matlab5(place / "metadata.mat", metadata(objects=4, recordings=3, frames=12))
-    run(place, "ingest", "--set", "data.source=metadata.mat", "--out", "recordings")
-    run(place, "preprocess", "--recordings", "recordings", "--out", "frames")
-    run(place, "cluster", "--needs", "needs.json", "--frames", "frames", "--out", "views")
-    return place
-
-
-FINETUNE = "--frames frames --views views --backbone backbone.pt --set finetune.feature_reuse=2"
-
-
-@pytest.mark.parametrize(
-    ("stage", "inputs", "out"),
-    [("pretrain", "--needs needs.json --frames frames", "backbone.pt"), ("finetune", FINETUNE, "classifier.pt")],
-)
-def test_a_stage_that_was_killed_goes_on_and_ends_as_one_that_was_not(place, stage, inputs, out):
-    words = (*inputs.split(), "--out", out)
-    assert "before an interruption" not in run(place, stage, *words)
-    whole = (place / out).read_bytes()
-    (place / out).unlink()
-    process, deadline = subprocess.Popen(command(stage, *words), cwd=place, env=ENVIRONMENT), time.monotonic() + 120
-    while not list(place.glob(f"checkpoints/{stage}-*.pt")):  # until an epoch has ended
-        assert process.poll() is None and time.monotonic() < deadline
-        time.sleep(0.002)
-    process.kill()
-    assert process.wait() == -9 and not (place / out).exists()
-    assert "before an interruption" in run(place, stage, *words)
-    assert (place / out).read_bytes() == whole and not list(place.glob("checkpoints/*.pt"))
+    assert "before an interruption" not in run_stage(stage, *words, cwd=tmp_path).stdout
+    whole = out.read_bytes()
+    out.unlink()
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(loop, "save", stop)
+        run_stage(stage, *words, cwd=tmp_path)
+    assert not out.exists() and len(list(tmp_path.glob(f"checkpoints/{stage}-*.pt"))) == 1
+    assert "1 of them before an interruption" in run_stage(stage, *words, cwd=tmp_path).stdout
+    assert out.read_bytes() == whole and not list(tmp_path.glob("checkpoints/*.pt"))
