@@ -1,18 +1,32 @@
-"""Write which stages the system needs: one on the sensors needs no clusters and no backbone."""
+"""Look whether data.source is there, and write which stages the system needs: on the sensors no clusters, no backbone.
+
+DVC removes what a stage has written before it looks for its inputs, so that the source is looked for here, first.
+"""
 
 import json
 from pathlib import Path
+from shlex import quote
 
 from stages.command import Job, run
-from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.params import on_sensors
+from tactile_viewgcn.files import atomic_write, root
+from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.params import VIRTUAL, on_sensors
 
 
 def needs(job: Job, out: Path) -> str:
+    source = Path(job.params.data.source)
+    if not source.exists() and source != Path(VIRTUAL):
+        here = root() / source  # a temporary workspace lacks what neither git nor DVC tracks
+        remedy = (
+            f"-S {quote(f'data.source={here}')}" if here.exists() else "a path that `tactile-viewgcn inspect` reads"
+        )
+        raise UserError(f"data.source is {source}: no such file or folder; expected {remedy}")
     system = job.params.model.system
     network = not on_sensors(system)
     with atomic_write(out) as part:  # equal bytes for all systems with a backbone
         part.write_text(json.dumps({"cluster": network, "pretrain": network}) + "\n")
+    with atomic_write(out.with_name("source.txt")) as part:  # equal bytes for all sources
+        part.write_text("data.source was there\n")
     return f"needs: {system} needs {'clusters and a' if network else 'no clusters and no'} pretrained backbone"
 
 

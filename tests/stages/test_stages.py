@@ -72,7 +72,7 @@ def test_dvc_simulates_where_the_source_is_what_the_glove_writes_and_nowhere_els
     set_params(place, "glove", **GLOVE)
     sh("git", "init", "-q", cwd=place)
     sh("dvc", "init", "-q", cwd=place)
-    assert repro(place)[0] == ["simulate", "ingest"]
+    assert sorted(repro(place)[0]) == ["ingest", "needs", "simulate"]
     assert open_source(place / "data" / "virtual" / "recordings").names["object"] == ["empty_hand", "ball"]
     assert (place / "data" / "virtual" / "recordings.json").is_file()
     assert repro(place)[0] == []
@@ -83,9 +83,14 @@ def test_dvc_simulates_where_the_source_is_what_the_glove_writes_and_nowhere_els
     shutil.copytree(place / "data" / "virtual" / "recordings", place / "own")
     set_params(place, "data", source="own")
     set_params(place, "glove", seed=1)
-    assert repro(place)[0] == ["ingest"]
+    assert repro(place)[0] == ["needs", "ingest"]
     set_params(place, "data", source="data/virtual/recordings")
-    assert repro(place)[0] == ["simulate", "ingest"]
+    assert repro(place)[0] == ["needs", "simulate", "ingest"]
+    before = md5(place / "runs")
+    set_params(place, "data", source="mistyped")
+    with pytest.raises(AssertionError, match=r"Error: data\.source is mistyped: no such file or folder; expected"):
+        repro(place)
+    assert md5(place / "runs") == before  # the last run's, for `report`
 
 
 def test_dvc_hands_on_a_source_whatever_letters_its_path_has_and_the_layout_of_arrays(place):
