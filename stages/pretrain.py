@@ -18,17 +18,15 @@ def pretrain(job: Job, needs: Path, frames: Path, out: Path) -> str:
 
 
 def _pretrain(job: Job, frames: Path, out: Path) -> str:
-    import torch  # here, since a stage that is left out loads no torch
-
-    from tactile_viewgcn.training.checkpoint import training_checkpoint
+    # here: a stage that is left out loads no torch
+    from tactile_viewgcn.training.checkpoint import training_checkpoint, write_tensors
     from tactile_viewgcn.training.pretraining import pretrain_backbone
 
     table, compute, key = read_frames(frames), job.compute(), job.checkpoint_key()
     with training_checkpoint("pretrain", key, compute) as checkpoint_path:
         backbone, classifier, progress = pretrain_backbone(table, job.params, compute, checkpoint_path, job.epoch)
         states = {"backbone": backbone.cpu().state_dict(), "classifier": classifier.cpu().state_dict()}
-        with atomic_write(out) as part:
-            torch.save(states | {"classes": table.classes}, part)
+        write_tensors(out, states | {"classes": table.classes})
     job.record.counts["weights.backbone"] = sum(weight.numel() for weight in backbone.parameters())
     job.record.seconds = progress.resumed[1]  # before an interruption
     return f"pretrain: {progress} on {compute.device} in {compute.precision}"

@@ -11,7 +11,6 @@ from pathlib import Path
 
 from tactile_viewgcn.messages import UserError
 
-LEAST_FREE = 2**16  # bytes; with less a disk counts as full
 NO_ROOM = errno.ENOSPC, errno.EDQUOT, errno.EFBIG  # on the disk, for this user, or in one file
 PART = ".unfinished"  # ending of a file or folder that is being written
 _md5 = partial(hashlib.md5, usedforsecurity=False)
@@ -28,15 +27,15 @@ def root() -> Path:
 def atomic_write(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
     """A temporary path beside `path`: it takes the place of `path` at the end of the block and is removed on an error.
 
-    The file is synced before it takes that place. Its temporary name is the same on every call, because torch.save
-    writes it into the file and equal seeds give equal bytes. What a killed run has left under that name is removed.
+    The file is synced before it takes that place. What a killed run has left under that name is removed. A library that
+    hides a full disk's error, as torch.save does, has to write into memory.
 
     Args:
         folder: the temporary path is an empty folder, else a file that the block writes.
 
     Raises:
         UserError: `path` is of another kind, such as a named pipe.
-        OSError: there is no room, whatever exception a library has for that.
+        OSError: there is no room.
     """
     path = Path(path)
     if not folder:
@@ -55,23 +54,12 @@ def atomic_write(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
         if folder:
             remove(path)
         part.replace(path)
-    except Exception as error:
-        full = error if isinstance(error, OSError | UserError) else _append(part / PART if folder else part)
-        if isinstance(full, OSError) and full.errno in NO_ROOM:
-            raise OSError(full.errno, f"{full.strerror}; make room", str(path)) from error
-        raise
+    except OSError as error:
+        if error.errno not in NO_ROOM:
+            raise
+        raise OSError(error.errno, f"{error.strerror}; make room", str(path)) from error
     finally:
         remove(part)
-
-
-def _append(file: Path) -> OSError | None:
-    """The error of writing `LEAST_FREE` bytes more."""
-    try:
-        with file.open("ab") as stream:
-            stream.write(bytes(LEAST_FREE))
-    except OSError as error:
-        return error
-    return None
 
 
 def readable(path: object) -> AbstractContextManager[None]:

@@ -4,6 +4,7 @@ import hashlib
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -38,9 +39,16 @@ def training_checkpoint(stage: str, key: str, compute: Compute) -> Iterator[Path
 
 def save(path: Path, parts: Iterable[Any], progress: dict[str, Any]) -> None:
     """Save what the rest of a training depends on: `parts` are modules, optimisers and generators."""
-    with atomic_write(path) as file:
-        states = [_state(part) for part in parts]
-        torch.save({"progress": progress, "parts": states, "threads": torch.get_num_threads()}, file)
+    states = [_state(part) for part in parts]
+    write_tensors(path, {"progress": progress, "parts": states, "threads": torch.get_num_threads()})
+
+
+def write_tensors(path: Path, content: dict[str, Any]) -> None:
+    """Write tensors and plain values to a file, whole or not at all, equal ones as equal bytes."""
+    file = BytesIO()
+    torch.save(content, file)
+    with atomic_write(path) as part:
+        part.write_bytes(file.getbuffer())
 
 
 def restore(path: Path, parts: Iterable[Any]) -> dict[str, Any]:
