@@ -60,6 +60,20 @@ def copy_pipeline(place) -> None:
         shutil.copy(ROOT / name, place / name)
 
 
+def copy_repository(place, without=()) -> None:
+    """All files of this repository, but for those that git ignores."""
+    for name in sh("git", "ls-files", "-co", "--exclude-standard", cwd=ROOT).splitlines():
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        if (ROOT / name).is_file() and name not in without:
+            shutil.copy(ROOT / name, place / name)
+
+
+def commit(place) -> None:
+    """Commit all files of a folder to git."""
+    for words in ("init -q", "config user.name t", "config user.email t@localhost", "add -A", "commit -qm files"):
+        sh("git", *words.split(), cwd=place)
+
+
 def set_params(place, section, **values) -> None:
     """Put values into a section of params.yaml."""
     tree = yaml.safe_load((place / "params.yaml").read_text())

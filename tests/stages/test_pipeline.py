@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from tactile_viewgcn.params import load
-from tests.stages.running import ran, sh
+from tests.stages.running import commit, copy_repository, ran, sh
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("default")]  # the warnings are MLflow's own
 ROOT = Path(__file__).parents[2]
@@ -67,16 +67,12 @@ def store_of(place):
 def clone(tmp_path_factory):
     """A repository with the files of this one, set to tiny data, reproduced once and committed."""
     place = tmp_path_factory.mktemp("clone") / "repository"
-    for name in sh("git", "ls-files", "-co", "--exclude-standard", cwd=ROOT).splitlines():
-        (place / name).parent.mkdir(parents=True, exist_ok=True)
-        if (ROOT / name).is_file() and name not in WRITTEN:
-            shutil.copy(ROOT / name, place / name)
+    copy_repository(place, without=WRITTEN)
     source = small_glove(place.parent / "recordings")
     changes = [f"{key}={value}" for key, value in {"data.source": source, **TINY}.items()]
     tree = asdict(load(place / "params.yaml", (*changes,)))
     (place / "params.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
-    for words in ("init -q", "config user.name t", "config user.email t@localhost", "add -A", "commit -qm tiny"):
-        sh("git", *words.split(), cwd=place)
+    commit(place)
     assert stages_of(sh("dvc", "repro", cwd=place)) == ALL
     assert sh("git", "status", "--porcelain", "-uall", cwd=place).splitlines() == [f"?? {name}" for name in WRITTEN]
     sh("git", "add", *WRITTEN, cwd=place)
