@@ -15,8 +15,6 @@ from torch import Tensor, nn
 
 from tactile_viewgcn.params import BackboneParams
 
-WIDTH = 64
-DROPOUT = 0.2
 GRID = 4  # parts of a map along each side that the read-out `grid` averages
 INFERENCE_BATCH = 128  # frames; a larger batch takes memory and gains no speed
 
@@ -80,33 +78,28 @@ class Stem(nn.Module):
 class Backbone(nn.Module):
     """Frames (B, 1, H, W) to features (B, C); a 32 x 32 frame passes through maps of 128 x 8 x 8.
 
+    Its weights are drawn from torch's default generator.
+
     Args:
-        width: channels of stage 1, half of stage 2's; the paper's is 64.
-        dropout: share of stage 1's channels dropped in training.
-        readout: `average` of each map as in the paper, or `grid`: averages of 4 x 4 parts of each map, which keep where
-            on the hand a feature is, and a linear layer to as many features.
+        options: `width`, channels of stage 1, half of stage 2's; `dropout`, share of stage 1's channels dropped in
+            training; `readout`: `average` of each map as in the paper, or `grid`: averages of 4 x 4 parts of each map,
+            which keep where on the hand a feature is, and a linear layer to as many features.
         maps: return the maps themselves, (B, 2 * width, H / 4, W / 4), in the precision of their computation.
 
     Attributes:
         features: C, 2 * width.
     """
 
-    def __init__(
-        self,
-        width: int = WIDTH,
-        dropout: float = DROPOUT,
-        readout: str = "average",
-        *,
-        maps: bool = False,
-    ):
+    def __init__(self, options: BackboneParams, *, maps: bool = False):
         super().__init__()
+        width = options.width
         self.width, self.features, self.maps = width, 2 * width, maps
         self.stem = Stem(width)
         self.stage1 = nn.Sequential(BasicBlock(width, width), BasicBlock(width, width))
-        self.dropout = nn.Dropout2d(dropout)
+        self.dropout = nn.Dropout2d(options.dropout)
         self.stage2 = nn.Sequential(BasicBlock(width, 2 * width, stride=2), BasicBlock(2 * width, 2 * width))
         self.grid = None
-        if readout == "grid" and not maps:
+        if options.readout == "grid" and not maps:
             join = nn.Linear(GRID**2 * self.features, self.features, bias=False)
             self.grid = nn.Sequential(join, nn.BatchNorm1d(self.features), nn.ReLU())
 
@@ -124,11 +117,6 @@ class Backbone(nn.Module):
         """Shape of the maps (2 * width, H / 4, W / 4) of a frame (H, W), rounded up."""
         height, width = (math.ceil(math.ceil(side / 2) / 2) for side in shape)
         return 2 * self.width, height, width
-
-
-def build_backbone(options: BackboneParams, *, maps: bool = False) -> Backbone:
-    """The backbone of `model.backbone`; its weights are drawn from torch's default generator."""
-    return Backbone(options.width, options.dropout, readout=options.readout, maps=maps)
 
 
 @torch.no_grad()

@@ -8,7 +8,7 @@ from scipy.special import log_softmax
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, build_backbone, extract_features
+from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, Backbone, extract_features
 from tactile_viewgcn.nn.system import Sizes, ViewSystem
 from tactile_viewgcn.params import Model
 
@@ -46,7 +46,7 @@ class ViewNetwork(nn.Module):
         super().__init__()
         self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
         maps = system.takes == "maps"
-        self.backbone = build_backbone(model.backbone, maps=maps)
+        self.backbone = Backbone(model.backbone, maps=maps)
         self.feature_shape = self.backbone.map_shape(shape) if maps else (self.backbone.features,)
         self.head = system(Sizes(viewpoints, self.feature_shape, classes), model)
 

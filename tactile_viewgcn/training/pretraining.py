@@ -9,7 +9,7 @@ import torch.nn.functional as functional
 from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, Backbone, build_backbone, extract_features
+from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, Backbone, extract_features
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import torch_generator, torch_seed
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
@@ -55,7 +55,7 @@ def pretrain_backbone(
     anchors = (np.flatnonzero(table.anchor & (table.side == side)) for side in (TRAIN, VALIDATION))
     train, validation = (FrameInputs(table, index, compute, noise=config.noise, rng=on_device) for index in anchors)
     torch.manual_seed(torch_seed(seed, "pretrain.weights"))  # initial weights and dropout
-    backbone = build_backbone(params.model.backbone)
+    backbone = Backbone(params.model.backbone)
     backbone.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
     classifier = nn.Linear(backbone.features, len(table.classes), device=compute.device)
     loss, steps = FrameLoss(backbone, classifier, compute), num_batches(len(train), config.batch)

@@ -7,10 +7,11 @@ import torch
 from torch import nn
 
 from tactile_viewgcn.nn.backbone import Backbone, Stem, extract_features
+from tactile_viewgcn.params import BackboneParams
 
 
 def test_it_has_the_released_code_s_number_of_weights():
-    assert sum(weight.numel() for weight in Backbone().parameters()) == 674_240
+    assert sum(weight.numel() for weight in Backbone(BackboneParams()).parameters()) == 674_240
 
 
 def plain_stem(stem):
@@ -60,7 +61,7 @@ def grid_of(maps):
 @pytest.mark.parametrize("shape", [(1, 1), (12, 12), (5, 40), (32, 32)])
 def test_the_grid_reads_4_by_4_parts_of_all_maps_out_through_a_linear_layer(shape):
     torch.manual_seed(0)
-    backbone = Backbone(width=4, readout="grid")
+    backbone = Backbone(BackboneParams(width=4, readout="grid"))
     join, norm, _ = backbone.grid
     nn.init.normal_(norm.weight)
     nn.init.normal_(norm.bias)
@@ -74,8 +75,8 @@ def test_the_grid_reads_4_by_4_parts_of_all_maps_out_through_a_linear_layer(shap
 @pytest.mark.parametrize("shape", [(1, 1), (12, 12), (32, 32), (5, 7), (33, 2)])
 def test_maps_are_those_that_the_average_reads_out_and_map_shape_names_their_shape(shape):
     torch.manual_seed(0)
-    backbone, frames = Backbone(width=2), torch.rand(2, 1, *shape)
-    whole = Backbone(width=2, maps=True).eval()
+    backbone, frames = Backbone(BackboneParams(width=2)), torch.rand(2, 1, *shape)
+    whole = Backbone(BackboneParams(width=2), maps=True).eval()
     whole.load_state_dict(backbone.state_dict())
     maps, features = maps_and_features(backbone, frames)
     assert torch.equal(whole(frames), maps)
@@ -86,7 +87,8 @@ def test_maps_are_those_that_the_average_reads_out_and_map_shape_names_their_sha
 @pytest.mark.parametrize("readout", ["average", "grid"])
 @pytest.mark.parametrize("maps", [False, True])
 def test_maps_keep_the_precision_they_are_computed_in_and_features_are_float32(readout, maps):
-    backbone, frames = Backbone(width=2, readout=readout, maps=maps).eval(), torch.rand(2, 1, 12, 12)
+    backbone = Backbone(BackboneParams(width=2, readout=readout), maps=maps).eval()
+    frames = torch.rand(2, 1, 12, 12)
     with torch.autocast("cpu", torch.bfloat16):
         assert backbone(frames).dtype == (torch.bfloat16 if maps else torch.float32)
     assert backbone(frames).dtype == torch.float32
