@@ -112,29 +112,6 @@ def test_distances_keep_their_digits_a_million_away_from_the_origin(row):
     row("coincident points", squared_distances(torch.full((2, 3), 1e6 / 3)).max())
 
 
-@pytest.mark.stability("views selected twice")
-def test_features_and_gradients_where_every_sampled_view_gives_way_to_the_same_one(row, monkeypatch):
-    monkeypatch.setattr("tactile_viewgcn.systems.view_gcn.SELECTOR_NEIGHBOURS", 8)
-    head = view_gcn(EVEN)
-    with torch.no_grad():  # the first class is the surer the larger the features, and no other
-        for weight in head.samplers[0].classifier.parameters():
-            weight.zero_()
-            weight[:, 0] = 1
-    nodes = nodes_of(8)
-    nodes[:, 5] += 1
-    outputs = []
-    for kind in (torch.float32, torch.float64):
-        net, views = deepcopy(head).to(kind), nodes.detach().to(kind, copy=True).requires_grad_()
-        chosen, positions, _ = net.samplers[0](views, net.viewpoints[None], 4)
-        features = net.convolutions[1](chosen, positions)
-        features.square().mean().backward()
-        outputs.append((features.detach(), views.grad, len(positions[0].unique(dim=0))))
-    (single, slope, count), (exact, exact_slope, exact_count) = outputs
-    row("distinct nodes beyond one", max(count, exact_count) - 1)
-    row("features", max_rel_error(single, exact), SINGLE)
-    row("gradients", max_rel_error(slope, exact_slope), SINGLE)
-
-
 @pytest.mark.stability("sum of messages")
 def test_the_sum_of_messages_keeps_its_digits_and_grows_with_the_number_of_views(row):
     passing, sums = NonLocalMessagePassing(128), []
@@ -158,21 +135,6 @@ def test_a_selector_with_logits_10_000_times_as_large_selects_the_same_in_single
         for weight in head.samplers.parameters():
             weight *= 1e4
     row("logits", logits_error(head, nodes_of(8, 32)), SINGLE)
-
-
-@pytest.mark.stability("one class and 1,000")
-def test_logits_loss_and_gradient_of_1_000_classes(row):
-    torch.manual_seed(0)
-    head, nodes = build_classifier(EVEN, 1000, recipe().model).head.eval(), nodes_of(8, 2)
-    row("logits, 1,000 classes", logits_error(head, nodes), SINGLE)
-    labels, losses = torch.tensor([0, 999]), []
-    for kind in (torch.float32, torch.float64):
-        net = deepcopy(head).to(kind)
-        loss = net.loss(*net(nodes.to(kind)), labels)
-        loss.backward()
-        losses.append((loss.detach(), net.classifier[-1].weight.grad))
-    row("loss, 1,000 classes", max_rel_error(losses[0][0], losses[1][0]), SINGLE)
-    row("gradient of the classifier, 1,000 classes", max_rel_error(losses[0][1], losses[1][1]), SINGLE)
 
 
 @pytest.mark.stability("losses of sure logits")
