@@ -74,7 +74,7 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
         rate = f"{np.median(rates):.4g}" if alike else f"{rates[0]:.4g} to {rates[-1]:.4g}"
         rows[-1] = (f"{rate} Hz", f"is the frame rate, {seconds:.3g} s a recording")
     kind, leak = overview.choice.params.baseline, overview.choice.leak
-    rows += _error(overview.error, f"in contact, above the baseline {kind}")
+    rows += _error(overview.error, f"on a new recording, in contact above the baseline {kind}")
     rows += _error(overview.session_error, f"on {NEW_SESSION}") + _error(leak, "without contact")
     return rows
 

@@ -169,7 +169,8 @@ def next_steps(outcome: Outcome) -> list[Step]:
         command = "" if params["split.by"] == "source" else f"{sweep}\ndvc queue start\ndvc exp show --only-changed"
         steps.append(Step("Record more of each object in more sessions, and test every fold once.", command))
     if any(note.topic == "new session" for note in run.notes("info")):
-        command = again({**changed, "split.by": "session", "split.fold": 0})
+        folds = min(params["split.folds"], run.records["ingest"].counts["sessions"])
+        command = again({**changed, "split.by": "session", "split.folds": folds, "split.fold": 0})
         steps.append(Step(f"Test it on {NEW_SESSION}.", command))
     if outcome.guesses:
         form = {key: params[key] for key in ("data.shape", "data.layout", "data.columns")}

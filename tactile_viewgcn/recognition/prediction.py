@@ -55,7 +55,7 @@ def predict(
     if joined:
         echo("the recordings of a folder together, as one object:", *map(_line, joined), *_summary(joined, classes))
     if all(record["right"] is None for record in records):
-        echo("how often it errs: `tactile-viewgcn report` says, where the pipeline trained it")
+        echo("how often it errs, on a new session too: `tactile-viewgcn report`")
     if csv_path:
         with atomic_write(csv_path) as part, part.open("w", encoding="utf-8", newline="") as file:
             write_csv(file, [records[0].keys(), *(record.values() for record in records + joined)])
