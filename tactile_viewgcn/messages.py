@@ -10,6 +10,7 @@ import unicodedata
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal, TextIO
 
 EMPTY_HAND = "empty_hand"  # STAG's name of the class that holds nothing
@@ -121,6 +122,18 @@ def warnings_of(notes: list[Note]) -> list[Note]:
 def several(count: int, thing: str, things: str = "") -> str:
     """`1 frame`, `1,701 frames`; `things` is a plural that does not end in s."""
     return f"{count:,} {thing if count == 1 else things or f'{thing}s'}"
+
+
+def once_each(texts: Iterable[tuple[Path, str]]) -> list[str]:
+    """The texts that come with files; equal ones but for the file's path stand once, with the other files' names."""
+    alike = dict[str, list[tuple[Path, str]]]()
+    for file, text in texts:
+        alike.setdefault(text.replace(shown(file), ""), []).append((file, text))
+    others = [[file.name for file, _ in same[1:]] for same in alike.values()]
+    return [
+        same[0][1] + (f" (the same in {several(len(names), 'more file')}: {listed(names)})" if names else "")
+        for same, names in zip(alike.values(), others, strict=True)
+    ]
 
 
 def listed(texts: list[str], mark: str = ", ") -> str:

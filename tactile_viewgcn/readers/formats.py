@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from tactile_viewgcn.files import all_below
-from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, several
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, once_each, several
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.hdf5 import is_raw, matlab_fields, read_metadata, read_raw, read_recording
 from tactile_viewgcn.readers.join import joined
@@ -91,7 +91,7 @@ def read_files(path: Path, files: list[Path], form: Form) -> Source:
             left[file] = str(error)
     files = [file for file in files if file not in left]
     if not files:
-        raise UserError(listed([*left.values()], "; "))
+        raise UserError(listed(once_each(left.items()), "; "))
     if len(files) == 1 and among(files, *TEXTS):
         with reading(files[0]):
             alone, labels = table(files[0])
@@ -113,7 +113,7 @@ def read_files(path: Path, files: list[Path], form: Form) -> Source:
             recording = read_recording(file, form)
         names, notes, values = {"recording": place_of(file, path)} | recording.names, recording.notes, recording.values
         if not names.get("object") and (form.labelled or among([file], *TEXTS, *ARRAYS)):
-            names, notes = names_of(file, root, layout, labelled=form.labelled) | names, [*notes, *guessed]
+            names, notes = names_of(file, root, layout, form) | names, [*notes, *guessed]
         if side := names.pop("split", ""):
             if side.lower() not in SPLITS:
                 raise UserError(f"{file}: split is {side!r}; expected one of {', '.join(SPLITS)}")
@@ -151,19 +151,22 @@ def _arrays(file: Path, form: Form) -> dict[str, Any]:
     return {kind: array.ravel() if kind == "time" else array for kind, array in values.items()}
 
 
-def names_of(file: Path, root: Path, layout: str, *, labelled: bool) -> dict[str, str]:
+def names_of(file: Path, root: Path, layout: str, form: Form) -> dict[str, str]:
     """The names in the path of a file below a folder, by `object`, `session` and `split`.
 
     Raises:
-        UserError: the path is not of that layout, or names no object where it is `labelled`.
+        UserError: the path is not of that layout, or names no object where files are labelled.
     """
     pattern = re.sub("SESSION|SPLIT", lambda part: f"(?P<{part[0].lower()}>[^/]+?)", re.escape(layout))
     pattern = pattern.replace("OBJECT", "(?P<object>[^/]+)").replace("FILE", "[^/]+")  # tea_box is one name
     if not (match := re.fullmatch(pattern, place_of(file, root))):
-        raise UserError(f"{file}: expected {layout}, or an attribute `object` in HDF5")
-    if labelled and "object" not in match.groupdict():
+        remedy = (
+            "" if form.layout == "auto" else f"; params.yaml may have it from others: {setting('data.layout=auto')}"
+        )
+        raise UserError(f"{file}: expected {layout} (data.layout), or an attribute `object` in HDF5{remedy}")
+    if form.labelled and "object" not in match.groupdict():
         raise UserError(
-            f"{root}: {file.relative_to(root).as_posix()!r} names no object; expected {PLACES}, a table with a column "
+            f"{file}: names no object; expected {PLACES}, a table with a column "
             "`object`, or an attribute `object` in HDF5; "
             f"{setting('data.layout=OBJECT_FILE')} for names such as mug_1.csv"
         )

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, several
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, once_each, several
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.source import (
     AUTO,
@@ -41,7 +41,7 @@ def joined(path: Path, files: list[Path], opened: Callable[[Path], Recording], f
         names = {"object": UNLABELLED, "session": "session"} | recording.names
         return replace(recording, names=names, values=recording.values | {"pressure": pressure})
 
-    known, headers, mistakes = dict[str, tuple[Any, Path]](), list[Recording](), list[str]()
+    known, headers, mistakes = dict[str, tuple[Any, Path]](), list[Recording](), list[tuple[Path, str]]()
     dtypes, frames = set[np.dtype](), 0
     for file in files:
         try:
@@ -51,9 +51,9 @@ def joined(path: Path, files: list[Path], opened: Callable[[Path], Recording], f
                 frames += len(recording.values["pressure"])
                 headers.append(replace(recording, values={}))
         except UserError as error:
-            mistakes.append(str(error))
+            mistakes.append((file, str(error)))
     if mistakes:
-        raise UserError(listed([*dict.fromkeys(mistakes)], "; "))
+        raise UserError(listed(once_each(mistakes), "; "))
     ids = {
         "object": sorted({header.names["object"] for header in headers}, key=lambda name: (name != EMPTY_HAND, name)),
         "recording": [header.names["recording"] for header in headers],
