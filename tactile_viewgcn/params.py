@@ -48,6 +48,11 @@ Effect = Literal[  # of the virtual glove
     "motion", "weight", "shift", "tremor", "fit",
     "bending", "saturation", "hysteresis", "crosstalk", "noise", "common_mode", "defects",
 ]  # fmt: skip
+Grasped = Literal[  # by the virtual glove
+    "empty_hand", "allen_key_set", "ball", "battery", "board_eraser", "bracket", "brain", "cat", "chain", "clip",
+    "coin", "empty_can", "full_can", "gel", "kiwano", "lotion", "mug", "multimeter", "pen", "safety_glasses",
+    "scissors", "screw_driver", "spoon", "spray_can", "stapler", "tape", "tea_box",
+]  # fmt: skip
 
 
 def everywhere(path: Path) -> Path:
@@ -171,7 +176,7 @@ class Glove:
     sessions: Annotated[StrictInt, Interval(ge=2, le=MOST)] = 3
     grasps: Count = 10
     grasp_frames: Count = 10
-    objects: Literal["all"] | Annotated[list[StrictStr], Strict(), MinLen(1)] = "all"
+    objects: Literal["all"] | Annotated[list[Grasped], Strict(), MinLen(1), Unique] = "all"
     seed: Seed = 0
     leave_out: Annotated[list[Effect], Strict(), Unique] = field(default_factory=list)
 

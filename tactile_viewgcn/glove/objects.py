@@ -5,8 +5,8 @@ shapes and materials are ours. The z axis of an object is its long or round axis
 palm's axes, see `hand.py`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from math import pi
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tactile_viewgcn.glove.shapes import BOX, Primitive, Vector, box, capsule, cylinder, sphere, torus, tube
-from tactile_viewgcn.messages import EMPTY_HAND, UserError
+from tactile_viewgcn.messages import EMPTY_HAND
 
 # Stiffness of surfaces, Pa/m: pressure per depth.
 PLUSH, FOAM, RUBBER, SOFT, CARD, PLASTIC, STEEL = 1e6, 4e6, 2e7, 5e7, 2e8, 2e9, 5e10
@@ -118,23 +118,8 @@ OBJECTS = (
 )  # fmt: skip
 
 
-def select_objects(selection: str | list[str]) -> tuple[GraspObject, ...]:
-    """Objects to simulate, the empty hand first.
-
-    Args:
-        selection: "all", or a list of names.
-
-    Raises:
-        UserError: a name is unknown or stands twice, or there is no object but the empty hand.
-    """
-    if selection == "all":
-        return OBJECTS
+def select_objects(selection: str | Sequence[str]) -> tuple[GraspObject, ...]:
+    """Objects to simulate, "all" or those of some names, the empty hand first."""
     by_name = {grasp_object.name: grasp_object for grasp_object in OBJECTS}
-    names = [name for name in selection if name != EMPTY_HAND]
-    for name in names:
-        if name not in by_name:
-            near = get_close_matches(name, by_name, n=1) or by_name
-            raise UserError(f"glove.objects: unknown object {name!r}; did you mean {' or '.join(near)}?")
-    if not names or len(set(names)) < len(names):
-        raise UserError(f"glove.objects is {selection}; expected one object or more besides the empty hand, each once")
-    return tuple(by_name[name] for name in (EMPTY_HAND, *names))
+    names = by_name if selection == "all" else selection
+    return tuple(by_name[name] for name in dict.fromkeys([EMPTY_HAND, *names]))

@@ -75,11 +75,7 @@ class Recipe:
 
 
 def recipe_from_params(glove: Any) -> Recipe:
-    """The recipe in the section `glove` of params.yaml.
-
-    Raises:
-        UserError: as `select_objects`.
-    """
+    """The recipe in the section `glove` of params.yaml."""
     objects, frames = select_objects(glove.objects), OPENING + glove.grasps * glove.grasp_frames
     effects = frozenset(EFFECTS) - set(glove.leave_out)
     return Recipe(objects, glove.sessions, frames, glove.grasps, glove.seed, effects=effects)

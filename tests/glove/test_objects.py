@@ -1,5 +1,7 @@
 """The objects: their extents, and a user's list of names."""
 
+from typing import get_args
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -7,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from tactile_viewgcn.glove.objects import OBJECTS, GraspObject, select_objects
 from tactile_viewgcn.glove.shapes import box, capsule, sphere
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.params import Grasped, default_params
 
 
 def test_the_lowest_point_of_an_object_by_hand():
@@ -25,16 +28,7 @@ def test_names_make_objects_in_their_order_after_the_empty_hand():
     assert select_objects(["mug", "empty_hand", "ball"]) == (OBJECTS[0], OBJECTS[16], OBJECTS[2])
 
 
-@pytest.mark.parametrize(
-    ("names", "named"),
-    [
-        (["empty_hand"], "besides the empty hand"),
-        (["mugg"], "unknown object 'mugg'; did you mean mug?"),
-        (["xylophone"], "empty_hand or allen_key_set or ball"),
-        (["tape", "ball", "tape"], "['tape', 'ball', 'tape']; expected"),
-    ],
-)
-def test_a_mistake_in_a_list_of_objects_is_refused_in_a_line_that_names_it(names, named):
-    with pytest.raises(UserError) as refusal:
-        select_objects(names)
-    assert named in str(refusal.value) and "\n" not in str(refusal.value)
+def test_params_yaml_takes_their_names():
+    assert list(get_args(Grasped)) == [one.name for one in OBJECTS]
+    with pytest.raises(UserError, match=r"glove\.objects: .*did you mean mug\?"):
+        default_params(("glove.objects=[mugg]",))
