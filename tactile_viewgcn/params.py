@@ -175,7 +175,7 @@ class Glove:
 
     sessions: Annotated[StrictInt, Interval(ge=2, le=MOST)] = 3
     grasps: Count = 10
-    grasp_frames: Count = 10
+    grasp_frames: Annotated[StrictInt, Interval(ge=10, le=MOST)] = 10  # more than the nine that are not steady
     objects: Literal["all"] | Annotated[list[Grasped], Strict(), MinLen(1), Unique] = "all"
     seed: Seed = 0
     leave_out: Annotated[list[Effect], Strict(), Unique] = field(default_factory=list)

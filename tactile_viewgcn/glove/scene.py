@@ -15,7 +15,6 @@ from tactile_viewgcn.glove.contact import GRAVITY, Drive
 from tactile_viewgcn.glove.hand import Hands
 from tactile_viewgcn.glove.objects import GraspObject
 from tactile_viewgcn.glove.shapes import Solids
-from tactile_viewgcn.messages import UserError, several
 
 OPEN, CLOSED = np.array([0.15, 0.15]), np.array([1.35, 1.45])  # rad: posture of an open and of a closed finger
 RELAXED, IDLE = 0.4, 0.2  # closure, 0 open to 1 closed: of a finger that touches nothing; of an empty hand
@@ -45,11 +44,7 @@ def plan(
     grasp_objects: list[GraspObject], hands: Hands, solids: Solids, habits: list[np.random.Generator],
     rngs: list[np.random.Generator], *, frames: int, grasps: int, effects: frozenset[str],
 ) -> Drive:  # fmt: skip
-    """Drive of B recordings at T + 1 knots, each drawn from its own generator; frame t ends at knot t + 1.
-
-    Raises:
-        UserError: the grasps are too short for their phases.
-    """
+    """Drive of B recordings at T + 1 knots, each drawn from its own generator; frame t ends at knot t + 1."""
     phase, progress, grasp = schedule(frames, grasps)
     drawn = [_draw(*each, grasps) for each in zip(grasp_objects, habits, rngs, strict=True)]
     grips = [np.stack(values) for values in zip(*drawn, strict=True)]  # (B, G, ...) each
@@ -82,17 +77,9 @@ def plan(
 def schedule(frames: int, grasps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Number of the phase, progress of the phase at the frame's end (0 to 1), and number of the grasp, (T,) each.
 
-    The open hand before the first grasp is phase -1.
-
-    Raises:
-        UserError: the grasps are too short for their phases.
+    The open hand before the first grasp is phase -1. A grasp has more frames than the phases but `hold` need.
     """
     each, fixed = (frames - OPENING) // grasps, sum(PHASES.values())
-    if each <= fixed:
-        raise UserError(
-            f"{several(frames, 'frame')}, {OPENING} of them of the open hand, leave {several(grasps, 'grasp')} "
-            f"{max(each, 0)} each; expected more than {fixed}"
-        )
     lengths = np.array([length or each - fixed for length in PHASES.values()])
     starts = np.concatenate([[0], np.cumsum(lengths)])
     inside = np.arange(frames) - (frames - grasps * each)  # before 0: the open hand

@@ -162,9 +162,6 @@ def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> Counter
 
     Returns:
         The cost, see `Simulation.statistics`.
-
-    Raises:
-        UserError: the grasps are too short for their phases.
     """
     workers = max(1, min(workers, len(recipe.recordings) // MIN_RECORDINGS_PER_WORKER))
     with atomic_write(folder, folder=True) as part:

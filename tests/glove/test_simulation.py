@@ -11,7 +11,7 @@ from tactile_viewgcn.glove import simulation
 from tactile_viewgcn.glove.contact import Mechanics
 from tactile_viewgcn.glove.hand import stag_hand
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
-from tactile_viewgcn.glove.scene import HOLD, OPEN, schedule
+from tactile_viewgcn.glove.scene import HOLD, OPEN, OPENING, schedule
 from tactile_viewgcn.glove.simulation import EFFECTS, VERSION, Simulation, recipe_from_params, simulate
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import load
@@ -128,8 +128,7 @@ def test_one_seed_gives_the_same_files_whatever_the_number_of_processes_and_anot
     assert md5(tmp_path / "a") == md5(tmp_path / "b") != md5(tmp_path / "c")
 
 
-def test_grasps_too_short_for_their_phases_end_in_a_line_and_leave_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(simulation, "MIN_RECORDINGS_PER_WORKER", 1)
-    with pytest.raises(UserError, match=r"22 frames, .* leave 2 grasps 7 each"):
-        simulate(recipe(grasps=2), tmp_path / "recordings", workers=2)
-    assert list(tmp_path.iterdir()) == []
+def test_a_grasp_has_a_steady_frame_at_least():
+    assert (schedule(OPENING + 10, 1)[0] == HOLD).sum() == 1
+    with pytest.raises(UserError, match=r"glove\.grasp_frames: .*10 \(got 9\)"):
+        load(PARAMS, ("glove.grasp_frames=9",))
