@@ -12,7 +12,6 @@ import numpy as np
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
-from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.glove.contact import Drive, Layer, Mechanics
 from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, Hand, Hands, stag_hand
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
@@ -155,8 +154,8 @@ class Simulation:
         ]
 
 
-def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> Counter[str]:
-    """Write a recipe's recordings to `folder`/SESSION/NUMBER-OBJECT.h5, all of them or none.
+def simulate(recipe: Recipe, folder: Path, *, workers: int = 1) -> Counter[str]:
+    """Write a recipe's recordings to `folder`/SESSION/NUMBER-OBJECT.h5.
 
     The recordings do not depend on the number of worker processes. Memory holds a block of pressures, and all counts.
 
@@ -164,12 +163,9 @@ def simulate(recipe: Recipe, folder: str | Path, *, workers: int = 1) -> Counter
         The cost, see `Simulation.statistics`.
     """
     workers = max(1, min(workers, len(recipe.recordings) // MIN_RECORDINGS_PER_WORKER))
-    with atomic_write(folder, folder=True) as part:
-        shares = (recipe.recordings[worker::workers] for worker in range(workers))
-        write = delayed(_write)
-        costs = Parallel(n_jobs=workers)(
-            write(recipe, recordings, part, bar=not n) for n, recordings in enumerate(shares)
-        )
+    shares = (recipe.recordings[worker::workers] for worker in range(workers))
+    write = delayed(_write)
+    costs = Parallel(n_jobs=workers)(write(recipe, part, folder, bar=not n) for n, part in enumerate(shares))
     return sum(costs, Counter())
 
 
@@ -191,6 +187,6 @@ def _write(recipe: Recipe, recordings: list[SessionObject], folder: Path, *, bar
                 "effects": " ".join(sorted(recipe.effects)), "layer": str(recipe.layer), "tolerance": recipe.tolerance,
             })  # fmt: skip
         path = folder / f"{session:03d}" / f"{number:03d}-{grasp_object.name}.h5"
-        path.parent.mkdir(exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content.getbuffer())
     return simulation.statistics

@@ -1,4 +1,4 @@
-"""Simulation: invariances of the counts, the effect of each effect, and files that are written whole or not at all."""
+"""Simulation: invariances of the counts, the effect of each effect, and the files."""
 
 from pathlib import Path
 
