@@ -51,7 +51,7 @@ def environment() -> Environment:
     glossary = loader.get_source(templates, GLOSSARY)[0]
     templates.globals["words"] = re.findall(r"^\| (.+) \| (.+) \|$", glossary, re.MULTILINE)[1:]
     templates.globals |= {"as_change": as_change, "new_session": NEW_SESSION}
-    templates.filters |= {"anchor": _anchor, "headings": _headings, "several": several, "percent": percent, "svg": svg}
+    templates.filters |= {"slug": _slug, "headings": _headings, "several": several, "percent": percent, "svg": svg}
     templates.filters |= {"duration": duration, "lines": _lines}
     return templates
 
@@ -93,10 +93,11 @@ def _lines(commands: str) -> Markup:
     return Markup("\n").join(map(shown, commands.split("\n")))
 
 
-def _anchor(name: str) -> str:
+def _slug(name: str) -> str:
+    """A title as the address of its section."""
     return re.sub(r"\W+", "-", name.lower()).strip("-")
 
 
 def _headings(body: Markup) -> list[tuple[str, Markup]]:
-    """Anchor and title of each section of a page's body."""
-    return [(anchor, Markup(title)) for anchor, title in re.findall(r'<section id="(.+?)">\s*<h2>(.+?)</h2>', body)]
+    """Slug and title of each section of a page's body."""
+    return [(slug, Markup(title)) for slug, title in re.findall(r'<section id="(.+?)">\s*<h2>(.+?)</h2>', body)]
