@@ -17,7 +17,7 @@ def evaluate(job: Job, frames: Path, classifier: Path, records: Path, out: Path)
     table, (model, _), earlier = read_frames(frames), load_classifier(classifier), results.read_records(records)
     evaluation = evaluate_table(model, table, job.params, job.compute())
     evaluation.metrics.update(results.new_session(earlier))
-    timing = results.costs(evaluation, earlier, job.seconds, peak_mb())
+    timing = results.costs(evaluation, results.simulation(earlier) | earlier, job.seconds, peak_mb())
     write_predictions(out / "predictions.npz", evaluation.predictions)
     results.write_results(out, evaluation, timing)
     for stage in earlier:

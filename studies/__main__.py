@@ -1,6 +1,5 @@
 """`python -m studies` lists the studies; `python -m studies NAME` runs one as DVC experiments."""
 
-import subprocess
 from pathlib import Path
 
 import click
@@ -9,6 +8,9 @@ from studies.cells import code_of_stages, key_of, read_answers, stored
 from studies.grid import FOLDER, Cell, Study, names, read_study
 from studies.run import run_cells
 from tactile_viewgcn.messages import UserError, program, several
+from tactile_viewgcn.params import unlike_the_file
+from tactile_viewgcn.provenance import committed_params
+from tactile_viewgcn.schema import as_change
 
 
 @click.command()
@@ -52,15 +54,15 @@ def run(
 
     code = code_of_stages()
     cells: dict[str, Cell] = {}
-    for cell in study.cells(changes):
+    differ = unlike_the_file(committed_params(Path("params.yaml")))  # what a run has left there
+    for cell in study.cells(changes, tuple(map(as_change, differ, differ.values()))):
         same = cells.setdefault(key_of(cell, code), cell)
         if same is not cell:
             raise UserError(
                 f"{study.name}: the same training twice ({same}; {cell}): --set what the study does not vary"
             )
-    if subprocess.run(["git", "diff", "--quiet", "HEAD", "--", "params.yaml"], check=False).returncode == 1:
-        print("note: params.yaml differs from the last commit, and every cell takes its values; "
-              "`git checkout HEAD params.yaml` undoes that")  # fmt: skip
+    if differ:
+        print("note: params.yaml differs from the last commit, whose values the cells have")
     print(f"{study.name}: {several(len(cells), 'cell')}, finished before: {sum(map(stored, cells))}", flush=True)
     faults = run_cells(study.name, cells, jobs=jobs, scheduler=scheduler)
     answers = [read_answers(cell, key) for key, cell in cells.items() if key not in faults]

@@ -64,15 +64,15 @@ class Study:
     def references(self) -> list[str]:
         return [self.reference] if isinstance(self.reference, str) else self.reference or []
 
-    def cells(self, on_top: tuple[str, ...] = ()) -> list[Cell]:
-        """All cells, seed by seed and deal by deal; `on_top` are changes after all others.
+    def cells(self, on_top: tuple[str, ...] = (), below: tuple[str, ...] = ()) -> list[Cell]:
+        """All cells, seed by seed and deal by deal; `on_top` are changes after all others, `below` before them.
 
         Raises:
             UserError: `on_top` names one of `AXES`.
         """
         if axis := [key for key in (change.partition("=")[0] for change in on_top) if key in AXES]:
             raise UserError(f"--set {axis[0]}: every cell has its own; set it in {FOLDER}/{self.name}.yaml")
-        shared, folds = tuple(_changes(self.set)), self.folds
+        shared, folds = (*below, *_changes(self.set)), self.folds
         if folds == "all":
             folds = list(range(load("params.yaml", (*shared, *on_top, "split.fold=0")).split.folds))
         cells = []

@@ -20,7 +20,7 @@ from tactile_viewgcn.messages import several
 from tactile_viewgcn.params import VIRTUAL, load
 from tactile_viewgcn.randomness import stream
 
-EXPLAINED = """Errors are in per cent, means over trials and over a variant's trainings, each from one seed on all
+EXPLAINED = """Errors are in per cent, means over folds, trials and a variant's trainings, each from one seed on all
 folds of one deal; every split group counts once. In brackets: the 95 % interval that resamples these groups,
 conditional on the trainings; where a view set mixes an object's groups, as under `object`, it is optimistic. `std` is
 the standard deviation over the trainings."""

@@ -71,9 +71,14 @@ def git_revision() -> dict[str, str]:
 
 def changed_params(values: dict[str, Any], path: Path) -> dict[str, Any]:
     """The values, by dotted key, that differ from those of the same params.yaml in git's HEAD; none outside git."""
-    tree = parse(_git("show", f"HEAD:./{path.name}", folder=path.parent), path)
-    committed = flatten(tree) if isinstance(tree, dict) else {}
+    committed = committed_params(path)
     return {key: value for key, value in values.items() if key in committed and value != committed[key]}
+
+
+def committed_params(path: Path) -> dict[str, Any]:
+    """The values of that params.yaml in git's HEAD, by dotted key; none outside git."""
+    tree = parse(_git("show", f"HEAD:./{path.name}", folder=path.parent), path)
+    return flatten(tree) if isinstance(tree, dict) else {}
 
 
 def run_name(changed: dict[str, Any], *words: str) -> str:

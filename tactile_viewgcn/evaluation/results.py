@@ -9,6 +9,7 @@ from tactile_viewgcn.evaluation.trials import ASKED, PROTOCOLS, WHOLE
 from tactile_viewgcn.files import atomic_write, readable
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import NEW_SESSION, several, write_csv
+from tactile_viewgcn.params import VIRTUAL
 from tactile_viewgcn.provenance import EARLIER, Record
 from tactile_viewgcn.schema import flatten
 
@@ -24,6 +25,13 @@ def read_records(folder: Path) -> Records:
             with readable(path):
                 records[path.stem] = Record.read(path.read_text())
     return records
+
+
+def simulation(records: Records) -> Records:
+    """The record of the virtual glove, where its recordings were read."""
+    path = Path(f"{VIRTUAL}.json")
+    simulated = "ingest" in records and records["ingest"].inputs["source"]["path"] == VIRTUAL
+    return {"simulate": Record.read(path.read_text())} if simulated and path.exists() else {}
 
 
 def costs(evaluation: Evaluation, records: Records, seconds: float, peak_mb: float) -> dict[str, Any]:

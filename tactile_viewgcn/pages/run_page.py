@@ -31,6 +31,7 @@ from tactile_viewgcn.schema import as_change
 
 REMEDY = "run the line that `tactile-viewgcn inspect` prints, or name an experiment of DVC or a run of MLflow"
 MLFLOW_ID = re.compile(r"[0-9a-f]{32}")
+FOLDS = "`python -m studies folds --set KEY=VALUE --out FOLDER` prints the mean over folds with its interval."
 WIDE = 0.25  # of an interval
 ROUNDING = 1e-9  # of a share
 
@@ -167,7 +168,7 @@ def next_steps(outcome: Outcome) -> list[Step]:
         folds = ",".join(map(str, range(params["split.folds"])))
         sweep = again(others, f"dvc exp run --queue -S split.fold={folds}")
         command = "" if params["split.by"] == "source" else f"{sweep}\ndvc queue start\ndvc exp show --only-changed"
-        steps.append(Step("Record more of each object in more sessions, and test every fold once.", command))
+        steps.append(Step(f"Record more of each object in more sessions, and test every fold once. {FOLDS}", command))
     if any(note.topic == "new session" for note in run.notes("info")):
         folds = min(params["split.folds"], run.records["ingest"].counts["sessions"])
         command = again({**changed, "split.by": "session", "split.folds": folds, "split.fold": 0})

@@ -12,12 +12,14 @@ from tactile_viewgcn.evaluation.results import (
     costs,
     read_records,
     row_tags_parameters_metrics,
+    simulation,
     summary,
     summary_lines,
     write_results,
 )
 from tactile_viewgcn.evaluation.trials import Predictions, Trials
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.params import VIRTUAL
 from tests.records import RECORD
 
 CLASSES = ["cup", "pen, red", "tape"]
@@ -51,6 +53,17 @@ def evaluation():
 @pytest.fixture
 def timing(evaluation):
     return costs(evaluation, RECORDS, 50.0, 1000.0)
+
+
+@pytest.mark.parametrize(("source", "total"), [(VIRTUAL, 1341.8), ("my_glove", 1296.8)])
+def test_the_total_has_the_simulation_where_its_recordings_were_read(tmp_path, monkeypatch, evaluation, source, total):
+    monkeypatch.chdir(tmp_path)
+    ingest = replace(RECORD, stage="ingest", seconds=0.0, inputs={"source": {"path": source}})
+    simulate = replace(RECORD, stage="simulate", seconds=45.0)
+    (tmp_path / VIRTUAL).parent.mkdir(parents=True)
+    (tmp_path / f"{VIRTUAL}.json").write_text(simulate.text)
+    records = simulation({"ingest": ingest}) | RECORDS
+    assert costs(evaluation, records, 50.0, 1.0)["seconds"]["total"] == pytest.approx(total, abs=0.1)
 
 
 @pytest.mark.parametrize("content", ["", '{"stage": "ingest", "seconds": 1}', "[]"])

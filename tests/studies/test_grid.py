@@ -130,5 +130,9 @@ def test_changes_on_top_have_a_folder_of_their_own(study, tmp_path, monkeypatch)
     main_module.run(made, changes=("preprocess.transform=log",), out=tmp_path / "other")
     params = [load("params.yaml", cell.changes) for cell in ran]
     assert [(one.views, one.preprocess.transform) for one in params] == [(8, "log"), (4, "log")]
-    main_module.run(made)
+    monkeypatch.setattr(main_module, "committed_params", lambda path: {"views": 5, "seed": 0, "pretrain.epochs": 7})
+    ran.clear()
+    main_module.run(made)  # where a run has left other values in params.yaml
+    params = [load("params.yaml", cell.changes) for cell in ran]
+    assert [(one.views, one.pretrain.epochs) for one in params] == [(5, 7), (4, 7)]
     assert written == [tmp_path / "other", main_module.FOLDER / "made"]
