@@ -29,7 +29,7 @@ class Frames:
         grasp: (n,) number of the grasp inside its recording; 0 where grasps are not numbered.
         group: (n,) split group.
         side: (n,) TRAIN, VALIDATION or TEST.
-        anchor: bool (n,) frames that view sets are drawn around, see `frames.split.draw_anchors`.
+        anchor: bool (n,), anchors: frames around which a view set is drawn each, about equally many of every class.
         baseline: (n,) index into `baseline_mean`.
         time: (n,) seconds since the recording's first frame.
         baseline_mean: (R, H, W) counts, in a type that holds `counts` exactly.

@@ -39,8 +39,8 @@ class Replay:
         for recorded_argument, argument in zip(recorded.arguments, arguments, strict=True):
             recorded_argument.copy_(argument)
         recorded.graph.replay()
-        anchor = torch.zeros((), device=recorded.loss.device, requires_grad=True)
-        return _PrecomputedGradients.apply(anchor, recorded.loss, self._parameters, recorded.gradients)
+        leaf = torch.zeros((), device=recorded.loss.device, requires_grad=True)
+        return _PrecomputedGradients.apply(leaf, recorded.loss, self._parameters, recorded.gradients)
 
     def _compute(self, arguments: tuple[Tensor, ...]) -> Tensor:
         """The loss computed without a graph, on the stream that graphs are recorded on.
@@ -83,7 +83,7 @@ class _PrecomputedGradients(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(ctx: Any, anchor: Tensor, loss: Tensor, parameters: list, gradients: list) -> Tensor:
+    def forward(ctx: Any, leaf: Tensor, loss: Tensor, parameters: list, gradients: list) -> Tensor:
         ctx.pairs = list(zip(parameters, gradients, strict=True))
         return loss.clone()
 

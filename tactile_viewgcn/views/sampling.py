@@ -1,7 +1,7 @@
 """Drawing view sets: V frames that are classified together, one from each cluster of a pool.
 
-A pool is the frames of one object or recording, divided into V clusters. A view set is drawn around an anchor, which
-represents its cluster.
+A pool is the frames of one object or recording, divided into V clusters. A view set is drawn around one of
+the frames that `Frames` marks, its anchor, which represents its cluster.
 """
 
 import numpy as np
