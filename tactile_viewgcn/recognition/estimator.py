@@ -111,11 +111,8 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         check_is_fitted(self, "recogniser_")
         recogniser, names = self.recogniser_, list(map(str, self.classes_))
         arrays = self._arrays(X)
-        one_frame = arrays[0].shape[1] == 1 and arrays[0].shape[::2] == recogniser.shape
-        if one_frame and (recogniser.shape[0] > 1 or isinstance(X, np.ndarray)):
-            raise UserError(
-                "X is one recording, or each of X is one frame; expected a list of recordings: [X], or [*X]"
-            )
+        if isinstance(X, np.ndarray) and X.shape[1:] == recogniser.shape:
+            raise UserError(f"X {X.shape} is one recording; expected a list: [X], or [*X] of single frames")
         answers, notes = recogniser.answer_arrays({f"X[{number}]": counts for number, counts in enumerate(arrays)})
         none = [answer.recording for answer in answers if not answer.contact and EMPTY_HAND not in recogniser.classes]
         texts = [note.text for note in warnings_of(notes)]

@@ -7,7 +7,7 @@ import numpy as np
 from tactile_viewgcn.frames.baseline import Baseline, measure_baseline, session_moments, sessions_with_empty_hand
 from tactile_viewgcn.frames.filter import flagged, pressed_frames
 from tactile_viewgcn.frames.open_hand import hand_states
-from tactile_viewgcn.messages import Note, UserError, several
+from tactile_viewgcn.messages import Note, UserError, listed, several
 from tactile_viewgcn.recognition.model_file import FittedPreprocessing, strong_reading
 from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.recordings import Recordings
@@ -26,12 +26,14 @@ def check_layout(
         channel_names: of the sensors, row after row; compared where the training's have names too.
     """
     if shape != fitted.live.shape:
-        layout, expected = (" x ".join(map(str, each)) for each in (shape, fitted.live.shape))
-        raise UserError(f"{where}: frames of {layout}; expected {expected}, as the model was trained on")
+        layout, trained = (" x ".join(map(str, each)) for each in (shape, fitted.live.shape))
+        alone = ", and one recording in a list: [X]" if shape[0] == 1 else ""
+        raise UserError(f"{where}: frames of {layout}; expected {trained}, as the model was trained on{alone}")
     for at, (name, expected) in enumerate(zip(channel_names, fitted.channel_names, strict=False), 1):
         if name != expected:
+            order = listed(fitted.channel_names)
             raise UserError(
-                f"{where}: sensor {at} is {name}; expected {expected}, the sensors of the training in order"
+                f"{where}: sensor {at} is {name}; expected {expected}: bring the sensors into the order {order}"
             )
 
 
@@ -51,7 +53,7 @@ def fault_of(fitted: FittedPreprocessing, counts: np.ndarray, contact: np.ndarra
         unfit = counts[(counts % 1 != 0) | (counts < least) | (counts > most)]
         if unfit.size:
             return f"holds {unfit[0]:g}; expected whole numbers from {least} to {most}, raw counts as in training"
-    scales = zip(("off its baseline", "from 0"), (excess, counts[contact]), fitted.strong_readings, strict=True)
+    scales = zip(("off its baseline", "as recorded"), (excess, counts[contact]), fitted.strong_readings, strict=True)
     for origin, readings, (weakest, strongest) in scales if contact.any() else ():
         reading = strong_reading(readings[:, fitted.live])
         if not weakest / MOST_TIMES <= reading <= strongest * MOST_TIMES:
@@ -71,7 +73,8 @@ def rate_notes(fitted: FittedPreprocessing, recordings: Recordings) -> list[Note
         return []
     name, rate = recordings.recordings[unlike[0]], rates[unlike[0]]
     text = f"{len(unlike)} of {several(len(rates), 'recording')} at a different rate, first {name} at {rate:.3g} Hz; "
-    text += f"expected {lowest:.3g} to {highest:.3g} Hz, as in the training: resample, or record at that rate"
+    expected = " to ".join(dict.fromkeys((f"{lowest:.3g}", f"{highest:.3g}")))
+    text += f"expected {expected} Hz, as in the training: resample, or record at that rate"
     return [Note(text, "warning", "frame rate")]
 
 

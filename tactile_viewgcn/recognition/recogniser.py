@@ -151,6 +151,10 @@ def recording_array(recording: Any, name: str, *, frames_last: bool = False) -> 
         raise UserError(f"{name} is ragged; expected frames of equal size, (frames, rows, columns)") from None
     if frames_last and array.ndim:
         array = np.moveaxis(array, -1, 0)
+    if array.ndim == 1:
+        raise UserError(
+            f"{name} is a frame {array.shape}; expected recordings (frames, rows, columns), one alone as [X]"
+        )
     array = array[:, None] if array.ndim == 2 else array
     check_shape(array.shape, name)
     if not isinstance(recording, np.ndarray) and {bool, np.bool_} & {*map(type, np.ravel(np.array(recording, object)))}:

@@ -75,9 +75,13 @@ def test_recordings_of_different_lengths_are_distinguished(system):
     np.testing.assert_allclose(probabilities.sum(axis=1), 1, rtol=1e-5)
 
 
-def test_a_pickled_classifier_answers_alike():
-    X, _ = grasps(2, seed=1)
-    assert (pickle.loads(pickle.dumps(fitted())).predict_proba(X) == fitted().predict_proba(X)).all()
+def test_a_pickled_and_a_loaded_classifier_answer_alike(tmp_path):
+    X, truth = grasps(2, seed=1)
+    fitted().save(tmp_path / "classifier.pt")
+    loaded = TactileClassifier.load(tmp_path / "classifier.pt")
+    for again in (pickle.loads(pickle.dumps(fitted())), loaded):
+        assert (again.predict_proba(X) == fitted().predict_proba(X)).all()
+    assert loaded.classes_.tolist() == list(OBJECTS) and loaded.score(X, truth) == 1
 
 
 def test_equal_seeds_give_equal_files_and_torch_s_generator_is_left_alone(tmp_path):
@@ -113,10 +117,11 @@ def test_a_class_without_contact_has_a_warning_and_probability_0():
 def test_a_row_without_contact_is_the_empty_hand_or_any_object():
     X, y = grasps(4)
     empty, (new, truth) = [counts[:OPEN] for counts in X[::3]], grasps(2, seed=1)
-    with pytest.warns(UserWarning, match=r"X\[1\]"):
-        probabilities = fitted().predict_proba([new[0], empty[0]])
+    with pytest.warns(UserWarning, match=r"X\[1\], X\[2\]") as warned:
+        probabilities = fitted().predict_proba([new[0], empty[0], empty[1]])
+    assert len(warned) == 1
     assert probabilities[0, 0] > 0.5
-    np.testing.assert_allclose(probabilities[1], 1 / 3)
+    np.testing.assert_allclose(probabilities[1:], 1 / 3)
     classifier = made({"preprocess.baseline": "empty_hand"}).fit([*X, *empty], [*y, *["empty_hand"] * len(empty)])
     assert classifier.classes_.tolist() == ["ball", "cup", "empty_hand", "pen"]
     assert (classifier.predict([*new, empty[0]]) == [*truth, "empty_hand"]).all()

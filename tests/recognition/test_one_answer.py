@@ -36,6 +36,27 @@ def grasp(seed: int) -> np.ndarray:
     return recording(OBJECTS[seed % 3], seed, before=0, held=12 + seed % 5, after=0)
 
 
+@pytest.mark.parametrize("part", [0, 0.25], ids=["whole counts", "fractions"])
+@pytest.mark.parametrize("times", [1 / 1000, 12], ids=["volts", "a different gain"])
+def test_what_one_interface_refuses_all_refuse_in_the_same_words(tmp_path, part, times):
+    X, y, path = [grasp(seed) + part for seed in range(9)], np.arange(9) % 3, tmp_path / "classifier.pt"
+    classifier, new = TactileClassifier("kernels", params=ALL_CONTACT).fit(X, y), [times * counts for counts in X[:2]]
+    classifier.save(path)
+    for number, counts in enumerate(new):
+        write(tmp_path / "new" / f"{number}.h5", counts)
+    words, lists = ["predict", str(path), str(tmp_path / "new")], {"recordings": [counts.tolist() for counts in new]}
+    lines = []
+    for first, ask in {
+        "X[0]": lambda: classifier.predict(new),
+        "recording 0": lambda: RecogniserModel(Recogniser(path)).predict(lists),
+        str(tmp_path / "new" / "0"): lambda: CliRunner().invoke(cli, words, catch_exceptions=False),
+    }.items():
+        with pytest.raises(Exception, match="expected") as error:
+            ask()
+        lines.append(str(error.value).partition(first)[2])
+    assert lines[0].startswith(" and 1 more of 2 recordings: ") and len(set(lines)) == 1
+
+
 CASES = {
     "system on the sensors": ("kernels", None, ALL_CONTACT, grasp, 3),
     "channels that rise or fall": ("best", None, {}, rising_channels, 2),

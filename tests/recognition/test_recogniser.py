@@ -1,6 +1,7 @@
 """The trained recogniser: answers to recordings by their frames in contact, and refusals."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from scipy.special import softmax
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.nn.network import spread_frames
 from tactile_viewgcn.readers.source import Form
+from tactile_viewgcn.recognition.estimator import train
 from tactile_viewgcn.recognition.model_file import FittedPreprocessing, build_classifier, save_classifier
 from tactile_viewgcn.recognition.raw_counts import fault_of
 from tactile_viewgcn.recognition.recogniser import Recogniser
@@ -95,6 +97,39 @@ def test_readings_may_be_four_times_weaker_or_stronger_than_in_the_training_and_
         readings = [np.full((3, *SHAPE), weakest) for weakest, _ in fitted.strong_readings]
         readings[kind] = np.full((3, *SHAPE), sign * reading)
         assert bool(fault_of(fitted, readings[1], np.ones(3, dtype=bool), readings[0])) == fault
+
+
+def channels(folder, names, rate):
+    """Two tables (40, 2) of each of two objects, at that rate, and with those names of the sensors."""
+    rng, lines = np.random.default_rng(0), np.arange(40)
+    for label, number in product(("left", "right"), (1, 2)):
+        readings = rng.normal(0, 1, (40, 2)) + 20 * (lines[:, None] > 20) * [label == "left", label == "right"]
+        rows = np.column_stack([lines / rate, readings])
+        (folder / label).mkdir(parents=True, exist_ok=True)
+        np.savetxt(folder / label / f"{number}.csv", rows, "%.4f", ",", header=f"time,{names}", comments="")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("names", "rate", "message"),
+    [
+        ("thumb,index", 50, None),
+        ("thumb,index", 53, None),
+        ("thumb,index", 100, "4 of 4 recordings at a different rate, first left/1 at 100 Hz; expected 50 Hz"),
+        ("index,thumb", 50, "sensor 1 is index; expected thumb.*order thumb, index"),
+    ],
+)
+def test_sensors_in_a_different_order_are_refused_and_a_different_rate_is_warned_of(tmp_path, names, rate, message):
+    with recordings_of(channels(tmp_path / "trained", "thumb,index", 50)) as table:
+        params = recipe("model.system=sensors", "model.members=[svm]", "split.validation=0")
+        train(table, params, table.columns["recording"], tmp_path / "classifier.pt")
+    model, new = Recogniser(tmp_path / "classifier.pt"), channels(tmp_path / "new", names, rate)
+    if names != "thumb,index":
+        with pytest.raises(UserError, match=message):
+            answered(model, new)
+        return
+    _, notes = answered(model, new)
+    assert [note.text.startswith(message) for note in notes if note.topic == "frame rate"] == [True] * bool(message)
 
 
 @pytest.mark.parametrize(
