@@ -13,7 +13,7 @@ from tactile_viewgcn.frames.folds import each_class, in_fold, spans_classes
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.params import Split
 from tactile_viewgcn.readers.source import TEST as PUBLISHED_TEST
-from tactile_viewgcn.readers.source import TRAIN as PUBLISHED_TRAIN
+from tactile_viewgcn.readers.source import VALIDATION as PUBLISHED_VALIDATION
 from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN, VALIDATION
 from tactile_viewgcn.tables.recordings import Recordings
 
@@ -71,7 +71,7 @@ def deal(
     label, of_used = columns["object"][used], group[used]
     across = by == "session" if by else spans_classes(of_used, label)
     if by == "source":
-        side[columns["split"] == PUBLISHED_TEST] = TEST
+        side[published_test(columns["split"])] = TEST
     elif by:
         tested = in_fold(of_used, label, folds=split.folds, fold=split.fold, across=across, deal=split.deal)
         side[used[tested]] = TEST
@@ -152,6 +152,8 @@ def keep_testable(
         if split.by == "source":
             shared = np.intersect1d(recording[keep & (sides.side == TRAIN)], recording[keep & tested])
             text = f"the published split has {several(len(shared), 'recording')} on both sides"
+            if (~tested & (recordings.columns["split"] == PUBLISHED_VALIDATION)).any():
+                text += "; its validation groups are on the training side, of which split.validation sets a share apart"
             notes.append(Note(text, topic="split"))
         for label in np.unique(objects[keep]):
             name, of_class = recordings.objects[label], keep & (objects == label)
@@ -176,9 +178,13 @@ def has_published_split(recordings: Recordings) -> bool:
     columns, of_object = recordings.columns, ~recordings.empty_hand
     if "split" not in columns:
         return False
-    objects, split = columns["object"][of_object], columns["split"][of_object]
-    trained, tested = (np.unique(objects[split == code]) for code in (PUBLISHED_TRAIN, PUBLISHED_TEST))
-    return np.array_equal(trained, tested)
+    objects, tests = columns["object"][of_object], published_test(columns["split"])[of_object]
+    return np.array_equal(np.unique(objects[tests]), np.unique(objects[~tests]))
+
+
+def published_test(split: np.ndarray) -> np.ndarray:
+    """bool (T,): tested frames by their published side (T,): those of `test`, or without any those of `validation`."""
+    return split == (PUBLISHED_TEST if (split == PUBLISHED_TEST).any() else PUBLISHED_VALIDATION)
 
 
 def draw_anchors(

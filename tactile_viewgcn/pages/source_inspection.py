@@ -10,7 +10,7 @@ import numpy as np
 from tactile_viewgcn.frames.auto import Choice, choose
 from tactile_viewgcn.frames.leak import COLUMNS, FRAME_RATE, QuickError, quick_error
 from tactile_viewgcn.frames.open_hand import HandStates
-from tactile_viewgcn.frames.split import has_published_split, split_groups
+from tactile_viewgcn.frames.split import has_published_split, published_test, split_groups
 from tactile_viewgcn.intervals import FEW
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import CONTACT_SIGMAS, PreprocessSection
@@ -189,7 +189,9 @@ def _groups(recordings: Recordings, original: np.ndarray) -> dict[str, np.ndarra
     for by in ("source", "recording", "grasp"):
         with suppress(UserError):  # no such column
             group = split_groups(columns, by)
-            pairs = np.unique(np.stack([columns["object"], columns["split"] if by == "source" else group]), axis=1)
+            pairs = np.unique(
+                np.stack([columns["object"], published_test(columns["split"]) if by == "source" else group]), axis=1
+            )
             groups[by] = np.bincount(pairs[0], minlength=len(recordings.objects))
     return groups
 

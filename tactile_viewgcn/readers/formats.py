@@ -6,7 +6,7 @@ columns of a frame) it may also be one frame; without one, (frames, cells) are f
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -20,7 +20,7 @@ from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, once_e
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.hdf5 import is_raw, matlab_fields, read_metadata, read_raw, read_recording
 from tactile_viewgcn.readers.join import joined
-from tactile_viewgcn.readers.source import AUTO, SPLITS, Form, Recording, Source, no_array, setting
+from tactile_viewgcn.readers.source import AUTO, Form, Recording, Source, no_array, setting, side_of
 from tactile_viewgcn.readers.text import read_table, recordings_in
 
 TEXTS = (".csv", ".tsv", ".csv.gz", ".txt")  # endings of tables as text
@@ -68,16 +68,15 @@ def open_source(path: str | Path, form: Form = AUTO, files: Sequence[Path] | Non
                 return read_metadata(path)
     recordings = [path] if is_hdf5 else among(files, *HDF5, *ARRAYS, *TEXTS)
     if not recordings:
-        others = listed(sorted({file.suffix or file.name for file in files})) or "nothing"
-        raise UserError(f"{path}: no recordings in it, found {others}; {EXPECTED}")
-    return read_files(path, recordings, form)
+        raise UserError(f"{path}: no recordings in it, found {endings_of(files) or 'nothing'}; {EXPECTED}")
+    return read_files(path, recordings, form, [file for file in files if file not in set(recordings)])
 
 
-def read_files(path: Path, files: list[Path], form: Form) -> Source:
+def read_files(path: Path, files: list[Path], form: Form, unread: list[Path]) -> Source:
     """Files below a folder, or a single one: a recording each, or one table whose columns name recordings.
 
     Folders name objects and sessions, see `layout_of`, but for those of HDF5 files with an attribute `object`. Files of
-    text that hold no table are left out, with a note.
+    text that hold no table are left out; a note counts them and those `unread` for their endings.
 
     Raises:
         UserError: as `joined`.
@@ -103,6 +102,11 @@ def read_files(path: Path, files: list[Path], form: Form) -> Source:
     root = path if path.is_dir() else path.parent
     layout, guessed = layout_of(root, files, form)
 
+    def object_of(file: Path) -> str | None:
+        """The object in a file's path; None of a file that lies elsewhere."""
+        match = matched(file, root, layout)
+        return match.groupdict().get("object", None if form.labelled else "") if match else None
+
     def opened(file: Path) -> Recording:
         """The recording in a file, with the names in its path where the file names no object."""
         if among([file], *TEXTS):
@@ -115,16 +119,40 @@ def read_files(path: Path, files: list[Path], form: Form) -> Source:
         if not names.get("object") and (form.labelled or among([file], *TEXTS, *ARRAYS)):
             names, notes = names_of(file, root, layout, form) | names, [*notes, *guessed]
         if side := names.pop("split", ""):
-            if side.lower() not in SPLITS:
-                raise UserError(f"{file}: split is {side!r}; expected one of {', '.join(SPLITS)}")
-            values = values | {"split": np.full(len(values["pressure"]), SPLITS[side.lower()])}
+            if (code := side_of(side)) is None:
+                raise UserError(f"{file}: split is {side!r}; expected train, test or validation")
+            values = values | {"split": np.full(len(values["pressure"]), code)}
         return replace(recording, names=names, values=values, notes=notes)
 
     source = joined(path, files, opened, form)
-    if left:
-        text = f"{several(len(left), 'file')} without a table: {listed([*left.values()], '; ')}"
-        source.notes.append(Note(text, topic="files"))
+    source.notes.extend(unread_note(path, files, dict.fromkeys(unread, "") | left, object_of))
     return source
+
+
+def unread_note(
+    path: Path, files: Sequence[Path], unread: Mapping[Path, str], object_of: Callable[[Path], str | None]
+) -> list[Note]:
+    """A note on the number of files below a folder that are not read; a warning where an object lacks recordings so.
+
+    A file that is called as one that is read, but for its ending, is no recording more.
+
+    Args:
+        files: that are read.
+        unread: what is wrong in each of the others, "" where its ending says it.
+    """
+    if not unread:
+        return []
+    known, read = {place_of(file, path) for file in files}, Counter(map(object_of, files))
+    lost = Counter(object_of(file) for file in unread if place_of(file, path) not in known)
+    lost.pop(None, None)
+    text = f"{several(len(unread), 'file')} not read ({endings_of(list(unread))})"
+    if reasons := [*filter(None, unread.values())]:
+        text += f": {listed(reasons, '; ')}"
+    if not lost:
+        return [Note(f"{text}.", topic="files")]
+    parts = [f"{name} {read[name]} of {read[name] + count}".strip() for name, count in sorted(lost.items())]
+    text += f". Read of the files that lie there: {listed(parts)}. Save the others as .npy or .csv, or move them away."
+    return [Note(text, "warning", "files")]
 
 
 def _arrays(file: Path, form: Form) -> dict[str, Any]:
@@ -151,15 +179,19 @@ def _arrays(file: Path, form: Form) -> dict[str, Any]:
     return {kind: array.ravel() if kind == "time" else array for kind, array in values.items()}
 
 
+def endings_of(files: Sequence[Path]) -> str:
+    """Number of files of each ending, such as `12 .json, 1 .md`."""
+    counts = Counter(file.suffix.lower() or file.name for file in files)
+    return listed([f"{count:,} {ending}" for ending, count in counts.most_common()])
+
+
 def names_of(file: Path, root: Path, layout: str, form: Form) -> dict[str, str]:
     """The names in the path of a file below a folder, by `object`, `session` and `split`.
 
     Raises:
         UserError: the path is not of that layout, or names no object where files are labelled.
     """
-    pattern = re.sub("SESSION|SPLIT", lambda part: f"(?P<{part[0].lower()}>[^/]+?)", re.escape(layout))
-    pattern = pattern.replace("OBJECT", "(?P<object>[^/]+)").replace("FILE", "[^/]+")  # tea_box is one name
-    if not (match := re.fullmatch(pattern, place_of(file, root))):
+    if not (match := matched(file, root, layout)):
         remedy = (
             "" if form.layout == "auto" else f"; params.yaml may have it from others: {setting('data.layout=auto')}"
         )
@@ -171,6 +203,13 @@ def names_of(file: Path, root: Path, layout: str, form: Form) -> dict[str, str]:
             f"{setting('data.layout=OBJECT_FILE')} for names such as mug_1.csv"
         )
     return match.groupdict()
+
+
+def matched(file: Path, root: Path, layout: str) -> re.Match[str] | None:
+    """The parts of a file's path below a folder by the words of a layout; None: it is not of that layout."""
+    pattern = re.sub("SESSION|SPLIT", lambda part: f"(?P<{part[0].lower()}>[^/]+?)", re.escape(layout))
+    pattern = pattern.replace("OBJECT", "(?P<object>[^/]+)").replace("FILE", "[^/]+")  # tea_box is one name
+    return re.fullmatch(pattern, place_of(file, root))
 
 
 def place_of(file: Path, path: Path) -> str:
@@ -191,7 +230,7 @@ def layout_of(root: Path, files: Sequence[Path], form: Form) -> tuple[str, list[
     places = [file.relative_to(root).parts[:-1] for file in files]
     depth = Counter(map(len, places)).most_common(1)[0][0]
     levels = list(zip(*(place for place in places if len(place) == depth), strict=True))
-    are_sides = [{name.lower() for name in level} <= SPLITS.keys() for level in levels]
+    are_sides = [None not in map(side_of, level) for level in levels]
     count = are_sides.count(False)
     if count > 2 or not levels:
         return "SESSION/OBJECT/FILE" if levels else "FILE", []

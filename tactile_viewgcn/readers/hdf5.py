@@ -28,7 +28,7 @@ import numpy as np
 from tactile_viewgcn.messages import UserError, listed
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.join import check_values
-from tactile_viewgcn.readers.source import NUMBERS, SPLITS, Form, Recording, Source, Values, no_array, sliced
+from tactile_viewgcn.readers.source import NUMBERS, Form, Recording, Source, Values, no_array, side_of, sliced
 
 NAMES = ("objects", "recordings", "batches", "splits")
 #: Column of each per-frame field of metadata.mat
@@ -81,7 +81,7 @@ def read_metadata(path: Path) -> Source:
         shape, dtype = check_values(values, str(path))
         if "split" in values:
             names = fields.get("splits", ["train", "test"])
-            sides = np.array([SPLITS.get(name.lower(), -1) for name in names])
+            sides = np.array([-1 if (side := side_of(name)) is None else side for name in names])
             if not np.isin(values["split"], np.flatnonzero(sides >= 0)).all():
                 raise UserError(f"{path}: splitId and splits {listed(names)}; expected numbers of train and test in it")
             values["split"] = sides[values["split"].astype(np.int64)]

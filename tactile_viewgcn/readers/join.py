@@ -21,6 +21,7 @@ from tactile_viewgcn.readers.source import (
     framed,
     sliced,
     storage_type,
+    tidy,
 )
 
 
@@ -39,6 +40,7 @@ def joined(path: Path, files: list[Path], opened: Callable[[Path], Recording], f
         recording = opened(file)
         pressure = framed(recording.values["pressure"], form, str(file))
         names = {"object": UNLABELLED, "session": "session"} | recording.names
+        names |= {kind: tidy(names[kind]) for kind in ("object", "session")}
         return replace(recording, names=names, values=recording.values | {"pressure": pressure})
 
     known, headers, mistakes = dict[str, tuple[Any, Path]](), list[Recording](), list[tuple[Path, str]]()

@@ -1,5 +1,7 @@
 """The form in which every reader returns recordings, and the checks of their shapes, types and values."""
 
+import re
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,9 +13,9 @@ from tactile_viewgcn.messages import Note, UserError, listed
 from tactile_viewgcn.params import MAX_SIDE
 
 UNLABELLED = ""  # stands for the name of an object that is to be recognised
-TRAIN, TEST = 0, 1  # codes of the published split
-#: Sides of the published split by their names in small letters; `preprocess` draws its own validation side.
-SPLITS = {"train": TRAIN, "training": TRAIN, "val": TRAIN, "validation": TRAIN, "test": TEST, "testing": TEST}
+TRAIN, TEST, VALIDATION = 0, 1, 2  # codes of the published split
+#: Names of its sides, such as `test`, `training_set`, `x_train`, `dev`.
+SIDE = re.compile(r"(?:[xs][ _-])?(?:(train|training)|(tests?|testing)|(val|valid|validation|dev))(?:[ _-]?sets?)?")
 BLOCK_FRAMES = 4096  # frames that are read or written at once
 MAX_PRESSURE = 1e30  # absolute value; the network's input is in single precision
 MOST_SECONDS = 1e9  # absolute value of a time, thirty years
@@ -99,6 +101,17 @@ class Source:
     blocks: Iterator[Block]
     notes: list[Note] = field(default_factory=list)
     channel_names: list[str] = field(default_factory=list)
+
+
+def tidy(name: str) -> str:
+    """A name without blanks at its ends, its letters composed."""
+    return unicodedata.normalize("NFC", name).strip()
+
+
+def side_of(name: str) -> int | None:
+    """Code of the published side that a name means, see `SIDE`; capitals do not matter. None: it names none."""
+    match = SIDE.fullmatch(name.strip().lower())
+    return (TRAIN, TEST, VALIDATION)[int(match.lastindex or 1) - 1] if match else None
 
 
 def storage_type(dtype: np.dtype, where: str) -> np.dtype:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_viewgcn.messages import Note, UserError, listed
-from tactile_viewgcn.readers.source import NUMBERS, Form, Recording
+from tactile_viewgcn.readers.source import NUMBERS, Form, Recording, tidy
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
@@ -54,11 +54,11 @@ def read_table(file: Path, form: Form) -> Table:
         UserError: there are no numbers, lines of unlike length, a cell without a number or a name, or no column of a
             name that the form gives.
     """
-    names, cells = _parsed(file)
+    names, cells, notes = _parsed(file)
     if missing := [name for name in form.columns.values() if name not in names]:
         raise UserError(f"{file}: no column {missing[0]!r}; found {listed(names)}")
     labels, time = dict[str, np.ndarray](), dict[str, np.ndarray]()
-    sensors, channels, notes = [], [], []
+    sensors, channels = [], []
     for at, name in enumerate(names):
         values = _numbers(cells[at])
         content = _content(name, values, form, is_index=at == 0 and not name and any(names))
@@ -74,7 +74,7 @@ def read_table(file: Path, form: Form) -> Table:
             sensors.append(values)
             channels.append(name)
         elif content in LABELS:
-            labels.setdefault(content, np.array([str(cell).strip() for cell in cells[at]], dtype=object))
+            labels.setdefault(content, np.array([tidy(str(cell)) for cell in cells[at]], dtype=object))
         elif content == "time" and filled.all():  # not texts such as 12:30:01
             time.setdefault("time", values * SECONDS.get(_base_and_unit(name)[1], 1.0))
     pressure = np.column_stack(sensors) if sensors else np.zeros((len(cells), 0))
@@ -122,8 +122,11 @@ def _base_and_unit(name: str) -> tuple[str, str]:
     return base, unit or base
 
 
-def _parsed(file: Path) -> tuple[list[str], "DataFrame"]:
-    """The names of a table's columns, "" without one, and its cells: as numbers in columns without any other text."""
+def _parsed(file: Path) -> tuple[list[str], "DataFrame", list[Note]]:
+    """The names of a table's columns, "" without one, and its cells: as numbers in columns without any other text.
+
+    A line of units below the names is left out, with a note: one with words, or one of ones where no other cell is 1.
+    """
     import pandas as pd  # here, since it loads slowly
 
     text = _text(file)
@@ -148,7 +151,12 @@ def _parsed(file: Path) -> tuple[list[str], "DataFrame"]:
             what = str(error).rpartition("error: ")[2].strip()
             raise UserError(f"{file}: {what}; correct or delete the line") from None
     width = 1 + max(np.flatnonzero(cells.notna().any()), default=-1)
-    return next((row[:width] for row in rows if len(row) >= width and not any(row[width:])), [""] * width), cells
+    full = [row[:width] for row in rows if len(row) >= width and not any(row[width:])]
+    first = _cells(next(islice(io.StringIO(text), above, None)), separator)
+    if full and 1 < width == first.count("1") and len(cells) > 2 and (cells.iloc[:, :width] == 1).sum().eq(1).all():
+        full, cells = [*full, first], cells.iloc[1:].reset_index(drop=True)
+    notes = [Note(f"the line {listed(row)} below the names is no frame (units)", topic="units") for row in full[1:]]
+    return (full or [[""] * width])[0], cells, notes
 
 
 def _numbers(cells: "Series") -> np.ndarray:

@@ -17,7 +17,7 @@ from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, shown, warnings_of
 from tactile_viewgcn.params import Member, Params, default_params, on_sensors, preset_changes
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.readers.source import FRAMES_LAST
+from tactile_viewgcn.readers.source import FRAMES_LAST, tidy
 from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings
 from tactile_viewgcn.tables.remarks import originals, remarks
@@ -236,6 +236,8 @@ def _distinct(y: Any) -> tuple[np.ndarray, np.ndarray]:
     """Distinct labels (Y,), sorted, and the index (n,) of each recording's label."""
     try:
         check_classification_targets(y)
+        if y.dtype.kind in "UO":
+            y = np.array([tidy(label) if isinstance(label, str) else label for label in y], y.dtype.kind)
         classes, labels = np.unique(y, return_inverse=True)
     except TypeError:  # the labels have no order
         raise UserError("y holds labels of different kinds; expected texts, or whole numbers") from None

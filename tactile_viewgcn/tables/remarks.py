@@ -1,6 +1,8 @@
 """Warnings of what spoils a result whatever is computed from a table of raw counts, for `ingest` and `inspect`."""
 
 import hashlib
+import re
+import unicodedata
 from collections.abc import Iterator
 
 import numpy as np
@@ -15,7 +17,7 @@ def remarks(recordings: Recordings, original: np.ndarray) -> list[Note]:
     Args:
         original: see `originals`.
     """
-    warnings = [*_copies(recordings, original), *_times(recordings)]
+    warnings = [*_copies(recordings, original), *_spellings(recordings), *_times(recordings)]
     return [
         *recordings.notes,
         *without_frames(recordings),
@@ -47,6 +49,17 @@ def _copies(recordings: Recordings, original: np.ndarray) -> Iterator[tuple[str,
     if pairs := [f"{names[copy]} repeats {names[first]}" for copy, first in enumerate(original) if copy != first]:
         text = f"{several(len(pairs), 'recording')} with the counts of a different one: {listed(pairs)}. A copy tests "
         yield "copies", f"{text}nothing, and as a different object it is wrong: remove it, or record it again."
+
+
+def _spellings(recordings: Recordings) -> Iterator[tuple[str, str]]:
+    """A warning of objects whose names differ in capitals, blanks, hyphens or underscores alone."""
+    labels = [recordings.columns["object"][index[0]] for index in frames_by_recording(recordings)]
+    counts, alike = np.bincount(labels, minlength=len(recordings.objects)), dict[str, list[str]]()
+    for name, count in zip(recordings.objects, counts.tolist(), strict=True):
+        key = re.sub(r"(?<=\w)[\s_-]+", "", unicodedata.normalize("NFKC", name)).casefold()
+        alike.setdefault(key, []).append(f"{name!r} ({several(count, 'recording')})")
+    if names := [" and ".join(spelt) for spelt in alike.values() if len(spelt) > 1]:
+        yield "spelling", f"Objects whose names differ in spelling alone: {listed(names)}. If one is meant, rename it."
 
 
 def _times(recordings: Recordings) -> Iterator[tuple[str, str]]:
