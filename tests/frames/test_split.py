@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tactile_viewgcn.frames import split as module
 from tactile_viewgcn.frames.folds import in_fold, left_out
-from tactile_viewgcn.frames.split import draw_anchors, split_groups, surplus_groups, validation_sides
+from tactile_viewgcn.frames.split import draw_anchors, published_test, split_groups, surplus_groups, validation_sides
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 
 
@@ -31,6 +31,11 @@ def test_groups_are_numbered_in_the_order_of_the_recordings():
     assert split_groups(columns, "source").tolist() == [3, 3, 0, 0, 1, 2]
     assert split_groups(columns, "grasp").tolist() == [4, 3, 0, 0, 1, 2]
     assert split_groups(columns, "session").tolist() == [1, 1, 0, 0, 0, 0]
+
+
+def test_the_published_validation_is_tested_where_there_is_no_test_side():
+    assert published_test(np.array([0, 1, 2])).tolist() == [False, True, False]
+    assert published_test(np.array([0, 0, 2])).tolist() == [False, False, True]
 
 
 @pytest.mark.parametrize(

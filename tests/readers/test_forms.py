@@ -12,12 +12,13 @@ from scipy import io
 
 from tactile_viewgcn.readers import source as module
 from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.readers.source import TEST, TRAIN, Form
+from tactile_viewgcn.readers.source import TEST, TRAIN, VALIDATION, Form
 from tests.readers.files import COUNTS, ingested, record, refusal, save
 from tests.stag_files import SENSORS, as_weights, metadata, save_folder, save_hdf5, save_matlab5, save_matlab73
 
 MATLAB = pytest.mark.parametrize("save_as", [save_matlab5, save_matlab73])
 TREE = metadata(objects=3, recordings=2, sessions=2, frames=8, blank=2)
+SIDES = {"train": TRAIN, "test": TEST, "val": VALIDATION, "dev": VALIDATION}
 RAW = {"object": "objectId", "recording": "recordingId", "session": "batchId", "frame": "frame", "time": "ts"}
 HDF5 = RAW | {"split": "splitId", "valid": "hasValidLabel"}
 ALL = HDF5 | {"balanced": "isBalanced"}
@@ -83,6 +84,8 @@ TABLES = {  # the bytes or the text of a table, its numbers, and the names of it
     "a first frame of integers": ("0,1,2\n5,6,7\n", [[0, 1, 2], [5, 6, 7]], ""),
     "comments": ("% of the left hand\n# a b\n1 2\n# paused, 1,5 s\n3 4\n", [[1, 2], [3, 4]], "a|b"),
     "units": ("a,b,\nN,N,\n1,2,\n3,4,\n", [[1, 2], [3, 4]], "a|b"),
+    "units that are ones": ("a,b\n1,1\n5,6\n7,8\n", [[5, 6], [7, 8]], "a|b"),
+    "a frame of ones": ("a,b\n1,1\n0,1\n1,0\n", [[1, 1], [0, 1], [1, 0]], "a|b"),
     "LabVIEW": ("Measurement\nWriter\t2\n***End***\nX\tY\tZ\n7\t1\t2\n8\t3\t4\n", [[7, 1, 2], [8, 3, 4]], "X|Y|Z"),
     "a title": ("Glove of the left hand\nthumb index\n1 2\n3 4\n", [[1, 2], [3, 4]], "thumb|index"),
     "a sentence": ("# time of the recording was 12:30\n1 2 3 4\n", [[1, 2, 3, 4]], ""),
@@ -105,6 +108,7 @@ def test_tables_are_read_as_programs_write_them(tmp_path, name, ending):
     np.testing.assert_array_equal(counts[:, 0], numbers)
     assert counts.dtype.kind == np.array(numbers).dtype.kind
     assert (table.recordings, "|".join(table.channel_names)) == (["mug/1.a"], names)
+    assert ["(units)" in note.text for note in table.notes if note.topic == "units"] == [True] * ("units" in name)
 
 
 def tables_of(folder, header, line, frames=15):
@@ -142,6 +146,34 @@ def test_columns_that_are_no_sensors_are_left_out_and_named(tmp_path, name):
     np.testing.assert_allclose(table.columns["time"], expected, atol=1e-6)
     texts = [note.text for note in table.notes if note.topic == "columns"]
     assert [words in text for words, text in zip(noted, texts, strict=True)] == [True] * len(noted)
+
+
+@pytest.mark.parametrize(
+    ("lost", "words"),
+    [
+        ("pen/1.json pen/2.json ball/3.PKL", "2 .json, 1 .pkl|ball 2 of 3, pen 0 of 2."),
+        ("mug/4.txt", "1 .txt|mug/4.txt: |mug 2 of 3"),
+        ("notes.md ball/1.json ball/old/3.json", ""),  # beside the objects, about a recording that is read, or deeper
+    ],
+)
+def test_files_that_are_not_read_are_counted_by_object(tmp_path, lost, words):
+    for name in ("ball/1.npy", "ball/2.npy", "mug/1.npy", "mug/2.npy"):
+        save(tmp_path / "lab" / name)
+    for name in lost.split():
+        save(tmp_path / "lab" / name, "none")
+    (note,) = [note for note in ingested(tmp_path / "lab")[1].notes if note.topic == "files"]
+    assert (note.level, f"{len(lost.split())} file" in note.text) == ("warning" if words else "info", True)
+    assert [word for word in words.split("|") if word not in note.text] == []
+
+
+def test_letters_of_labels_are_composed_and_blanks_at_their_ends_go(tmp_path):
+    for number, name in enumerate((" Te\u0302te", "T\xeate ", "T\xeate")):
+        save(tmp_path / "folders" / name / f"{number}.npy")
+        record(tmp_path / "attributes" / f"{number}.h5", attributes={"object": name})
+    rows = ["label,trial,a", *(f"{name},{number},{number}" for number, name in enumerate(("Te\u0302te", "T\xeate ")))]
+    save(tmp_path / "all.csv", "\n".join(rows))
+    for place in ("folders", "attributes", "all.csv"):
+        assert open_source(tmp_path / place).names["object"] == ["T\xeate"]
 
 
 def test_a_text_without_a_table_is_left_out_and_named(tmp_path):
@@ -274,6 +306,7 @@ def test_gloves_of_every_shape_and_number_type_keep_their_values(tmp_path_factor
         ("ball/monday mug/monday", "SESSION/OBJECT", "warning"),
         ("train/ball test/ball", "SPLIT/OBJECT", "info"),
         ("val/ball Test/mug", "SPLIT/OBJECT", "info"),
+        ("training_set/ball x_test/mug Dev/ball", "SPLIT/OBJECT", "info"),
         ("ball/Training ball/testing mug/testing", "OBJECT/SPLIT", "info"),
         ("test/s1/ball train/s1/empty_hand", "SPLIT/SESSION/OBJECT", "info"),
     ],
@@ -293,8 +326,8 @@ def test_folders_are_objects_and_above_them_sessions(tmp_path, places, order, le
     assert ("data.layout=OBJECT/SESSION/FILE" in note.text) == (level == "warning")
     if "SPLIT" in order:
         sides = {source.names["recording"][block["recording"][0]]: block["split"][0] for block in source.blocks}
-        assert all(side == (TEST if "test" in name.lower() else TRAIN) for name, side in sides.items())
-        assert set(sides.values()) == {TRAIN, TEST}
+        for name, side in sides.items():
+            assert side == next(code for word, code in SIDES.items() if word in name.lower())
     elif level == "warning":
         source = open_source(tmp_path / "lab", Form(layout="OBJECT/SESSION/FILE"))
         assert set(source.names["object"]) == {place.split("/")[0] for place in places.split()} and not source.notes

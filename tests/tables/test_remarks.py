@@ -23,8 +23,24 @@ SECONDS = 0.1 * np.arange(60)
         (COUNTS, {"time": np.where(NUMBER == 4, 7.0, SECONDS)}, {"time": "9 places|recording4"}),
         (COUNTS, {"time": np.where(np.arange(60) == 25, 0, SECONDS)}, {"time": "1 place|recording2"}),
         (COUNTS, {"time": np.nan}, {}),
+        (
+            COUNTS,
+            {"objects": ["tea_box", "-1", "Tea  Box"]},
+            {"spelling": "'tea_box' (2 recordings) and 'Tea  Box' (2"},
+        ),
+        (COUNTS, {"objects": ["1", "-1", "mug"]}, {}),
     ],
-    ids=["sound", "empty recording", "lost object", "copies", "times repeat", "times fall", "no times"],
+    ids=[
+        "sound",
+        "empty recording",
+        "lost object",
+        "copies",
+        "times repeat",
+        "times fall",
+        "no times",
+        "spellings",
+        "signs",
+    ],
 )
 def test_what_spoils_a_result_is_said_of_the_table(tmp_path, counts, changes, warned):
     table = written(tmp_path / "t", counts, **(SOUND | changes))
