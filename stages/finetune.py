@@ -10,7 +10,6 @@ from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.recognition.fitting import Fitted, fit_classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tactile_viewgcn.recognition.network_candidate import NETWORK
 from tactile_viewgcn.tables.frames import Views, load_table, read_frames
 from tactile_viewgcn.training.checkpoint import training_checkpoint
 
@@ -44,8 +43,8 @@ def _training(job: Job, fitted: Fitted) -> str:
 
 
 def _members(job: Job, fitted: Fitted) -> str:
-    """Keep the chosen members in the record, and name them; with `auto` it may be the network instead."""
-    members = " + ".join(fitted.model.members) if on_sensors(fitted.model.system) else NETWORK
+    """Keep the members in the record, and name them."""
+    members = " + ".join(fitted.model.members)
     job.record.counts["resolved.model.members"] = members
     return f"{members} fitted in {fitted.progress.seconds:.1f} s"
 

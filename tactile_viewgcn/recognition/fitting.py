@@ -1,34 +1,37 @@
-"""One fit, from the table of frames to a calibrated classifier: choice of members, training, calibration."""
+"""One fit, from the table of frames to a calibrated classifier: training, weights of members, calibration."""
 
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.intervals import percent_interval, proportion_interval
-from tactile_viewgcn.messages import NEW_SESSION, Note
+from tactile_viewgcn.messages import NEW_SESSION, Note, several
 from tactile_viewgcn.params import Member, Model, Params, on_sensors
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.calibration import Classifier, calibration_warning, network_temperature
-from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, LeftOut, choose_members
-from tactile_viewgcn.recognition.network_candidate import NETWORK, NetworkCandidate
+from tactile_viewgcn.recognition.left_out import LeftOut
+from tactile_viewgcn.recognition.network_member import NetworkMember
 from tactile_viewgcn.sensors.convolutions import SAMPLE
 from tactile_viewgcn.sensors.examples import Examples
 from tactile_viewgcn.sensors.features import every_few, is_array
 from tactile_viewgcn.sensors.representation import Representation, contact_unit, successive_noise
 from tactile_viewgcn.systems import load_system
+from tactile_viewgcn.systems.sensors import NETWORK
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION, Frames, Views
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.loop import OnEpoch, Progress
 from tactile_viewgcn.views.sampling import powers_of_two
 
+#: members where `model.members` is auto
+ARRAY, CHANNELS = ["kernel", "pooled_kernel", "svm", NETWORK], ["trees", "svm", "convolutions"]
+UNWEIGHED = ["kernel", "pooled_kernel"]  # the members for an array where nothing can be left out
 SCALE_FRAMES = 20_000  # by which readings are scaled
 
 
@@ -58,8 +61,8 @@ def fit_classifier(
     A network is calibrated on the validation side, a system on the sensors by cross-validation on the training side.
 
     Args:
-        ask_network: among the candidates for arrays is the network of `network_candidate`, which takes minutes. For the
-            other arguments see `finetune_classifier`.
+        ask_network: `auto` has the member `network` for arrays, which takes minutes. For the other arguments see
+            `finetune_classifier`.
     """
     if on_sensors(params.model.system):
         return _fit_sensors(table, views, params, compute, ask_network=ask_network)
@@ -71,55 +74,73 @@ def fit_classifier(
 
 
 def _fit_sensors(table: Frames, views: Views, params: Params, compute: Compute, *, ask_network: bool) -> Fitted:
-    """Choose the members where they are `auto`, fit them to the training recordings, and calibrate them."""
-    begin, asked, seed, notes = time.perf_counter(), params.model.members, params.seed, list[Note]()
-    array, auto, network = is_array(table.live), asked == "auto", None
-    classifier: Any
-    candidates: list[list[str]] = [[*asked]] if not auto else ARRAY if array else [CHANNELS]
+    """Fit the members to the training recordings, weighed where they are `auto`, and calibrate them."""
+    begin, seed, network, notes = time.perf_counter(), params.seed, None, list[Note]()
+    array, auto = is_array(table.live), params.model.members == "auto"
+    members = [*(params.model.members if not auto else ARRAY if array else CHANNELS)]
+    on_sensors = [name for name in members if name != NETWORK]
     recordings = training_recordings(table)
-    examples = examples_of(table, recordings, chain(*candidates), powers_of_two(len(views.viewpoints)), seed)
+    examples = examples_of(table, recordings, on_sensors, powers_of_two(len(views.viewpoints)), seed)
     first = np.array([index[0] for index in recordings])
-    left, members = LeftOut(examples, table.group[first], seed), candidates[0]
+    left = LeftOut(examples, table.group[first], seed)
     rows = left.answered
-    if auto and array:
-        network = NetworkCandidate(table, views, recordings, seed, compute) if ask_network else None
-        members, rows, notes = choose_members(left, candidates, network)
-        if not ask_network:
-            text = f"a network may err less: TactileClassifier(system={NETWORK!r}) trains one"
-            notes.append(Note(text, topic="recogniser"))
-    weights, temperature = left.calibrated(members, rows, weighed=not array)
-    if auto and not array:
-        text = f"their log-probabilities have the weights {', '.join(f'{each:.2g}' for each in weights)}"
-        notes.append(Note(text, "choice", "recogniser", "model.members", members))
+    if auto and NETWORK in members and not ask_network:
+        text = f"a network may err less: TactileClassifier(system={NETWORK!r}) trains one"
+        notes.append(Note(text, topic="recogniser"))
+    elif NETWORK in members and not (auto and left.all_right(on_sensors)):
+        trained = NetworkMember(table, views, recordings, seed, compute)
+        left.shares[NETWORK], answered, note = trained.left_out(left.folds)
+        notes.append(note)
+        if answered.any() or not auto:
+            network, rows = trained.train(), answered
+    weights = dict.fromkeys(members, 1.0)
+    if auto:
+        weights, weighed = _weights(left, members if network else on_sensors, rows)
+        notes += weighed
+    temperature = left.temperature(weights, rows)
     notes += calibration_warning(temperature, "left-out training groups", "record each object more often")
-    if network and members == [NETWORK]:
-        classifier, model = network.train(), network.params.model
-        notes += _of_new_sessions(table)
-    else:
-        classifier = load_system(params.model.system).SensorClassifier(members, views.viewpoints, len(table.classes))
-        classifier.fit(examples, weights, seed)
-        model = replace(params.model, members=cast(list[Member], members))
-        notes += _of_new_sessions(table, LeftOut(examples, table.session[first], seed), members, weights)
+    network = network if NETWORK in weights else None
+    system = load_system(params.model.system)
+    classifier = system.SensorClassifier([*weights], views.viewpoints, len(table.classes), network)
+    classifier.fit(examples, [*weights.values()], seed)
+    notes += _of_new_sessions(table, LeftOut(examples, table.session[first], seed), weights)
+    model = replace(params.model, members=cast(list[Member], [*weights]))
     return Fitted(classifier, model, temperature, Progress(seconds=time.perf_counter() - begin), notes)
 
 
-def _of_new_sessions(
-    table: Frames, left: LeftOut | None = None, members: Sequence[str] = (), weights: Sequence[float] = ()
-) -> list[Note]:
+def _weights(left: LeftOut, members: list[str], rows: np.ndarray) -> tuple[dict[str, float], list[Note]]:
+    """The weights by the answers to those recordings, bool (R,), and notes: the members, then each of those asked."""
+    key = "model.members"
+    if not rows.any():
+        members = [name for name in members if name in UNWEIGHED] or members
+        text = "no object has two groups to train on, so that none can be left out: taken without a comparison"
+        return dict.fromkeys(members, 1.0), [Note(text, "choice", "recogniser", key, members)]
+    weights = left.weighed(members, rows)
+    groups = several(len(np.unique(left.groups[rows])), "training group")
+    text = f"their log-probabilities have weights, fitted on {groups}, each left out of the fits that answer it"
+    notes = [Note(text, "choice", "recogniser", key, [*weights])]
+    for name in sorted(members, key=lambda name: -weights.get(name, 0)):
+        weight, error = weights.get(name, 0), float(left.wrong({name: 1}, rows).mean())
+        text = f"{name}: weight {weight:.2g}; alone {100 * error:.1f} % of whole recordings wrong"
+        notes.append(Note(text, topic="members", key=key, value={"member": name, "weight": weight, "error": error}))
+    return weights, notes
+
+
+def _of_new_sessions(table: Frames, left: LeftOut, weights: dict[str, float]) -> list[Note]:
     """A note with the error for a new session, the mean over sessions, or one that says how to measure it.
 
     There is none where the test itself is of new sessions, or the training of one.
 
     Args:
-        left: its groups are the sessions of the training recordings; None: leaving one out takes a training.
+        left: its groups are the sessions of the training recordings.
     """
     trained, tested = (np.unique(table.session[table.on(side)]) for side in (TRAIN, TEST))
-    if len(trained) < 2 or not np.isin(tested, trained).any() or (left and not left.answered.any()):
+    if len(trained) < 2 or not np.isin(tested, trained).any() or not left.answered.any():
         return []
-    if not left:
+    if NETWORK in weights:
         text = f"no network was trained without a session: split.by=session measures the error for {NEW_SESSION}"
         return [Note(text, topic="new session")]
-    wrong = left.wrong(members, left.answered, weights)
+    wrong = left.wrong(weights, left.answered)
     low, high = proportion_interval(wrong, np.arange(len(wrong)), stream(0, "new session")) or (None, None)
     mean = float(wrong.mean())
     text = f"{percent_interval(mean, low, high)} % of whole recordings of {NEW_SESSION} wrong; "

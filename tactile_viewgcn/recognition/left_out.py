@@ -1,8 +1,6 @@
-"""The choice of a classifier for recordings, and its calibration, by recordings that are left out of its fits.
+"""Answers to recordings that are left out of the fits: the weights of the members and their calibration rest on them.
 
-A candidate is one member of `sensors`, or several, or the network of the preset of this name. Channels have one recipe,
-whose members are weighed. Nothing is pretrained for the members, so that a group can be left out of all that is fitted
-to labels.
+Nothing is pretrained for the members, so that a group can be left out of all that is fitted to labels.
 """
 
 from collections.abc import Sequence
@@ -10,16 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactile_viewgcn.frames.folds import left_out
-from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.recognition.calibration import fit_temperature, fit_weights
-from tactile_viewgcn.recognition.network_candidate import NETWORK, NetworkCandidate
 from tactile_viewgcn.sensors.estimators import added, log_shares, probabilities
 from tactile_viewgcn.sensors.examples import Examples
 
-#: a later candidate, last of all the network, is taken only if the earlier ones err more by more than a standard error
-ARRAY: list[list[str]] = [["kernel", "pooled_kernel"], ["svm"]]
-CHANNELS = ["trees", "svm", "convolutions"]
 FOLDS = 5
+LEAST_WEIGHT = 0.1  # of the largest: a member with less is left out
 
 
 class LeftOut:
@@ -56,71 +50,34 @@ class LeftOut:
             self.shares[member] = np.stack(means)
         return [self.shares[member][rows] for member in members]
 
-    def wrong(self, members: Sequence[str], rows: np.ndarray, weights: Sequence[float] = ()) -> np.ndarray:
-        """Share of wrong answers (G,) to those recordings, bool (R,), of each group that has any."""
-        wrong = added(self.answers(members, rows), weights).argmax(axis=1) != self.examples.labels[rows]
+    def wrong(self, weights: dict[str, float], rows: np.ndarray) -> np.ndarray:
+        """Share of wrong answers (G,) by weighed members to those recordings, bool (R,), of each group that has any."""
+        wrong = self._sum(weights, rows).argmax(axis=1) != self.examples.labels[rows]
         place = np.unique(self.groups[rows], return_inverse=True)[1]
         return np.bincount(place, wrong) / np.bincount(place)
 
-    def calibrated(self, members: list[str], rows: np.ndarray, *, weighed: bool) -> tuple[list[float], float | None]:
-        """Weights of the members' log-probabilities, all 1 unless `weighed`, and the temperature of their sum.
+    def all_right(self, members: list[str]) -> bool:
+        """Whether these members, weighed, err nowhere, or nothing can be left out."""
+        rows = self.answered
+        return not (rows.any() and self.wrong(self.weighed(members, rows), rows).any())
 
-        Both are fitted to the answers to those recordings, bool (R,); without any the temperature is None.
+    def weighed(self, members: list[str], rows: np.ndarray) -> dict[str, float]:
+        """Weights of the members' log-probabilities, fitted to the answers to those recordings, bool (R,).
+
+        Members of little weight are left out, and the others are weighed anew.
         """
-        weights, labels = [1.0] * len(members), self.examples.labels[rows]
-        if not len(labels):
-            return weights, None
-        shares = self.answers(members, rows)
-        if weighed:
-            weights = fit_weights(log_shares(shares), labels).tolist()
-        return weights, fit_temperature(added(shares, weights), labels, len(labels))
+        weights = fit_weights(log_shares(self.answers(members, rows)), self.examples.labels[rows])
+        enough = weights >= LEAST_WEIGHT * weights.max()
+        if enough.all():
+            return dict(zip(members, weights.tolist(), strict=True))
+        return self.weighed([name for name, kept in zip(members, enough, strict=True) if kept], rows)
 
+    def temperature(self, weights: dict[str, float], rows: np.ndarray) -> float | None:
+        """The temperature of the weighed sum, fitted to the answers to those recordings; None without any."""
+        if not rows.any():
+            return None
+        return fit_temperature(self._sum(weights, rows), self.examples.labels[rows], int(rows.sum()))
 
-def choose(wrong: list[np.ndarray]) -> int:
-    """The number of the first candidate whose error exceeds the lowest by at most one standard error of the difference.
-
-    Args:
-        wrong: of each candidate, the share of wrong answers (G,) to the recordings of each group, over which the
-            standard error is taken; 0 of one group.
-    """
-    more = [each - min(wrong, key=np.mean) for each in wrong]
-    above = [float(each.std(ddof=1) / len(each) ** 0.5) if len(each) > 1 else 0.0 for each in more]
-    return next(number for number, each in enumerate(more) if each.mean() <= above[number])
-
-
-def choose_members(
-    left: LeftOut, candidates: list[list[str]], network: NetworkCandidate | None
-) -> tuple[list[str], np.ndarray, list[Note]]:
-    """Compare the candidates, up to the first that errs nowhere.
-
-    Args:
-        network: the last candidate, on as many folds as its limit of time allows; None: it is not asked.
-
-    Returns:
-        The chosen members, or `NETWORK`; the recordings bool (R,) that they have answered; and notes: the choice, then
-        each candidate, the chosen one first and the others by their errors.
-    """
-    key, rows, notes, compared = "model.members", left.answered, list[Note](), list[list[str]]()
-    if not rows.any():
-        text = "no object has two groups to train on, so that none can be left out: taken without a comparison"
-        return candidates[0], rows, [Note(text, "choice", "recogniser", key, candidates[0])]
-    for members in candidates:
-        if not compared or left.wrong(compared[-1], rows).any():
-            compared.append(members)
-    if network and left.wrong(compared[-1], rows).any():
-        shares, answered, text = network.compare(left.folds)
-        notes.append(Note(text, topic="recogniser"))
-        if answered.any():
-            left.shares[NETWORK], rows = shares, answered
-            compared.append([NETWORK])
-    wrong = [left.wrong(members, rows) for members in compared]
-    taken, groups = choose(wrong), several(len(wrong[0]), "training group")
-    text = f"of {several(len(wrong), 'candidate')} the first whose error is within a standard error of the lowest, "
-    text += f"on {groups}, each left out of the fits that answer it"
-    notes.append(Note(text, "choice", "recogniser", key, compared[taken]))
-    for number in sorted(range(len(wrong)), key=lambda number: (number != taken, wrong[number].mean())):
-        members, error = compared[number], float(wrong[number].mean())
-        text = f"{' + '.join(members)}: {100 * error:.1f} % of whole recordings wrong"
-        value = {"members": members, "taken": number == taken, "error": error}
-        notes.append(Note(text, topic="candidates", key=key, value=value))
-    return compared[taken], rows if compared[taken] == [NETWORK] else left.answered, notes
+    def _sum(self, weights: dict[str, float], rows: np.ndarray) -> np.ndarray:
+        """The weighed sum (n, classes) of log-probabilities."""
+        return added(self.answers([*weights], rows), [*weights.values()])

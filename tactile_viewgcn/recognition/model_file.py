@@ -23,9 +23,10 @@ from tactile_viewgcn.device import select_device
 from tactile_viewgcn.files import atomic_write, in_one_line
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.nn.network import STAG_SHAPE, ViewNetwork, spread_frames
-from tactile_viewgcn.params import Model, PreprocessSection, on_sensors
+from tactile_viewgcn.params import Model, PreprocessSection, default_params, on_sensors, preset_changes
 from tactile_viewgcn.recognition.calibration import Classifier, recording_answer
 from tactile_viewgcn.systems import load_system, system_class
+from tactile_viewgcn.systems.sensors import NETWORK
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TRAIN, Frames, frame_rates, network_input
 
@@ -53,7 +54,10 @@ def build_classifier(viewpoints: Tensor, classes: int, model: Model, shape: tupl
     - `takes_fewer`: whether `view_sets` also answers fewer frames than V.
     """
     if on_sensors(model.system):
-        return load_system(model.system).SensorClassifier(model.members, np.asarray(viewpoints), classes)
+        network: Any = None
+        if NETWORK in model.members:
+            network = build_classifier(viewpoints, classes, default_params(tuple(preset_changes(NETWORK))).model, shape)
+        return load_system(model.system).SensorClassifier(model.members, np.asarray(viewpoints), classes, network)
     return ViewNetwork(system_class(model.system), viewpoints, classes, model, shape)
 
 

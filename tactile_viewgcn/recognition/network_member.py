@@ -1,4 +1,4 @@
-"""The network of the preset `network` as a candidate of the choice: trained with groups left out, if time allows."""
+"""The member `network`: the network of the preset of this name, trained with groups left out, if time allows."""
 
 import time
 from dataclasses import replace
@@ -6,22 +6,22 @@ from dataclasses import replace
 import numpy as np
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import default_params, preset_changes
 from tactile_viewgcn.recognition.calibration import recording_answers
+from tactile_viewgcn.systems.sensors import NETWORK
 from tactile_viewgcn.tables.counts import Gathered, evenly
 from tactile_viewgcn.tables.frames import TEST, TRAIN, Frames, Views
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 
-NETWORK = "network"  # the preset's name
-LIMIT = 600.0  # seconds of all trainings of the network: of each fold, and of the one that is kept
+LIMIT = 1800.0  # seconds of all trainings of the network: of each fold, and of the one that is kept
 NONE = np.zeros(0, dtype=int)
 FIRST_STEPS = 8  # by which they are estimated, after as many that are not timed
 
 
-class NetworkCandidate:
+class NetworkMember:
     """The preset's network for a table of frames.
 
     Args:
@@ -42,27 +42,32 @@ class NetworkCandidate:
         pretrain_backbone(table, short, self.compute, on_epoch=lambda *_: ends.append(time.perf_counter()))
         return (ends[1] - ends[0]) * config.epochs * len(anchors) / int(few.sum())
 
-    def compare(self, folds: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, str]:
+    def left_out(self, folds: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, Note]:
         """Train the network without each fold, bool (R,), that the limit allows, and answer that fold.
 
         Returns:
-            Probabilities (R, classes); the recordings bool (R,) that were answered; and a sentence that says how many
-            folds they are, or why there are none.
+            Probabilities (R, classes); the recordings bool (R,) that were answered; and a note that says how many folds
+            they are, or why there are none.
         """
         shares = np.zeros((len(self.recordings), len(self.table.classes)), dtype=np.float32)
         answered = np.zeros(len(shares), dtype=bool)
-        takes = f"`dvc exp run $(tactile-viewgcn preset {NETWORK})` takes it"
+        takes = f"`dvc exp run $(tactile-viewgcn preset {NETWORK})` trains it alone"
         try:
             seconds = self.seconds()
             limited = folds[: max(0, int(LIMIT / seconds) - 1)]
             for fold in limited:
                 shares[fold], answered = self._answers(fold), answered | fold
         except UserError as error:
-            return shares, np.zeros_like(answered), f"the preset {NETWORK} is not compared: {error}; {takes}"
-        text = f"the preset {NETWORK} trains for about {seconds:.0f} s here; all its trainings may take {LIMIT:.0f} s: "
+            text = f"{NETWORK} is left out: {error}; {takes}"
+            return shares, np.zeros_like(answered), Note(text, topic="recogniser")
+        text = f"one training of {NETWORK} takes about {seconds:.0f} s here, all may take {LIMIT:.0f} s: "
         if limited:
-            return shares, answered, f"{text}compared on {len(limited)} of {len(folds)} parts of the training groups"
-        return shares, answered, f"{text}it is not compared, but may err less; {takes}"
+            text += (
+                f"trained without each of {len(limited)} parts in {len(folds)} of the training groups, then with all"
+            )
+        else:
+            text += f"it is left out, but may err less; {takes}"
+        return shares, answered, Note(text, topic="recogniser")
 
     def _answers(self, fold: np.ndarray) -> np.ndarray:
         """Probabilities (n, classes) of the recordings in a fold by a training without them."""

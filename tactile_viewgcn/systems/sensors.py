@@ -1,4 +1,4 @@
-"""The classifier of what the sensors read, one member or more by `model.members`: nothing is pretrained for it.
+"""The classifier of what the sensors read, one member or more by `model.members`; one may be a trained network.
 
 It reads counts above baseline as arrays, and answers whole recordings and view sets.
 """
@@ -7,15 +7,21 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import torch
+from scipy.special import softmax
 
+from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.sensors.estimators import Estimator, added, probabilities
 from tactile_viewgcn.sensors.examples import Examples
 from tactile_viewgcn.sensors.features import every_few
 from tactile_viewgcn.sensors.representation import OF_FRAMES, Representation, for_sets
 
 if TYPE_CHECKING:
+    from tactile_viewgcn.device import Compute
     from tactile_viewgcn.tables.counts import Counts
 
+NETWORK = "network"  # the member, and the preset that it is trained by
+OF_EACH_FRAME = (OF_FRAMES, NETWORK)  # members that answer single frames
 BATCH = 128  # frames
 MAX_SET_VALUES = 1 << 20  # numbers in the readings of a batch of view sets
 SHORT = 0.1  # quantile of the training recordings' lengths, half of which is the limit `short`
@@ -31,6 +37,7 @@ class SensorClassifier:
         members: names, whose log-probabilities are added with `weights`.
         viewpoints: (V, 3); only V is used.
         classes: number of classes.
+        network: trained with `vote` on input log(1 + max(x, 0)); None without the member `network`.
 
     Attributes:
         representation: what the members read.
@@ -44,8 +51,10 @@ class SensorClassifier:
     takes_fewer = True
     representation: Representation
 
-    def __init__(self, members: Sequence[str], viewpoints: np.ndarray, classes: int):
-        self.members, self.viewpoints, self.classes = list(members), viewpoints, classes
+    def __init__(
+        self, members: Sequence[str], viewpoints: np.ndarray, classes: int, network: ViewNetwork | None = None
+    ):
+        self.members, self.viewpoints, self.classes, self.network = list(members), viewpoints, classes, network
         self.whole: dict[str, Estimator] = {}
         self.sets: dict[int, dict[str, Estimator]] = {}
         self.weights, self.short = dict.fromkeys(self.members, 1.0), 0.0
@@ -67,29 +76,48 @@ class SensorClassifier:
         def fitted(member: str, points: np.ndarray, recording: np.ndarray) -> Estimator:
             return self.representation.estimator(member).fit(points, examples.labels[recording], seed)
 
-        self.whole = {name: fitted(name, *examples.of_recordings(name)) for name in self.members}
-        pooled = [name for name in for_sets(self.members) if name != OF_FRAMES]
+        on_sensors = [name for name in self.members if name != NETWORK]
+        self.whole = {name: fitted(name, *examples.of_recordings(name)) for name in on_sensors}
+        pooled = [name for name in for_sets(self.members) if name not in OF_EACH_FRAME]
         for size in examples.sets:
             self.sets[size] = {name: fitted(name, *examples.of_sets(name, size)) for name in pooled}
 
-    def prepare(self, compute: object) -> None:
-        """Do nothing: it computes on the processor."""
+    def prepare(self, compute: "Compute") -> None:
+        """Prepare the network; all else is computed on the processor."""
+        if self.network:
+            self.network.prepare(compute)
 
     def frame_values(self, counts: "Counts") -> np.ndarray:
-        """Scaled readings float32 (n, S), and beside them probabilities of the member of frames (n, S + classes).
+        """Scaled readings float32 (n, S), then what each member of frames answers (n, classes), in the members' order.
+
+        `kernel` answers probabilities, the network their logarithms.
 
         Args:
             counts: (n, H, W) above baseline, or rows that are computed when they are indexed by a slice.
         """
         parts = []
         for start in range(0, len(counts), BATCH):
-            readings = self.representation.scaled(counts[start : start + BATCH][:, self.representation.live])
-            if OF_FRAMES in self.members:
-                points = self.representation.of_frames(readings)
-                shares = probabilities(self.whole[OF_FRAMES], points, self.classes)
-                readings = np.concatenate([readings, shares], axis=1)
-            parts.append(readings)
+            excess = counts[start : start + BATCH]
+            readings = self.representation.scaled(excess[:, self.representation.live])
+            values = [readings]
+            for name in self._of_each_frame:
+                if name == NETWORK:
+                    values.append(self._network_answers(excess))
+                else:
+                    points = self.representation.of_frames(readings)
+                    values.append(probabilities(self.whole[name], points, self.classes))
+            parts.append(np.concatenate(values, axis=1))
         return np.concatenate(parts)
+
+    @property
+    def _of_each_frame(self) -> list[str]:
+        return [name for name in self.members if name in OF_EACH_FRAME]
+
+    def _network_answers(self, excess: np.ndarray) -> np.ndarray:
+        """The network's log-probabilities (n, classes) of frames, counts (n, H, W) above baseline."""
+        assert self.network
+        values = self.network.frame_values(np.log1p(np.maximum(excess, 0)))
+        return self.network.view_sets(values, np.arange(len(excess))[:, None])
 
     def view_sets(self, values: np.ndarray, sets: np.ndarray) -> np.ndarray:
         """Logits (A, classes) of view sets (A, k) of indices into values (n, ...), in batches that fit memory."""
@@ -111,16 +139,22 @@ class SensorClassifier:
 
     def _logits(self, values: np.ndarray, fitted: dict[str, Estimator], *, whole: bool) -> np.ndarray:
         """Logits (B, classes) of whole recordings or view sets, by the values (B, k, ...) of their frames."""
-        read, sensors, shares = self.representation, len(self.representation.centre), []
+        read, shares = self.representation, []
+        readings, *of_frames = np.split(values, self._ends(), axis=-1)
         names = self.members if whole else for_sets(self.members)
         for name in names:
-            readings, of_frames = values[..., :sensors], values[..., sensors:]
-            if name == OF_FRAMES:
-                shares.append(of_frames.mean(axis=1))
+            if name in OF_EACH_FRAME:
+                mean = of_frames[self._of_each_frame.index(name)].mean(axis=1)
+                shares.append(softmax(mean, axis=1) if name == NETWORK else mean)
             else:
                 points = read.of_recordings(name, readings) if whole else read.of_sets(name, readings)
                 shares.append(probabilities(fitted[name], points, self.classes))
         return added(shares, [self.weights.get(name, 1.0) for name in names])
+
+    def _ends(self) -> list[int]:
+        """Where in `frame_values` the readings, and the answers of each member of frames but the last, end."""
+        sensors = len(self.representation.centre)
+        return [sensors + number * self.classes for number in range(len(self._of_each_frame))]
 
     def state_dict(self) -> dict[str, Any]:
         """What it has learnt, without `live`: arrays and plain values."""
@@ -136,6 +170,7 @@ class SensorClassifier:
             "sets": {str(size): kept(each) for size, each in self.sets.items()},
             "weights": self.weights,
             "short": self.short,
+            "network": self.network.state_dict() if self.network else {},
         }
 
     def load_state_dict(self, state: dict[str, Any], live: np.ndarray) -> None:
@@ -152,3 +187,6 @@ class SensorClassifier:
 
         self.whole, self.weights, self.short = loaded(state["whole"]), state["weights"], state["short"]
         self.sets = {int(size): loaded(each) for size, each in state["sets"].items()}
+        if self.network:
+            weights = {name: torch.from_numpy(value) for name, value in state["network"].items()}
+            self.network.load_state_dict(weights, assign=True)

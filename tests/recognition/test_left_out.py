@@ -1,95 +1,15 @@
-"""The choice: by groups that were left out, never by the test side; later candidates only where they are better."""
+"""Answers to groups that were left out, and what rests on them: weights, temperature; never on the test side."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tactile_viewgcn.recognition.choice import ARRAY, CHANNELS, LeftOut, choose, choose_members
-from tactile_viewgcn.recognition.fitting import examples_of, fit_classifier, training_recordings
-from tactile_viewgcn.recognition.network_candidate import NETWORK
+from tactile_viewgcn.recognition.fitting import ARRAY, CHANNELS, UNWEIGHED, examples_of, fit_classifier, training_recordings
+from tactile_viewgcn.recognition.left_out import LEAST_WEIGHT, LeftOut
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tests.glove_data import CPU, recipe, table, views_of
 from tests.recognition.answers import Answers
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "taken"),
-    [
-        ([1, 0, 1, 0], [1, 0, 0, 0], 0),  # a quarter more, with a standard error of a quarter
-        ([1, 1, 1, 1], [0, 0, 0, 1], 1),
-        ([0, 0, 0, 0], [0, 0, 0, 1], 0),
-        ([1, 0], [0, 1], 0),
-        ([0.5], [0.0], 1),  # one group has no standard error
-        ([0.1, 0.6, 1.0, 0.2], [0.0, 0.5, 0.9, 0.1], 1),  # a tenth more in each group, without a spread
-    ],
-)
-def test_a_later_candidate_is_taken_where_the_first_errs_by_more_than_a_standard_error_more(first, second, taken):
-    assert choose([np.asarray(wrong, dtype=float) for wrong in (first, second, np.add(first, 1))]) == taken
-
-
-LABELS = np.tile([0, 0, 1, 1, 2, 2], 2)  # of six groups of two recordings
-
-
-def answers(wrong):
-    """Probabilities of the recordings, of which the first ones are answered wrongly."""
-    return np.eye(3)[(LABELS + (np.arange(len(LABELS)) < wrong)) % 3]
-
-
-class Network:
-    """A network that answers the first recordings, up to a number, some of them wrongly; it counts how often."""
-
-    def __init__(self, answered, wrong=0):
-        self.wrong, self.answered, self.asked = wrong, np.arange(len(LABELS)) < answered, 0
-
-    def compare(self, folds):
-        self.asked += 1
-        return answers(self.wrong), self.answered, "says how many"
-
-
-def compared(*wrong, network=None, answered=True):
-    """What `choose_members` says of two candidates with these numbers of wrong answers, and of a network."""
-    left = left_out(LABELS, np.arange(12) // 2, knows=False)
-    left.answered &= answered
-    for name, count in zip(("kernel", "svm"), wrong, strict=True):
-        left.shares[name] = answers(count)
-    members, rows, notes = choose_members(left, [["kernel"], ["svm"]], network)
-    return members, rows.sum(), notes
-
-
-def test_the_chosen_candidate_stands_first_and_the_others_by_what_decides():
-    members, rows, (choice, *notes) = compared(12, 1)
-    assert (choice.level, choice.key, choice.value, rows) == ("choice", "model.members", members, 12)
-    keys = "members", "taken", "error"
-    assert [tuple(note.value[key] for key in keys) for note in notes] == [
-        (["svm"], True, pytest.approx(1 / 12)), (["kernel"], False, 1)
-    ]  # fmt: skip
-    assert {(note.topic, note.key) for note in notes} == {("candidates", "model.members")}
-
-
-def test_candidates_behind_one_that_errs_nowhere_are_not_compared_nor_any_where_nothing_can_be_left_out():
-    for wrong, count, answered in (([0, 0], 1, True), ([6, 0], 2, True), ([6, 0], 0, False)):
-        network = Network(12)
-        members, _, (choice, *notes) = compared(*wrong, network=network, answered=answered)
-        assert members == choice.value == ["svm" if count == 2 else "kernel"] and not network.asked
-        assert len(notes) == count and ("on 6 training groups" if count else "without a comparison") in choice.text
-
-
-@pytest.mark.parametrize(
-    ("second", "network", "taken", "error"),
-    [
-        (8, Network(12), NETWORK, 8 / 12),
-        (5, Network(6), NETWORK, 5 / 6),  # on the groups that it answered
-        (1, Network(12), "svm", 1 / 12),  # by less than a standard error
-        (1, Network(0), "svm", 1 / 12),  # there was no time
-    ],
-)
-def test_the_network_is_taken_by_the_same_rule_on_the_recordings_that_it_answers(second, network, taken, error):
-    members, rows, (note, _, *notes) = compared(12, second, network=network)
-    assert (members, note.text) == ([taken], "says how many")
-    assert rows == (network.answered.sum() if taken == NETWORK else 12)
-    assert {tuple(note.value["members"]): note.value["error"] for note in notes}["svm",] == pytest.approx(error)
-    assert len(notes) == 2 + (network.answered.any())
 
 
 def left_out(labels, groups, **options):
