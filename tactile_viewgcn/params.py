@@ -32,7 +32,8 @@ CORNERS = 8  # viewpoints of the cube
 System = Literal[  # all but sensors are networks on the pretrained backbone
     "view_gcn", "stag", "cnn_lstm", "conv_lstm", "mvcnn", "mean", "gvcnn", "rotationnet", "gcn", "vote", "sensors"
 ]
-Member = Literal["trees", "svm", "convolutions", "kernel", "pooled_kernel", "network"]  # of sensors; one may be alone
+SensorMember = Literal["trees", "svm", "convolutions", "kernel", "pooled_kernel"]  # of sensors; one may be alone
+Member = Literal[SensorMember, "network"]
 Count = Annotated[StrictInt, Interval(ge=1, le=MOST)]
 Side = Annotated[StrictInt, Interval(ge=1, le=MAX_SIDE)]  # rows or columns of a frame
 Natural = Annotated[StrictInt, Interval(ge=0, le=MOST)]

@@ -15,7 +15,7 @@ from sklearn.utils.validation import check_consistent_length, check_is_fitted, c
 
 from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, shown, warnings_of
-from tactile_viewgcn.params import Member, Params, default_params, on_sensors, preset_changes
+from tactile_viewgcn.params import Params, SensorMember, default_params, on_sensors, preset_changes
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.source import FRAMES_LAST, tidy
 from tactile_viewgcn.schema import as_change
@@ -177,7 +177,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         if seed is None or isinstance(seed, np.random.RandomState):
             seed = check_random_state(seed).randint(2**31 - 1)
         changes = {"seed": seed, "views": self.views}
-        if self.system in get_args(Member):
+        if self.system in get_args(SensorMember):
             changes |= {"model.system": "sensors", "model.members": [self.system]}
         elif self.system not in (None, "network"):
             changes["model.system"] = self.system

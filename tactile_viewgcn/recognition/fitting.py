@@ -69,7 +69,7 @@ def fit_classifier(
     network, progress = finetune_classifier(table, views, pretrained, params, compute, checkpoint_path, on_epoch)
     temperature = network_temperature(network, table, compute) if len(table.on(VALIDATION)) else None
     remedy = "record objects more often, or raise finetune.epochs"
-    notes = [*calibration_warning(temperature, "validation groups", remedy), *_of_new_sessions(table)]
+    notes = [*calibration_warning(temperature, "validation groups", remedy), *_of_new_sessions(table, None, {})]
     return Fitted(network, params.model, temperature, progress, notes)
 
 
@@ -126,18 +126,18 @@ def _weights(left: LeftOut, members: list[str], rows: np.ndarray) -> tuple[dict[
     return weights, notes
 
 
-def _of_new_sessions(table: Frames, left: LeftOut, weights: dict[str, float]) -> list[Note]:
+def _of_new_sessions(table: Frames, left: LeftOut | None, weights: dict[str, float]) -> list[Note]:
     """A note with the error for a new session, the mean over sessions, or one that says how to measure it.
 
     There is none where the test itself is of new sessions, or the training of one.
 
     Args:
-        left: its groups are the sessions of the training recordings.
+        left: its groups are the sessions of the training recordings; None of a network, which cannot leave out one.
     """
     trained, tested = (np.unique(table.session[table.on(side)]) for side in (TRAIN, TEST))
-    if len(trained) < 2 or not np.isin(tested, trained).any() or not left.answered.any():
+    if len(trained) < 2 or not np.isin(tested, trained).any() or (left and not left.answered.any()):
         return []
-    if NETWORK in weights:
+    if not left or NETWORK in weights:
         text = f"no network was trained without a session: split.by=session measures the error for {NEW_SESSION}"
         return [Note(text, topic="new session")]
     wrong = left.wrong(weights, left.answered)

@@ -63,7 +63,7 @@ class NetworkMember:
         text = f"one training of {NETWORK} takes about {seconds:.0f} s here, all may take {LIMIT:.0f} s: "
         if limited:
             text += (
-                f"trained without each of {len(limited)} parts in {len(folds)} of the training groups, then with all"
+                f"trained without each of {len(limited)} of {len(folds)} parts of the training groups, then with all"
             )
         else:
             text += f"it is left out, but may err less; {takes}"

@@ -4,9 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
-from tactile_viewgcn.recognition.fitting import ARRAY, CHANNELS, UNWEIGHED, examples_of, fit_classifier, training_recordings
-from tactile_viewgcn.recognition.left_out import LEAST_WEIGHT, LeftOut
+from tactile_viewgcn.messages import Note
+from tactile_viewgcn.recognition.fitting import (
+    ARRAY,
+    CHANNELS,
+    UNWEIGHED,
+    examples_of,
+    fit_classifier,
+    training_recordings,
+)
+from tactile_viewgcn.recognition.left_out import LeftOut
+from tactile_viewgcn.recognition.model_file import build_classifier
+from tactile_viewgcn.systems.sensors import NETWORK
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tests.glove_data import CPU, recipe, table, views_of
 from tests.recognition.answers import Answers
@@ -17,11 +28,11 @@ def left_out(labels, groups, **options):
 
 
 def wrong(left, *members):
-    return left.wrong(members, left.answered).tolist()
+    return left.wrong(dict.fromkeys(members, 1.0), left.answered).tolist()
 
 
 def temperature(left, *members):
-    return left.calibrated(list(members), left.answered, weighed=False)[1]
+    return left.temperature(dict.fromkeys(members, 1.0), left.answered)
 
 
 @pytest.mark.parametrize("groups", [np.arange(24) // 2, np.arange(24) % 6], ids=["of a class", "of several"])
@@ -75,24 +86,90 @@ def test_the_temperature_is_that_of_the_members_answers_with_their_weights():
 
     assert temperature(left, "trees", "svm") == pytest.approx(expected(0.8, 0.9), rel=1e-3)
     assert temperature(left, "svm") == pytest.approx(expected(0.8, floor=0), rel=1e-3)
-    assert left.calibrated(["trees", "svm"], left.answered, weighed=True)[1] == pytest.approx(1, rel=1e-2)
+    assert left.temperature(left.weighed(["trees", "svm"], left.answered), left.answered) == pytest.approx(1, rel=1e-2)
 
 
-def test_arrays_have_a_choice_and_channels_weights_and_the_test_side_changes_nothing(monkeypatch):
-    calls = []
+LABELS = np.repeat([0, 1, 2], 12)
 
-    def choose_spy(left, candidates, network):
-        calls.append((candidates, left.wrong(candidates[0], left.answered).tolist(), network))
-        return choose_members(left, candidates, network)
 
-    monkeypatch.setattr("tactile_viewgcn.recognition.fitting.choose_members", choose_spy)
+def with_answers(**wrong):
+    """Members that answer some of the 12 recordings of each class wrongly, from a first to a last, as sure of all."""
+    left = left_out(LABELS, np.arange(len(LABELS)) // 2, knows=False)
+    for name, recordings in wrong.items():
+        answers = (LABELS + np.isin(np.arange(len(LABELS)) % 12, recordings)) % 3
+        left.shares[name] = 0.9 * np.eye(3, dtype=np.float32)[answers] + 0.1 / 3
+    return left
+
+
+def test_a_member_that_errs_more_weighs_less_and_one_that_adds_nothing_is_left_out():
+    left = with_answers(kernel=range(2), svm=range(8, 12), network=range(12))
+    weights = left.weighed(["kernel", "svm", "network"], left.answered)
+    assert list(weights) == ["kernel", "svm"] and weights["svm"] < 0.9 * weights["kernel"]
+    assert weights == left.weighed(["kernel", "svm"], left.answered)
+    assert left.wrong(weights, left.answered).mean() == pytest.approx(2 / 12)
+    both_right = np.isin(np.arange(len(LABELS)) % 12, range(2, 8))
+    alike = left.weighed(["kernel", "svm"], both_right)
+    assert alike["svm"] == pytest.approx(alike["kernel"], rel=1e-3)
+
+
+def test_members_that_err_nowhere_are_all_right():
+    left = with_answers(kernel=[], svm=[3])
+    assert left.all_right(["kernel"]) and not left.all_right(["svm"])
+    left.answered[:] = False
+    assert left.all_right(["svm"])
+
+
+class Network:
+    """A network whose trainings leave out the groups of as many folds as there is time for."""
+
+    folds = 5
+
+    def __init__(self, table, views, recordings, seed, compute):
+        self.table, self.views, self.recordings = table, views, recordings
+
+    def left_out(self, folds):
+        labels = np.array([self.table.label[index[0]] for index in self.recordings])
+        answered = np.any(folds[: self.folds], axis=0) if self.folds else np.zeros(len(labels), dtype=bool)
+        shares = 0.99 * np.eye(len(self.table.classes), dtype=np.float32)[labels] + 0.001
+        return shares * answered[:, None], answered, Note(f"{self.folds} folds", topic="recogniser")
+
+    def train(self):
+        places, model = torch.from_numpy(self.views.viewpoints), recipe("model.system=vote").model
+        return build_classifier(places, len(self.table.classes), model, (12, 12))
+
+
+def fitted(frames, *changes, **options):
+    params = recipe("model.system=sensors", *changes)
+    return fit_classifier(frames, views_of(frames, params), {}, params, CPU, **options)
+
+
+@pytest.mark.parametrize("folds", [5, 1, 0])
+def test_a_network_joins_an_arrays_members_where_there_is_time_to_leave_out_groups(monkeypatch, folds):
+    monkeypatch.setattr("tactile_viewgcn.recognition.fitting.NetworkMember", Network)
+    monkeypatch.setattr(Network, "folds", folds)
+    frames = table("split.folds=6")
+    dealt = np.where(frames.recording % 3 == 0, (frames.label + frames.recording // 6) % 4, frames.label)
+    one = fitted(replace(frames, label=dealt.astype(frames.label.dtype)), "model.members=auto")
+    assert (NETWORK in one.model.members) == bool(folds) == bool(one.classifier.network)
+    first, *_ = [note for note in one.notes if note.key == "model.members"]
+    assert first.value == one.model.members == list(one.classifier.weights) and one.notes[0].text == f"{folds} folds"
+    heard = {note.value["member"]: note.value["error"] for note in one.notes if note.topic == "members"}
+    assert set(heard) == {*ARRAY} - ({NETWORK} if not folds else set())
+    assert heard.get(NETWORK, 0) == 0 < heard["kernel"] and one.temperature > 0
+
+
+def test_channels_and_arrays_are_weighed_and_the_test_side_changes_nothing():
     frames, few = table("split.folds=6"), np.zeros((12, 12), dtype=bool)
     few[:3] = table().live[:3]
     changed = np.where(frames.side == TEST, 0, frames.label).astype(frames.label.dtype)
-    params = recipe("model.system=sensors", "model.members=auto")
-    for one in (frames, replace(frames, label=changed), replace(frames, live=few)):
-        fitted = fit_classifier(one, views_of(one, params), {}, params, CPU, ask_network=False)
-        assert fitted.temperature > 0
-    assert len(calls) == 2 and calls[0] == calls[1] == (ARRAY, calls[0][1], None)
-    assert [note.value for note in fitted.notes if note.key == "model.members"] == [CHANNELS]
-    assert fitted.model.members == CHANNELS and len(set(fitted.classifier.weights.values())) == 3
+    one, other = (fitted(each, "model.members=auto") for each in (frames, replace(frames, label=changed)))
+    assert one.classifier.weights == other.classifier.weights and one.temperature == other.temperature
+    assert set(one.model.members) <= {*ARRAY} and len(set(one.classifier.weights.values())) > 1
+    channels = fitted(replace(frames, live=few), "model.members=auto")
+    assert set(channels.model.members) <= {*CHANNELS} and channels.temperature > 0
+    one_group = replace(frames, group=frames.label.astype(np.int64))
+    alone = fitted(one_group, "model.members=auto")
+    assert alone.model.members == UNWEIGHED and set(alone.classifier.weights.values()) == {1.0}
+    assert alone.temperature is None and "without a comparison" in alone.notes[0].text
+    asked = fitted(frames, "model.members=[svm, kernel]", ask_network=False)
+    assert asked.classifier.weights == {"svm": 1.0, "kernel": 1.0}

@@ -1,11 +1,11 @@
-"""The network among the candidates: asked about as many folds as its limit of time allows."""
+"""The network among the members: trained without as many folds as its limit of time allows."""
 
 import numpy as np
 import pytest
 
-from tactile_viewgcn.recognition import network_candidate
+from tactile_viewgcn.recognition import network_member
 from tactile_viewgcn.recognition.fitting import training_recordings
-from tactile_viewgcn.recognition.network_candidate import NetworkCandidate
+from tactile_viewgcn.recognition.network_member import NetworkMember
 from tests.glove_data import CPU, recipe, table, views_of
 
 
@@ -16,24 +16,24 @@ def test_as_many_folds_are_answered_as_leave_time_for_the_last_training(monkeypa
     recordings = training_recordings(frames)
     labels, number = (np.array([column[index[0]] for index in recordings]) for column in (frames.label, frames.group))
     masks = [np.isin(number, np.unique(number)[fold::4]) for fold in (0, 1)]
-    network = NetworkCandidate(frames, views_of(frames, recipe()), recordings, 0, CPU)
+    network = NetworkMember(frames, views_of(frames, recipe()), recordings, 0, CPU)
     assert network.params.model.system == "vote" and network.table.transform == "log" and 0 < network.seconds() < 60
     network.params = recipe("model.system=vote", "model.backbone.width=8", "pretrain.epochs=8")
-    monkeypatch.setattr(network_candidate, "LIMIT", limit)
+    monkeypatch.setattr(network_member, "LIMIT", limit)
     monkeypatch.setattr(network, "seconds", lambda: 1.0)
-    shares, answered, text = network.compare(masks)
+    shares, answered, note = network.left_out(masks)
     assert (answered == np.any(masks[:folds], axis=0)).all() if folds else not answered.any()
     assert (shares.sum(axis=1) > 0.99).tolist() == answered.tolist()
     if folds:
-        assert f"{folds} of 2" in text and (shares.argmax(axis=1) == labels)[answered].mean() > 0.6
+        assert f"{folds} of 2" in note.text and (shares.argmax(axis=1) == labels)[answered].mean() > 0.6
     else:
-        assert "tactile-viewgcn preset network" in text
+        assert "tactile-viewgcn preset network" in note.text
 
 
 def test_a_network_that_diverges_is_left_out_and_says_so(monkeypatch):
     frames = table("split.folds=6")
     recordings = training_recordings(frames)
-    network = NetworkCandidate(frames, views_of(frames, recipe()), recordings, 0, CPU)
+    network = NetworkMember(frames, views_of(frames, recipe()), recordings, 0, CPU)
     network.params = recipe("model.system=vote", "model.backbone.width=8", "pretrain.lr=1e6")
-    _, answered, text = network.compare([np.arange(len(recordings)) < 1])
-    assert not answered.any() and "diverged" in text
+    _, answered, note = network.left_out([np.arange(len(recordings)) < 1])
+    assert not answered.any() and "diverged" in note.text

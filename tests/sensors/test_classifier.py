@@ -5,7 +5,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from tactile_viewgcn.params import Member
+from tactile_viewgcn.params import SensorMember
 from tactile_viewgcn.sensors import features
 from tactile_viewgcn.sensors.estimators import FLOOR
 from tactile_viewgcn.sensors.representation import Representation
@@ -27,7 +27,7 @@ IN_TIME, KERNELS = ["trees", "svm", "convolutions"], ["kernel", "pooled_kernel"]
 NEW = range(100, 105)
 
 
-@pytest.mark.parametrize("member", get_args(Member))
+@pytest.mark.parametrize("member", get_args(SensorMember))
 def test_directions_tremble_and_negative_forces_are_recognised_from_whole_recordings(member):
     """From channels, by members that read the order of time; of an array all tell pushing from pulling."""
     for live, names in ((CHANNELS, NAMES), (ARRAY, NAMES[3:])):

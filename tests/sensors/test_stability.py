@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.stability.rows import max_rel_error
-from tactile_viewgcn.params import Member
+from tactile_viewgcn.params import SensorMember
 from tests.sensors.small_recordings import ARRAY, answers, fitted, values
 
 CHANNELS = np.ones((1, 5), dtype=bool)
@@ -42,7 +42,7 @@ def presses(case, live=CHANNELS, seed=0, each=6):
 
 @pytest.mark.stability("members on extreme readings")
 @pytest.mark.parametrize(("kind", "live"), [("channels", CHANNELS), ("array", ARRAY)])
-@pytest.mark.parametrize("member", get_args(Member))
+@pytest.mark.parametrize("member", get_args(SensorMember))
 def test_every_member_distinguishes_objects_by_extreme_readings(row, member, kind, live):
     """But by one frame not convolutions, whose weights add to 0, nor svm an array, of which it reads the noise too.
 
@@ -66,7 +66,7 @@ def test_every_member_distinguishes_objects_by_extreme_readings(row, member, kin
 
 @pytest.mark.stability("members on extreme readings")
 @pytest.mark.parametrize("case", ["unequal lengths", "1e-30 times"])  # then the quotient is outside of float32
-@pytest.mark.parametrize("member", get_args(Member))
+@pytest.mark.parametrize("member", get_args(SensorMember))
 def test_readings_far_outside_of_the_training_have_finite_answers_and_1_000_frames_one(row, member, case):
     classifier = fitted([member], *presses(case), live=CHANNELS, sizes=(1000,))
     logits = classifier.view_sets(values(classifier, presses(case)[0][0]), np.arange(1000)[None] % 40)
