@@ -27,23 +27,12 @@ def simulate(job: Job, out: Path) -> str:
         cost = Counter(json.loads((kept / "cost.json").read_text()))
         with atomic_write(out, folder=True) as part:
             copytree(kept / "recordings", part, dirs_exist_ok=True)
-    job.record.seconds = max(0.0, cost["seconds"] - job.seconds)
+    job.record.seconds = max(0.0, cost.pop("seconds") - job.seconds)
     recordings = len(recipe.recordings)
-    frames = recordings * recipe.frames
-    counts = {
-        "frames": frames,
-        "recordings": recordings,
-        "version": VERSION,
-        "steps_per_frame": cost["steps"] / frames,
-        "evaluations_per_frame": cost["evaluations"] / frames,
-        "steps_forced": cost["forced"],
-        "stages_unsolved": cost["unsolved"],
-    }
-    job.record.counts |= counts
+    job.record.counts |= {"recordings": recordings, "frames": recordings * recipe.frames, "version": VERSION, **cost}
     return (
-        "simulate: {frames:,} simulated frames of {recordings} recordings, virtual glove version {version}\n"
-        "  {steps_per_frame:.1f} steps and {evaluations_per_frame:.0f} evaluations a frame; of {steps:,} steps "
-        "{steps_forced:,} missed the tolerance".format(steps=cost["steps"], **counts)
+        f"simulate: {recordings * recipe.frames:,} simulated frames of {recordings} recordings, virtual glove version "
+        f"{VERSION}\n  of {cost['steps']:,} steps {cost['forced']:,} missed the tolerance"
     )
 
 
