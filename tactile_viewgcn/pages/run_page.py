@@ -91,7 +91,7 @@ class Outcome:
         objects: of each tested object name, number of recordings, share of wrong answers, and the object that it is
             most often taken for, with that share; the highest error first.
         tested: their recordings, in words.
-        candidates: of the comparison that `model.members: auto` made, the chosen one first, see `recognition.choice`.
+        weights: member, weight and error alone, where `model.members` is auto; the largest weight first.
         members: of `sensors`, as asked for or as chosen.
         warnings: notes of the stages.
     """
@@ -112,7 +112,7 @@ class Outcome:
         recordings = [row[1] for row in rows]
         each = f"{min(recordings)} to {max(recordings)}" if min(recordings) < max(recordings) else recordings[0]
         self.tested = f"{several(sum(recordings), 'recording')}, {each} of each object"
-        self.candidates = [note.value for note in run.notes("info") if note.topic == "candidates"]
+        self.weights = [note.value for note in run.notes("info") if note.topic == "members"]
         self.members = choices.get("model.members", run.params["model.members"])
         self.warnings = run.notes("warning")
 
@@ -211,7 +211,7 @@ def run_page(run: FinishedRun) -> str:
         by_frames=plots.errors_by_frames(by_frames, outcome.chance),
         confusion=plots.confusions({ASKED[WHOLE]: outcome.counts}, run.predictions.classes.tolist()),
         without_network=on_sensors(run.params["model.system"]),
-        remarks=[note for note in run.notes("info") if note.topic != "candidates"],
+        remarks=[note for note in run.notes("info") if note.topic != "members"],
         choices=run.notes("choice"),
         again=again(run.repeated),
         changed=list(starmap(as_change, run.changed.items())),

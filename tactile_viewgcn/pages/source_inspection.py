@@ -234,5 +234,5 @@ def preprocess_settings(recordings: Recordings, choice: Choice) -> list[Note]:
     like_stag = has_published_split(recordings) and choice.states.contact.sum() > FEW_FRAMES
     if not like_stag:
         settings = [note for note in settings if note.key != "preprocess.scale"]  # networks alone read it
-        settings.append(_choice("preset", "best", "it compares classifiers on your training recordings"))
+        settings.append(_choice("preset", "best", "it weighs classifiers on your training recordings"))
     return settings

@@ -20,9 +20,8 @@ from tactile_viewgcn.recognition.network_member import NetworkMember
 from tactile_viewgcn.sensors.convolutions import SAMPLE
 from tactile_viewgcn.sensors.examples import Examples
 from tactile_viewgcn.sensors.features import every_few, is_array
-from tactile_viewgcn.sensors.representation import Representation, contact_unit, successive_noise
+from tactile_viewgcn.sensors.representation import NETWORK, Representation, contact_unit, successive_noise
 from tactile_viewgcn.systems import load_system
-from tactile_viewgcn.systems.sensors import NETWORK
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION, Frames, Views
 from tactile_viewgcn.training.finetuning import finetune_classifier

@@ -25,8 +25,8 @@ from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.nn.network import STAG_SHAPE, ViewNetwork, spread_frames
 from tactile_viewgcn.params import Model, PreprocessSection, default_params, on_sensors, preset_changes
 from tactile_viewgcn.recognition.calibration import Classifier, recording_answer
+from tactile_viewgcn.sensors.representation import NETWORK
 from tactile_viewgcn.systems import load_system, system_class
-from tactile_viewgcn.systems.sensors import NETWORK
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TRAIN, Frames, frame_rates, network_input
 

@@ -10,7 +10,7 @@ from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import default_params, preset_changes
 from tactile_viewgcn.recognition.calibration import recording_answers
-from tactile_viewgcn.systems.sensors import NETWORK
+from tactile_viewgcn.sensors.representation import NETWORK
 from tactile_viewgcn.tables.counts import Gathered, evenly
 from tactile_viewgcn.tables.frames import TEST, TRAIN, Frames, Views
 from tactile_viewgcn.training.finetuning import finetune_classifier

@@ -24,12 +24,10 @@ if TYPE_CHECKING:
 
 OF_FRAMES = "kernel"  # the member that answers single frames; its probabilities are averaged
 MOST_FRAMES, QUICK_FRAMES = 2000, 1000  # that this member is fitted to, and quickly fitted to
-OF_SETS = (
-    OF_FRAMES,
-    "pooled_kernel",
-    "svm",
-    "network",
-)  # members that also answer view sets, for which no order counts
+NETWORK = "network"  # the member that is a trained network, and the preset that it is trained by
+OF_EACH_FRAME = (OF_FRAMES, NETWORK)  # members that answer single frames
+#: members that also answer view sets, for which no order counts
+OF_SETS = (*OF_EACH_FRAME, "pooled_kernel", "svm")
 FINER = 10.0  # times finer than the others' is the unit of `svm` on an array, and so narrower its dead zone
 FARTHEST = 1e15  # scaled reading: its square is in the range of single precision
 PRESSED_SHARE = 0.1  # of the readings in contact are above PRESSED_UNITS; with STAG's glove these are four counts

@@ -14,14 +14,12 @@ from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.sensors.estimators import Estimator, added, probabilities
 from tactile_viewgcn.sensors.examples import Examples
 from tactile_viewgcn.sensors.features import every_few
-from tactile_viewgcn.sensors.representation import OF_FRAMES, Representation, for_sets
+from tactile_viewgcn.sensors.representation import NETWORK, OF_EACH_FRAME, Representation, for_sets
 
 if TYPE_CHECKING:
     from tactile_viewgcn.device import Compute
     from tactile_viewgcn.tables.counts import Counts
 
-NETWORK = "network"  # the member, and the preset that it is trained by
-OF_EACH_FRAME = (OF_FRAMES, NETWORK)  # members that answer single frames
 BATCH = 128  # frames
 MAX_SET_VALUES = 1 << 20  # numbers in the readings of a batch of view sets
 SHORT = 0.1  # quantile of the training recordings' lengths, half of which is the limit `short`

@@ -110,13 +110,12 @@ def test_a_warning_comes_first_with_the_remedies_that_are_values():
         assert steps[0].startswith("Mend") and lines.split("\n")[0] == command
 
 
-def test_the_candidates_are_those_of_the_notes_and_the_members_are_the_chosen_ones():
-    errors = {"kernel": 0.2, "svm": 0.19, "trees": 0.4}
-    values = [{"members": [name], "error": error, "taken": name == "kernel"} for name, error in errors.items()]
-    notes = [Note("", topic="candidates", value=value) for value in values]
+def test_the_weights_are_those_of_the_notes_and_the_members_are_those_that_have_any():
+    values = [{"member": "kernel", "weight": 1.2, "error": 0.2}, {"member": "svm", "weight": 0, "error": 0.19}]
+    notes = [Note("", topic="members", value=value) for value in values]
     chosen = Note("because", "choice", key="model.members", value=["kernel"])
     run = finished(RIGHT, notes=[*notes, chosen], model_members="auto")
-    assert Outcome(run).candidates == values and Outcome(run).members == ["kernel"]
+    assert Outcome(run).weights == values and Outcome(run).members == ["kernel"]
     alone = finished(RIGHT, notes=notes[:1], model_members=["kernel"])
     assert Outcome(alone).members == ["kernel"]
 

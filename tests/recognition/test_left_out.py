@@ -17,7 +17,7 @@ from tactile_viewgcn.recognition.fitting import (
 )
 from tactile_viewgcn.recognition.left_out import LeftOut
 from tactile_viewgcn.recognition.model_file import build_classifier
-from tactile_viewgcn.systems.sensors import NETWORK
+from tactile_viewgcn.sensors.representation import NETWORK
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tests.glove_data import CPU, recipe, table, views_of
 from tests.recognition.answers import Answers
