@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.recognition.choice import LeftOut
+from tactile_viewgcn.recognition.left_out import LeftOut
 from tactile_viewgcn.recognition.fitting import _of_new_sessions
 from tactile_viewgcn.tables.frames import TEST
 from tests.recognition.answers import Answers
@@ -28,11 +28,11 @@ def left_out(sessions, *, knows=False):
 
 def test_sessions_count_alike_and_each_is_answered_by_fits_to_the_others():
     for knows in (True, False):
-        (note,) = _of_new_sessions(frames(SESSIONS, [0, 1]), left_out(SESSIONS, knows=knows), ["svm"], [1.0])
+        (note,) = _of_new_sessions(frames(SESSIONS, [0, 1]), left_out(SESSIONS, knows=knows), {"svm": 1.0})
         assert note.value["mean"] == knows and note.topic == "new session"
     left = left_out(SESSIONS)
     left.shares["svm"] = np.eye(3)[np.where(SESSIONS == 2, (LABELS + 1) % 3, LABELS)]
-    (note,) = _of_new_sessions(frames(SESSIONS, [0]), left, ["svm"])
+    (note,) = _of_new_sessions(frames(SESSIONS, [0]), left, {"svm": 1.0})
     assert note.value == {"mean": pytest.approx(1 / 3), "low": 0.0, "high": 1.0}
 
 
@@ -42,9 +42,9 @@ def test_sessions_count_alike_and_each_is_answered_by_fits_to_the_others():
     ids=["the test is of new sessions", "no test side", "one session", "a session for each object"],
 )
 def test_there_is_no_second_error_where_none_can_be_measured_or_the_first_one_is_it(trained, tested):
-    assert _of_new_sessions(frames(trained, tested), left_out(trained), ["svm"]) == []
+    assert _of_new_sessions(frames(trained, tested), left_out(trained), {"svm": 1.0}) == []
 
 
 def test_a_network_is_not_trained_again_but_the_line_is_named():
-    (note,) = _of_new_sessions(frames(SESSIONS, [0, 1]))
+    (note,) = _of_new_sessions(frames(SESSIONS, [0, 1]), None, {})
     assert note.value is None and "split.by=session" in note.text
