@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.recognition.left_out import LeftOut
 from tactile_viewgcn.recognition.fitting import _of_new_sessions
+from tactile_viewgcn.recognition.left_out import LeftOut
 from tactile_viewgcn.tables.frames import TEST
 from tests.recognition.answers import Answers
 
