@@ -7,6 +7,7 @@ import pytest
 
 from tactile_viewgcn.recognition.fitting import _of_new_sessions
 from tactile_viewgcn.recognition.left_out import LeftOut
+from tactile_viewgcn.systems.sensors import NETWORK
 from tactile_viewgcn.tables.frames import TEST
 from tests.recognition.answers import Answers
 
@@ -45,6 +46,7 @@ def test_there_is_no_second_error_where_none_can_be_measured_or_the_first_one_is
     assert _of_new_sessions(frames(trained, tested), left_out(trained), {"svm": 1.0}) == []
 
 
-def test_a_network_is_not_trained_again_but_the_line_is_named():
-    (note,) = _of_new_sessions(frames(SESSIONS, [0, 1]), None, {})
+@pytest.mark.parametrize(("left", "weights"), [(None, {}), (left_out(SESSIONS), {"svm": 0.5, NETWORK: 0.5})])
+def test_a_network_is_not_trained_again_but_the_line_is_named(left, weights):
+    (note,) = _of_new_sessions(frames(SESSIONS, [0, 1]), left, weights)
     assert note.value is None and "split.by=session" in note.text
