@@ -44,21 +44,33 @@ MOSTLY = 0.9  # of the steps of a counter, which may have lost lines or begun ag
 
 
 def read_table(file: Path, form: Form) -> Table:
-    """The table in a text file, or in one that gzip has packed, as one recording, and the names in its lines.
+    """The table in a text file, or in one that gzip has packed, see `table_of`.
+
+    Raises:
+        UserError: as `table_of`; there are no numbers, or lines of unlike length.
+    """
+    names, cells, notes = _parsed(file)
+    table, labels = table_of(names, cells, form, str(file))
+    return replace(table, notes=notes + table.notes), labels
+
+
+def table_of(names: list[str], cells: "DataFrame", form: Form, file: str) -> Table:
+    """A table as one recording, and the names in its lines.
+
+    Args:
+        names: of the columns, "" without one; those of `cells` are numbers from 0.
 
     Returns:
         The recording, with pressure (T, S), and times if a column has them; what the columns without readings hold is
         in its notes. And by `session`, `object` and `recording` the texts (T,) of the columns that have names of these.
 
     Raises:
-        UserError: there are no numbers, lines of unlike length, a cell without a number or a name, or no column of a
-            name that the form gives.
+        UserError: begins with `file`; a cell without a number or a name, or no column of a name that the form gives.
     """
-    names, cells, notes = _parsed(file)
     if missing := [name for name in form.columns.values() if name not in names]:
         raise UserError(f"{file}: no column {missing[0]!r}; found {listed(names)}")
     labels, time = dict[str, np.ndarray](), dict[str, np.ndarray]()
-    sensors, channels = [], []
+    sensors, channels, notes = [], [], list[Note]()
     for at, name in enumerate(names):
         values = _numbers(cells[at])
         content = _content(name, values, form, is_index=at == 0 and not name and any(names))
@@ -163,7 +175,7 @@ def _numbers(cells: "Series") -> np.ndarray:
     """The cells of a column (T,) as int64 or float64, NaN where one is no number."""
     from pandas import to_numeric
 
-    if cells.dtype.kind in NUMBERS:
+    if isinstance(cells.dtype, np.dtype) and cells.dtype.kind in NUMBERS:
         return cells.to_numpy()
     return to_numeric(np.array([str(cell).replace(",", ".") for cell in cells], dtype=object), errors="coerce")
 

@@ -17,7 +17,7 @@ from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, shown, warnings_of
 from tactile_viewgcn.params import Params, SensorMember, default_params, on_sensors, preset_changes
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.readers.source import FRAMES_LAST, tidy
+from tactile_viewgcn.readers.source import AUTO, FRAMES_LAST, Recording, tidy
 from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings
 from tactile_viewgcn.tables.remarks import originals, remarks
@@ -28,7 +28,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
 
     X holds recordings of raw counts, whose baseline is subtracted and whose frames in contact are found as in the
     pipeline. It is a list of arrays (T_i, H, W), or of channels over time (T_i, C); or one array (n, T, H, W) or
-    (n, T, C). With the parameter `data.shape` `frames_last` time is the last axis, as in an array (n, C, T) of aeon and
+    (n, T, C). Of a DataFrame the columns that are called times, numbers or labels are left out, as of a file. With the parameter `data.shape` `frames_last` time is the last axis, as in an array (n, C, T) of aeon and
     sktime.
 
     Args:
@@ -76,7 +76,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         """
         from tactile_viewgcn.recognition.recogniser import Recogniser
 
-        arrays, y = self._arrays(X), column_or_1d(y, warn=True)
+        (arrays, channels, times, named), y = self._arrays(X), column_or_1d(y, warn=True)
         check_consistent_length(arrays, y)
         for number, array in enumerate(arrays):
             if array.shape[1:] != arrays[0].shape[1:]:
@@ -88,7 +88,9 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
             raise UserError(f"groups has shape {groups.shape}; expected ({len(y)},), a group for each recording of X")
         group, params, dtype = np.unique(groups, return_inverse=True)[1], self._parameters(), np.result_type(*arrays)
         arrays = [array.astype(dtype, copy=False) for array in arrays]
-        recordings = ArrayRecordings(arrays, list(map(str, classes)), labels, np.zeros(len(arrays), dtype=int))
+        session = np.zeros(len(arrays), dtype=int)
+        recordings = ArrayRecordings(arrays, list(map(str, classes)), labels, session, channels, times)
+        recordings.notes = named
         with TemporaryDirectory() as folder:
             path = Path(folder) / "classifier.pt"
             notes = train(recordings, params, group[recordings.columns["recording"]], path)
@@ -110,10 +112,11 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         """
         check_is_fitted(self, "recogniser_")
         recogniser, names = self.recogniser_, list(map(str, self.classes_))
-        arrays = self._arrays(X)
+        arrays, channels, times, _ = self._arrays(X)
         if isinstance(X, np.ndarray) and X.shape[1:] == recogniser.shape:
             raise UserError(f"X {X.shape} is one recording; expected a list: [X], or [*X] of single frames")
-        answers, notes = recogniser.answer_arrays({f"X[{number}]": counts for number, counts in enumerate(arrays)})
+        by_name = {f"X[{number}]": counts for number, counts in enumerate(arrays)}
+        answers, notes = recogniser.answer_arrays(by_name, channels, times)
         none = [answer.recording for answer in answers if not answer.contact and EMPTY_HAND not in recogniser.classes]
         texts = [note.text for note in warnings_of(notes)]
         texts += [f"no frame in contact: {listed(none)}; their classes are equally probable"] * bool(none)
@@ -156,18 +159,40 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         classifier.classes_ = np.array(classifier.recogniser_.classes)
         return classifier
 
-    def _arrays(self, X: Any) -> list[np.ndarray]:
-        """The recordings of X, (T_i, H, W) each, one or more."""
+    def _arrays(self, X: Any) -> tuple[list[np.ndarray], list[str], list[np.ndarray], list[Note]]:
+        """The recordings of X, one or more.
+
+        Returns:
+            Counts (T_i, H, W) of each. And of DataFrames the names of their sensors, the times (T_i,) of each, if all
+            have them, and notes on the columns of the first that are no sensors; else nothing.
+        """
         from tactile_viewgcn.recognition.recogniser import recording_array
 
         rows = [*X] if isinstance(X, list | tuple) or (isinstance(X, np.ndarray) and X.ndim) else []
         if not rows:
             raise UserError(
-                f"X is of type {type(X).__name__} and holds no recordings; expected a list of arrays, each "
-                "(frames, rows, columns) or (frames, channels)"
+                f"X is of type {type(X).__name__} and holds no recordings; expected a list of arrays or DataFrames, "
+                "each (frames, rows, columns) or (frames, channels)"
             )
         last = isinstance(self.params, Mapping) and self.params.get("data.shape") == FRAMES_LAST
-        return [recording_array(recording, f"X[{number}]", frames_last=last) for number, recording in enumerate(rows)]
+        arrays, tables = list[np.ndarray](), list[Recording]()
+        for number, row in enumerate(rows):
+            name = f"X[{number}]"
+            if hasattr(row, "iloc"):  # a DataFrame of pandas
+                from tactile_viewgcn.readers.text import table_of
+
+                names = [str(column) for column in row.columns]
+                tables.append(table_of(names, row.set_axis(range(len(names)), axis=1), AUTO, name)[0])
+                if (channels := tables[-1].channel_names) != tables[0].channel_names:
+                    raise UserError(
+                        f"{name} has the sensors {listed(channels)}; expected {listed(tables[0].channel_names)}, as "
+                        "in the first DataFrame"
+                    )
+                row = tables[-1].values["pressure"]
+            arrays.append(recording_array(row, name, frames_last=last and not hasattr(rows[number], "iloc")))
+        times = [table.values["time"] - table.values["time"][:1] for table in tables if "time" in table.values]
+        known = tables[0] if tables else Recording({}, {})
+        return arrays, known.channel_names, times * (len(times) == len(arrays)), known.notes
 
     def _parameters(self) -> Params:
         """All parameters of the training."""

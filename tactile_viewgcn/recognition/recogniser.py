@@ -1,6 +1,6 @@
 """The trained recogniser: the object in the hand, from the raw counts of one recording or of a table of recordings."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -59,10 +59,15 @@ class Recogniser:
         """The answer to one recording, which errors call `name`; see `answer_arrays`."""
         return self.answer_arrays({name: counts})[0][0]
 
-    def answer_arrays(self, arrays: Mapping[str, Any]) -> tuple[list[Answer], list[Note]]:
+    def answer_arrays(
+        self, arrays: Mapping[str, Any], channel_names: Sequence[str] = (), times: Sequence[np.ndarray] = ()
+    ) -> tuple[list[Answer], list[Note]]:
         """The answers to recordings of raw counts (T, H, W), or of channels (T, C), in the order of time, by name.
 
         Baseline and frames in contact are found as in the training, from each recording's frames alone.
+
+        Args:
+            channel_names, times: see `ArrayRecordings`.
 
         Returns:
             As `answer_table`.
@@ -72,11 +77,11 @@ class Recogniser:
         """
         counts = [recording_array(each, name) for name, each in arrays.items()]
         for name, each in zip(arrays, counts, strict=True):
-            check_layout(self.preprocessing, each.shape[1:], name)
+            check_layout(self.preprocessing, each.shape[1:], name, channel_names)
         if not counts:
             return [], []
         numbers = np.arange(len(counts))
-        recordings = ArrayRecordings(counts, [UNLABELLED], np.zeros_like(numbers), numbers)
+        recordings = ArrayRecordings(counts, [UNLABELLED], np.zeros_like(numbers), numbers, channel_names, times)
         recordings.path, recordings.recordings = Path(), list(arrays)
         return self.answer_table(recordings)
 

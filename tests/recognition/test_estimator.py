@@ -6,6 +6,7 @@ import sys
 from functools import cache
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 from sklearn.base import clone
@@ -13,6 +14,7 @@ from sklearn.exceptions import DataConversionWarning
 from sklearn.model_selection import GridSearchCV, StratifiedGroupKFold
 
 from tactile_viewgcn import TactileClassifier
+from tactile_viewgcn.messages import UserError
 from tests.glove_data import OBJECTS, ROOT, SHAPE, recording
 
 RAW = {
@@ -175,3 +177,25 @@ def test_an_offset_that_predicts_the_object_is_warned_of_as_by_preprocess():
     with pytest.warns(UserWarning, match="without contact"):
         classifier = made({"preprocess.baseline": "empty_hand"}).fit([*shifted, *empty], [*y, *["empty_hand"] * 6])
     assert any(note.topic == "leak check" and note.level == "warning" for note in classifier.notes_)
+
+
+def test_columns_of_a_dataframe_that_are_called_time_index_or_label_are_left_out_and_sensors_keep_their_order():
+    """By the time alone the objects would be told apart."""
+    label, rng = np.repeat(["a", "b"], 9), np.random.default_rng(0)
+
+    def table(number, name):
+        frames, fall = np.arange(30), 4.0 * (name == "b")
+        columns = {"Timestamp": 9.0 * number + frames / 20, "f1": rng.normal(fall, 1, 30), "index": frames}
+        return pd.DataFrame(columns | {"f2": rng.normal(0, 1, 30), "object": name})
+
+    X = [table(number, name) for number, name in enumerate(label)]
+    model = TactileClassifier(system="svm").fit(X, label)
+    assert model.recogniser_.shape == (1, 2) and model.score(X, label) == 1
+    texts = [note.text for note in model.notes_ if note.topic == "columns"]
+    assert len(texts) == 3 and "'Timestamp'" in texts[0] and "'object'" in texts[2]
+    np.testing.assert_allclose(model.recogniser_.preprocessing.rates, 20)
+    alike = [each.drop(columns=["Timestamp", "f1"]).assign(f1=0.0) for each in X]
+    with pytest.raises(UserError, match="f2; expected f1"):
+        model.predict(alike)
+    with pytest.raises(UserError, match=r"X\[1\] has the sensors f2, f1; expected f1, f2"):
+        model.fit([X[0], alike[0]], ["a", "b"])
