@@ -28,8 +28,8 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
 
     X holds recordings of raw counts, whose baseline is subtracted and whose frames in contact are found as in the
     pipeline. It is a list of arrays (T_i, H, W), or of channels over time (T_i, C); or one array (n, T, H, W) or
-    (n, T, C). Of a DataFrame the columns that are called times, numbers or labels are left out, as of a file. With the parameter `data.shape` `frames_last` time is the last axis, as in an array (n, C, T) of aeon and
-    sktime.
+    (n, T, C). Of a DataFrame the columns that are called times, numbers or labels are left out, as of a file. With the
+    parameter `data.shape` `frames_last` time is the last axis, as in an array (n, C, T) of aeon and sktime.
 
     Args:
         preset: a name of `tactile-viewgcn preset`; `best` if `system` is None too.
