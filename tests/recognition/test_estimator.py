@@ -1,8 +1,6 @@
 """scikit-learn's interface: the pipeline's training and guards, answers of the right form, files that others read."""
 
 import pickle
-import subprocess
-import sys
 from functools import cache
 
 import numpy as np
@@ -15,7 +13,7 @@ from sklearn.model_selection import GridSearchCV, StratifiedGroupKFold
 
 from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.messages import UserError
-from tests.glove_data import OBJECTS, ROOT, SHAPE, recording
+from tests.glove_data import OBJECTS, SHAPE, recording
 
 RAW = {
     "preprocess.baseline": "grasp",
@@ -127,18 +125,6 @@ def test_a_row_without_contact_is_the_empty_hand_or_any_object():
     classifier = made({"preprocess.baseline": "empty_hand"}).fit([*X, *empty], [*y, *["empty_hand"] * len(empty)])
     assert classifier.classes_.tolist() == ["ball", "cup", "empty_hand", "pen"]
     assert (classifier.predict([*new, empty[0]]) == [*truth, "empty_hand"]).all()
-
-
-def test_importing_it_loads_no_torch_and_fitting_needs_neither_dvc_nor_mlflow():
-    program = (
-        "import sys; sys.modules |= {'dvc': None, 'mlflow': None}\n"
-        "from tactile_viewgcn import TactileClassifier\n"
-        "assert 'torch' not in sys.modules\n"
-        "X = [[[at * sign] for at in range(9)] for sign in (1, -1, 1.1, -1.2)]\n"
-        "print(TactileClassifier(system='svm').fit(X, [1, 2, 1, 2]).predict(X[:2]))\n"
-    )
-    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, cwd=ROOT)
-    assert result.stdout == "[1 2]\n", result.stderr
 
 
 def two_objects(rng):

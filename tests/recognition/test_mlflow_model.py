@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import shlex
 import signal
 import socket
 import subprocess
@@ -22,7 +24,7 @@ from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tests.glove_data import recipe, table, trained
+from tests.glove_data import ROOT, recipe, table, trained
 from tests.mlflow_stores import runs_of
 
 pytestmark = pytest.mark.filterwarnings("default")  # MLflow's own
@@ -86,6 +88,36 @@ def test_the_logged_model_gives_the_recogniser_s_answers_in_a_column_for_each_cl
     needs = Path(mlflow.pyfunc.get_model_dependencies(address)).read_text().split()
     assert f"torch=={version('torch').partition('+')[0]}" in needs  # +cpu is in no package index
     assert not [need for need in needs if "==" not in need]
+
+
+def test_the_request_that_the_manual_posts_is_answered_as_it_shows(checkpoint, store, client, monkeypatch):
+    """The server's own function reads the body that the manual's program writes and its `curl` posts."""
+    _, serving = (ROOT / "docs" / "experiments.md").read_text().split("## Serve it")
+    program, curl, shown = (
+        next(text for text in re.findall(rf"```{kind}\n(.*?)```", serving, re.DOTALL) if word in text)
+        for kind, word in (("python", "request.json"), ("bash", "curl"), ("json", "predictions"))
+    )
+    monkeypatch.chdir(store)
+    np.save("recording.npy", RECORDINGS[0])
+    exec(program, {})
+    with tracking.stage_run(Record("evaluate")) as run:
+        address = run.model(checkpoint, METADATA)
+    import mlflow
+    from mlflow.pyfunc import scoring_server
+
+    mlflow.set_tracking_uri(f"sqlite:///{store / 'mlflow.db'}")
+    words, model = shlex.split(curl.replace("\\\n", " ")), mlflow.pyfunc.load_model(address)
+    content, body = (words[words.index(option) + 1] for option in ("-H", "-d"))
+    text, schema = Path(body.removeprefix("@")).read_text(), model.metadata.get_input_schema()
+    response = scoring_server.invocations(text, content.removeprefix("Content-Type: "), model, schema)
+    answer, example = json.loads(response.response), json.loads(shown)
+    assert response.status == 200 and answer.keys() == example.keys() and words[-1].endswith("/invocations")
+    expected = Recogniser(checkpoint).answer(RECORDINGS[0]).probabilities
+    assert [list(row) for row in answer["predictions"]] == [CLASSES]
+    np.testing.assert_allclose(list(answer["predictions"][0].values()), expected, rtol=1e-4)
+    posted = json.dumps({"inputs": changed(True)})
+    with pytest.raises(Exception, match="recording 1 holds true or false"):
+        scoring_server.invocations(posted, "application/json", model, schema)
 
 
 @pytest.mark.parametrize("inputs, named", MISTAKES.values(), ids=MISTAKES)
