@@ -205,7 +205,7 @@ def column_notes(recordings: Recordings) -> list[Note]:
         text = (
             f"How it begins alone predicts the object, and it moves as no sensor does: {listed(texts, '; ')}. In "
             "brackets are the errors by its beginning and by its change within recordings, and chance. Remove a clock, "
-            "a number or a name, or call it `time`, `index`, `recording`, `session` or `object`: then it is left out."
+            "a number or a name, or call it `time`, `recording`, `session` or `object`: then it is left out."
         )
         notes.append(Note(text, "warning", COLUMNS))
     rates = np.array([*frame_rates(recordings.columns["time"], recordings.columns["recording"]).values()])
