@@ -95,11 +95,10 @@ def _record(answer: Answer, classes: list[str], *, together: bool = False) -> di
     `right` is None without a label, and for one that is no object of the model.
     """
     order = np.argsort(-answer.probabilities, kind="stable")[:TOP].tolist() if answer.contact else []
-    record: dict[str, Any] = {"recording": answer.recording, "answer": classes[order[0]] if order else NO_CONTACT}
-    for place in range(TOP):
-        at = order[place] if place < len(order) else None
-        record[f"class_{place + 1}"] = None if at is None else classes[at]
-        record[f"probability_{place + 1}"] = None if at is None else float(answer.probabilities[at])
+    best = [(classes[at], float(answer.probabilities[at])) for at in order] + [(None, None)] * (TOP - len(order))
+    record: dict[str, Any] = {"recording": answer.recording, "answer": best[0][0] or NO_CONTACT}
+    for place, (name, share) in enumerate(best, 1):
+        record |= {f"class_{place}": name, f"probability_{place}": share}
     record |= {"frames_in_contact": answer.contact, "frames": answer.frames}
     right = answer.object == _best(record)[0] if answer.object in {*classes, EMPTY_HAND} else None
     return record | {"object": answer.object or None, "right": right, "together": together}

@@ -20,21 +20,14 @@ ALL_KEPT = 0.99  # share of the training's frames that the filter kept, from whi
 def check_layout(
     fitted: FittedPreprocessing, shape: tuple[int, ...], where: str, channel_names: Sequence[str] = ()
 ) -> None:
-    """Raise a UserError, whose message begins with `where`, for frames of a shape or of sensors unlike the training's.
-
-    Args:
-        channel_names: of the sensors, row after row; compared where the training's have names too.
-    """
+    """Raise a UserError, which begins with `where`, for frames of a different shape or with sensors of other names."""
     if shape != fitted.live.shape:
         layout, trained = (" x ".join(map(str, each)) for each in (shape, fitted.live.shape))
         alone = ", and one recording in a list: [X]" if shape[0] == 1 else ""
         raise UserError(f"{where}: frames of {layout}; expected {trained}, as the model was trained on{alone}")
     for at, (name, expected) in enumerate(zip(channel_names, fitted.channel_names, strict=False), 1):
         if name != expected:
-            order = listed(fitted.channel_names)
-            raise UserError(
-                f"{where}: sensor {at} is {name}; expected {expected}: bring the sensors into the order {order}"
-            )
+            raise UserError(f"{where}: sensor {at} is {name}; expected {expected} of {listed(fitted.channel_names)}")
 
 
 def fault_of(fitted: FittedPreprocessing, counts: np.ndarray, contact: np.ndarray, excess: np.ndarray) -> str:
@@ -66,16 +59,13 @@ def fault_of(fitted: FittedPreprocessing, counts: np.ndarray, contact: np.ndarra
 
 def rate_notes(fitted: FittedPreprocessing, recordings: Recordings) -> list[Note]:
     """A warning of recordings that are slower or faster than the training's by more than a tenth."""
-    rates = frame_rates(recordings.columns["time"], recordings.columns["recording"])
-    lowest, highest = fitted.rates
-    unlike = [number for number, rate in rates.items() if not lowest / RATE_TIMES <= rate <= highest * RATE_TIMES]
-    if not unlike:
-        return []
-    name, rate = recordings.recordings[unlike[0]], rates[unlike[0]]
-    text = f"{len(unlike)} of {several(len(rates), 'recording')} at a different rate, first {name} at {rate:.3g} Hz; "
-    expected = " to ".join(dict.fromkeys((f"{lowest:.3g}", f"{highest:.3g}")))
-    text += f"expected {expected} Hz, as in the training: resample, or record at that rate"
-    return [Note(text, "warning", "frame rate")]
+    rates, (lowest, highest) = frame_rates(recordings.columns["time"], recordings.columns["recording"]), fitted.rates
+    low, high = lowest / RATE_TIMES, highest * RATE_TIMES
+    unlike = [f"{recordings.recordings[at]} {rate:.3g} Hz" for at, rate in rates.items() if not low <= rate <= high]
+    text = (
+        f"{len(unlike)} of {several(len(rates), 'recording')}: {listed(unlike)}; expected {low:.3g} to {high:.3g} Hz, "
+    )
+    return [Note(f"{text}near the training's: resample or record anew", "warning", "frame rate")] if unlike else []
 
 
 def find_contact(fitted: FittedPreprocessing, recordings: Recordings) -> tuple[Baseline, np.ndarray]:

@@ -62,18 +62,9 @@ class Recogniser:
     def answer_arrays(
         self, arrays: Mapping[str, Any], channel_names: Sequence[str] = (), times: Sequence[np.ndarray] = ()
     ) -> tuple[list[Answer], list[Note]]:
-        """The answers to recordings of raw counts (T, H, W), or of channels (T, C), in the order of time, by name.
+        """The answers to recordings of raw counts (T, H, W) or channels (T, C), by name, each from its frames alone.
 
-        Baseline and frames in contact are found as in the training, from each recording's frames alone.
-
-        Args:
-            channel_names, times: see `ArrayRecordings`.
-
-        Returns:
-            As `answer_table`.
-
-        Raises:
-            UserError: see `recording_array` and `answer_table`.
+        For channel names and times see `ArrayRecordings`, for notes and errors `answer_table` and `recording_array`.
         """
         counts = [recording_array(each, name) for name, each in arrays.items()]
         for name, each in zip(arrays, counts, strict=True):
