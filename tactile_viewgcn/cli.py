@@ -10,7 +10,7 @@ import click
 
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.messages import UserError, program, shown
-from tactile_viewgcn.params import MAX_SIDE, default_params, preset_changes, presets
+from tactile_viewgcn.params import MAX_SIDE, default_params, preset_changes
 
 if TYPE_CHECKING:
     from tactile_viewgcn.readers.source import Form
@@ -53,16 +53,10 @@ def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None, chan
         _say(write(page, inspection_page(inspection)))
 
 
-class _Presets(click.Command):
-    def format_epilog(self, _: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Presets"):
-            formatter.write_dl(list(presets().items()))
-
-
-@cli.command(cls=_Presets)
+@cli.command()
 @click.argument("name", default="")
 def preset(name: str) -> None:
-    """Print a preset as options of DVC: dvc exp run $(tactile-viewgcn preset released)."""
+    """Print a preset (best, kernels, network, released, stag) as options of `dvc exp run`."""
     try:
         _say(" ".join(f"-S {change}" for change in preset_changes(name)))
     except UserError:

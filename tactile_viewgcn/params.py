@@ -259,10 +259,9 @@ def default_params(changes: tuple[str, ...] = (), name: str = "parameters") -> P
     return build(Params, {}, name, changes)
 
 
-def presets() -> dict[str, str]:
-    """The purpose of each preset, by name: the comment in the first line of its file."""
-    paths = sorted(PRESETS.glob("*.yaml"))
-    return {path.stem: path.read_text().partition("\n")[0].removeprefix("# ") for path in paths}
+def presets() -> list[str]:
+    """Names of the presets, each a file whose first line says what it is for."""
+    return sorted(path.stem for path in PRESETS.glob("*.yaml"))
 
 
 def preset_changes(name: str) -> list[str]:
@@ -271,7 +270,7 @@ def preset_changes(name: str) -> list[str]:
     Raises:
         UserError: there is no preset of that name; the message has the nearest name, or all.
     """
-    if name not in (names := list(presets())):
+    if name not in (names := presets()):
         (near,) = get_close_matches(str(name), names, n=1) or ["best"]
         one_of = ", ".join(names)
         raise UserError(f"preset is {name!r}; expected one of {one_of}; did you mean `tactile-viewgcn preset {near}`?")

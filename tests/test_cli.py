@@ -53,18 +53,6 @@ def test_inspect_hands_the_layout_of_arrays_on_to_the_command(tmp_path):
         assert f"-S {change}" in call("inspect", source, *words).stdout
 
 
-@pytest.mark.parametrize(
-    ("words", "near"),
-    [
-        ("inspect . --set data.shape=frames_lst", "frames_last"),
-        ("preset kernel", "`tactile-viewgcn preset kernels`"),
-        ("preset", "`tactile-viewgcn preset best`"),
-    ],
-)
-def test_a_wrong_choice_is_answered_with_the_nearest_one(words, near):
-    assert f"did you mean {near}?" in refused(call(*words.split()))
-
-
 @pytest.mark.parametrize("name", ["released", "bset", ""])
 def test_preset_prints_options_of_dvc_and_one_that_dvc_refuses_for_an_unknown_name(name):
     result = call("preset", name)
@@ -72,7 +60,8 @@ def test_preset_prints_options_of_dvc_and_one_that_dvc_refuses_for_an_unknown_na
         words = result.stdout.split()
         assert words[::2] == ["-S"] * (len(words) // 2) and words[1::2] == preset_changes(name)
         return
-    assert result.stdout == f"-S no-such-preset={name}\n" and "best" in refused(result)
+    assert result.stdout == f"-S no-such-preset={name}\n"
+    assert "did you mean `tactile-viewgcn preset best`?" in refused(result)
     command = [sys.executable, "-m", "dvc", "exp", "run", "--dry", *result.stdout.split()]
     done = subprocess.run(command, cwd=ROOT, capture_output=True)
     assert done.returncode and b"no-such-preset" in done.stderr
@@ -88,11 +77,11 @@ def test_a_command_that_needs_a_missing_library_names_the_extra_in_one_line():
 
 
 def test_control_characters_of_names_reach_neither_a_terminal_nor_a_page(tmp_path):
-    source = glove(tmp_path / "l\u202ea\udcffb", "m\x1b[31mug\n", "p\u202een", number=3)
+    source = glove(tmp_path / "l\u202ea\udcffb", "m\x1b[31mu\ng", "p\u202een", number=3)
     result = call("inspect", source, "--html", tmp_path / "page.html")
     assert result.returncode == 0, result.stderr
     for text in (result.stdout, (tmp_path / "page.html").read_text()):
-        assert r"m\x1b[31mug\n" in text and r"p\u202een" in text
+        assert r"m\x1b[31mu\ng" in text and r"p\u202een" in text
         assert all(line.isprintable() for line in text.replace("\xa0", "").splitlines())
 
 

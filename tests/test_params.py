@@ -71,7 +71,7 @@ def test_every_key_refuses_a_value_of_another_type(key):
     [
         ("seed=-1", "seed: |0 (got -1)"),
         ("pretrain.lr=1e400", "pretrain.lr: |(got inf)"),
-        ("model.system=view_gnc", "model.system: |'view_gcn'"),
+        ("model.system=view_gnc", "model.system: |did you mean view_gcn?"),
         ("model.neighbours=[4,0,4,4]", "model.neighbours: |3 items|(got [4, 0, 4, 4])"),
         ("glove.leave_out=[moton]", "glove.leave_out: |'motion'|'noise'|(got 'moton')"),
         ("model.members=[trees, trees]", "model.members: |(got ['trees', 'trees'])"),

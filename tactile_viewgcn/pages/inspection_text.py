@@ -12,7 +12,7 @@ from tactile_viewgcn.frames.leak import ALIKE, QuickError
 from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, NEW_SESSION, Note, listed, several, warnings_of
 from tactile_viewgcn.pages.html import Verdict
-from tactile_viewgcn.pages.source_inspection import MOST_FOLDS, SATURATED, Overview
+from tactile_viewgcn.pages.source_inspection import MOST_FOLDS, Overview
 from tactile_viewgcn.params import default_params, everywhere, unlike_the_file
 from tactile_viewgcn.schema import as_change, flatten
 from tactile_viewgcn.sensors.features import is_array
@@ -111,7 +111,7 @@ def _error(error: QuickError | None, where: str) -> list[tuple[str, str]]:
 
 def warnings(overview: Overview) -> list[Note]:
     """What may spoil a result with the recommended settings, each with a remedy."""
-    by, saturated = overview.setting("split.by"), _saturated(overview)
+    by = overview.setting("split.by")
     contact = np.bincount(overview.label, overview.counts["in contact"], len(overview.recordings.objects))
     untouched, single = _names(overview, contact == 0), _names(overview, overview.groups[by] == 1)
     gaps = overview.gaps > MANY_GAPS * overview.counts["frames"].sum()
@@ -128,9 +128,6 @@ def warnings(overview: Overview) -> list[Note]:
         f"{100 * error.error:.1f} %. Test both, and record more sessions.",
         "split": single and f"One {by} alone: {single}. Nothing is left to test with. {TWICE}",
         "time": gaps and f"Frames are missing at {several(overview.gaps, 'place')}. Look at the cable and the logger.",
-        "saturated": saturated
-        and f"Sensors at the largest reading in more than {100 * SATURATED:.0f} % of the frames: "
-        f"{saturated}. Lower the gain of the electronics, or grip less.",
     }
     return warnings_of(overview.remarks) + [Note(text, "warning", topic) for topic, text in found.items() if text]
 
@@ -195,12 +192,6 @@ def _names(overview: Overview, chosen: np.ndarray) -> str:
     """Names of the recorded objects among bool (O,), the empty hand left out; "" without any."""
     names = [overview.recordings.objects[label] for label in np.unique(overview.label) if chosen[label]]
     return listed([name for name in names if name != EMPTY_HAND])
-
-
-def _saturated(overview: Overview) -> str:
-    """Names of the saturated sensors, of channels, else row/column; "" without any."""
-    names, places = overview.recordings.channel_names, np.argwhere(overview.saturated).tolist()
-    return listed([names[column] if names else f"{row}/{column}" for row, column in places])
 
 
 def _wrapped(texts: Iterable[str]) -> list[str]:

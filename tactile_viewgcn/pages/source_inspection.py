@@ -21,7 +21,6 @@ from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, r
 from tactile_viewgcn.tables.remarks import originals, remarks
 
 SAMPLE = 2000  # frames, of all for the variation of a sensor, of an object for its mean
-SATURATED = 0.01  # share of frames at the largest reading of all sensors
 GAP = 2.5  # median steps of a recording: frames are missing
 MOST_FOLDS = 5
 FEW_FRAMES = 50_000  # of contact
@@ -142,19 +141,6 @@ class Overview:
         rates = [self.rates.get(recording[index[0]], 0) for index in self._frames_of]
         return sum(int((np.diff(time[of]) * rate > GAP).sum()) for of, rate in zip(self._frames_of, rates, strict=True))
 
-    @cached_property
-    def saturated(self) -> np.ndarray:
-        """Sensors that read the largest number of all in more than 1 % of the frames, bool (H, W).
-
-        None where only one reading is that large.
-        """
-        counts = self.states.counts
-        largest = max(counts[index].max() for index in self._frames_of)
-        at_largest = np.sum([(counts[index] == largest).sum(axis=0) for index in self._frames_of], axis=0)
-        layout = np.zeros(self.recordings.shape, dtype=bool)
-        layout[self.recordings.live] = (at_largest / len(self.recordings) > SATURATED) & (at_largest.sum() > 1)
-        return layout
-
 
 def inspect_source(path: str | Path, form: Form = AUTO) -> Overview:
     """Inspect a source in any form that `ingest` reads, see `open_source`.
@@ -209,21 +195,12 @@ def split_settings(groups: dict[str, np.ndarray]) -> list[Note]:
     repeated = groups[by] >= 2
     if repeated.sum() < 2:
         return [_choice("split.by", by, "no whole recording can be held out: record each object twice")]
-    fewest, folds = int(groups[by][repeated].min()), folds_of(groups[by])
+    fewest = int(groups[by][repeated].min())
+    folds = max(2, min(MOST_FOLDS, fewest // 2, int(groups[by].sum()) // FEW))  # each tests FEW in all, if there are
     return [
         _choice("split.by", by, f"an object has {fewest} {by}s or more, of which whole ones are held out"),
         _choice("split.folds", folds, f"{by}s in {folds} parts; split.fold says which is tested"),
     ]
-
-
-def folds_of(groups: np.ndarray) -> int:
-    """The most folds, up to five, that each test two groups of every object and ten in all, where there are so many.
-
-    Args:
-        groups: each object's number of groups (O,).
-    """
-    fewest = int(groups[groups >= 2].min())
-    return max(2, min(MOST_FOLDS, fewest // 2, int(groups.sum()) // FEW))
 
 
 def preprocess_settings(recordings: Recordings, choice: Choice) -> list[Note]:

@@ -72,7 +72,8 @@ def load_model(name: str) -> Recogniser:
     is_run = len(name) == 32 and set(name) <= set("0123456789abcdef")
     if not (is_run or name.startswith(("runs:/", "models:/"))):
         kind = "a folder" if Path(name).is_dir() else "no such file"
-        raise FileNotFoundError(f"{name}: {kind}; expected {MODELS}")
+        remedy = "the line that `tactile-viewgcn inspect` prints trains one"
+        raise FileNotFoundError(f"{name}: {kind}; expected {MODELS}; {remedy}")
     from tactile_viewgcn.tracking import download_model
 
     with tempfile.TemporaryDirectory() as folder:

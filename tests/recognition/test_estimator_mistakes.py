@@ -37,7 +37,7 @@ IN_FIT = {
     "one class": ("y", ["a"] * 4, "y has one class, a"),
     "a missing label": ("y", ["a", "a", "b", None], "y holds labels of different kinds"),
     "groups of a different length": ("groups", [0, 1, 2], r"groups.*\(3,\).*\(4,\)"),
-    "no such system": ("system", "mvccn", "model.system: .*'mvccn'"),
+    "no such system": ("system", "mvccn", "model.system: .*'mvccn'.*did you mean mvcnn"),
     "a value YAML has not": ("params", {"preprocess.scale": object()}, "preprocess.scale: .*<object"),
     "params as a text": ("params", "views=4", "'views=4'"),
 }
