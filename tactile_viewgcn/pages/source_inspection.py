@@ -171,7 +171,7 @@ def _groups(recordings: Recordings, original: np.ndarray) -> dict[str, np.ndarra
     """See `Overview.groups`; of `source` the groups are its two sides."""
     of_object = ~recordings.empty_hand
     columns = {name: values[of_object] for name, values in recordings.columns.items()}
-    columns["recording"], groups = original[columns["recording"]], {}
+    columns["take"], groups = original[columns.get("take", columns["recording"])], {}
     for by in ("source", "recording", "grasp"):
         with suppress(UserError):  # no such column
             group = split_groups(columns, by)

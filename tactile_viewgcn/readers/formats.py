@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Any
 
 import h5py
@@ -18,10 +18,18 @@ import numpy as np
 from tactile_viewgcn.files import all_below
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, once_each, several
 from tactile_viewgcn.readers.child import reading
-from tactile_viewgcn.readers.hdf5 import is_raw, matlab_fields, read_metadata, read_raw, read_recording
+from tactile_viewgcn.readers.hdf5 import (
+    dataset,
+    is_raw,
+    matlab_fields,
+    open_hdf5,
+    read_metadata,
+    read_raw,
+    read_recording,
+)
 from tactile_viewgcn.readers.join import joined
-from tactile_viewgcn.readers.source import AUTO, Form, Recording, Source, no_array, setting, side_of
-from tactile_viewgcn.readers.text import read_table, recordings_in
+from tactile_viewgcn.readers.source import AUTO, Form, Recording, Source, no_array, setting, side_of, tidy
+from tactile_viewgcn.readers.text import CONTENTS, read_table, recordings_in
 
 TEXTS = (".csv", ".tsv", ".csv.gz", ".txt")  # endings of tables as text
 PLACES = "OBJECT/FILE or SESSION/OBJECT/FILE"
@@ -100,22 +108,31 @@ def read_files(path: Path, files: list[Path], form: Form, unread: list[Path]) ->
                 return joined(path, list(numbered), numbered.__getitem__, form)
 
     root = path if path.is_dir() else path.parent
+    tables, named = labels_in(files)
+    windows = {Path(f"{file}, {number}"): part for file in files for number, part in enumerate(windows_in(file, form))}
+    whole = {Path(str(file).rpartition(", ")[0]) for file in windows}
+    files = [file for file in files if file not in {*tables, *whole}] + [*windows]
     layout, guessed = layout_of(root, files, form)
 
     def object_of(file: Path) -> str | None:
         """The object in a file's path; None of a file that lies elsewhere."""
+        if named:
+            return named.get(file.stem, {}).get("object")
         match = matched(file, root, layout)
         return match.groupdict().get("object", None if form.labelled else "") if match else None
 
     def opened(file: Path) -> Recording:
         """The recording in a file, with the names in its path where the file names no object."""
-        if among([file], *TEXTS):
+        if file in windows:
+            recording = windows[file]
+        elif among([file], *TEXTS):
             recording, _ = table(file)
         elif among([file], *ARRAYS):
             recording = Recording({}, _arrays(file, form))
         else:
             recording = read_recording(file, form)
-        names, notes, values = {"recording": place_of(file, path)} | recording.names, recording.notes, recording.values
+        names, notes, values = named.get(file.stem, {}) | recording.names, recording.notes, recording.values
+        names = {"recording": place_of(file, path)} | names
         if not names.get("object") and (form.labelled or among([file], *TEXTS, *ARRAYS)):
             names, notes = names_of(file, root, layout, form) | names, [*notes, *guessed]
         if side := names.pop("split", ""):
@@ -127,6 +144,78 @@ def read_files(path: Path, files: list[Path], form: Form, unread: list[Path]) ->
     source = joined(path, files, opened, form)
     source.notes.extend(unread_note(path, files, dict.fromkeys(unread, "") | left, object_of))
     return source
+
+
+def labels_in(files: Sequence[Path]) -> tuple[list[Path], dict[str, dict[str, str]]]:
+    """The tables among files that name files and their objects, as labels.csv; and the names by a file's own name.
+
+    Raises:
+        UserError: two lines name one file unlike.
+    """
+    tables, names = list[Path](), dict[str, dict[str, str]]()
+    for file in among(files, ".csv", ".tsv"):
+        with reading(file), file.open(encoding="utf-8-sig", errors="replace") as stream:
+            header = [name.strip(' "\n') for name in re.split("[,;\t]", stream.readline())]
+        kinds = {name: kind for name in header if (kind := CONTENTS.get(name.lower(), "")) in ("object", "session")}
+        column = next((name for name in header if re.fullmatch(r"file[ _]?(name|path)?s?|path", name.lower())), None)
+        if column is None or "object" not in kinds.values():
+            continue
+        import pandas as pd  # here, since it loads slowly
+
+        with reading(file):
+            table = pd.read_csv(file, sep=None, engine="python", dtype=str, keep_default_na=False).rename(columns=kinds)
+        tables.append(file)
+        for place, row in zip(table[column], table[[*kinds.values()]].to_dict("records"), strict=True):
+            stem, row = PureWindowsPath(place).stem, {str(kind): tidy(name) for kind, name in row.items()}
+            if names.setdefault(stem, row) != row:
+                raise UserError(f"{file}: {stem} has two labels; expected a name of its own for each file")
+    return tables, names
+
+
+def windows_in(file: Path, form: Form) -> list[Recording]:
+    """The windows X (n, T, C) or (n, T, H, W) in a file with labels y (n,), a recording each; none in other files.
+
+    A window that begins inside the one before is of the same take.
+    """
+    if not among([file], ".npz", ".mat", *HDF5):
+        return []
+    try:
+        with reading(file):
+            arrays = labelled_arrays(file)
+    except UserError:  # which `joined` lists beside all others
+        return []
+    name = form.columns.get("object", next((name for name in arrays if name.lower() in ("y", "label", "labels")), ""))
+    label = arrays.get(name, np.zeros(0)).ravel()
+    large = [key for key, array in arrays.items() if array.ndim > 2 and len(array) == len(label) and key != "pressure"]
+    if len(large) != 1 or not len(label) or [*arrays[large[0]].shape[1:]] == [*form.shape]:
+        return []
+    X, texts = arrays[large[0]], [str(int(one) if label.dtype.kind == "f" else one) for one in label.tolist()]
+    begins = (X[:-1] == X[1:, :1]).all(axis=tuple(range(2, X.ndim))).any(axis=1)
+    takes = np.cumsum([0, *~begins])
+    note = Note(f"{large[0]} holds {len(X):,} windows of {X.shape[1]} frames, labelled by {name}", topic="windows")
+    return [
+        Recording(
+            {"recording": f"{file.stem}/{at}", "object": text, "take": f"{file}/{take}"}, {"pressure": one}, [], [note]
+        )
+        for at, (one, text, take) in enumerate(zip(X, texts, takes.tolist(), strict=True))
+    ]
+
+
+def labelled_arrays(file: Path) -> dict[str, np.ndarray]:
+    """All arrays of a .npz, MATLAB or HDF5 file, if one may hold labels: texts of HDF5 too."""
+    if among([file], ".npz"):
+        with np.load(file, allow_pickle=False) as stored:
+            return dict(stored) if len(stored.files) > 1 and "pressure" not in stored else {}
+    if among([file], ".mat"):
+        return matlab_fields(file)
+    with open_hdf5(file) as opened:
+        if "pressure" in opened:
+            return {}
+        sets = {name: opened[name] for name in opened if isinstance(opened.get(name), h5py.Dataset)}
+        return {
+            name: values.asstr()[()] if h5py.check_string_dtype(values.dtype) else dataset(opened, name, "numbers")[()]
+            for name, values in sets.items()
+        }
 
 
 def unread_note(

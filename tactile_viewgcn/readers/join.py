@@ -1,5 +1,6 @@
 """How the recordings of several files become one source."""
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,12 @@ from tactile_viewgcn.readers.source import (
     sliced,
     storage_type,
     tidy,
+)
+
+#: Words of a file's name by which files of one recording differ: a hand, an axis, a part of its time, a device.
+PART = re.compile(
+    r"(?<![a-z])(left|right|lh|rh|[lrxyz]|(part|window|win|segment|seg|chunk)[ _-]?\d+|"
+    r"(device|dev|sensor|glove|imu|emg|accel|acc|gyro|mag|board)\d*)(?![a-z])"
 )
 
 
@@ -66,12 +73,25 @@ def joined(path: Path, files: list[Path], opened: Callable[[Path], Recording], f
         text = f"{several(dropped, 'frame')} without readings, in which nothing is held, are left out"
         notes.append(Note(text, topic="frames"))
 
+    takes = [take_of(header) for header in headers]
+    first = {take: number for number, take in reversed([*enumerate(takes)])}
+    if len(first) < len(takes) and "take" not in headers[0].names:
+        again = next(take for number, take in enumerate(takes) if first[take] < number)
+        pair = [name for name, take in zip(ids["recording"], takes, strict=True) if take == again][:2]
+        text = (
+            f"{several(len(takes), 'recording')} have {len(first):,} names without hand, axis, device or part, such as "
+            f"{' and '.join(pair)}: these are held out together. To join them, save one file with the columns of both."
+        )
+        notes.append(Note(text, "warning", "parts"))
+
     def blocks() -> Iterator[Block]:
-        for file, header in zip(files, headers, strict=True):
+        for file, header, take in zip(files, headers, takes, strict=True):
             with reading(file):
                 values = read(file).values
                 count = len(values["pressure"])
                 values |= {kind: np.full(count, names.index(header.names[kind])) for kind, names in ids.items()}
+                if len(first) < len(takes):
+                    values["take"] = np.full(len(values["pressure"]), first[take])
                 if "time" in values:
                     time = values["time"][:].astype(np.float64)
                     values["time"] = time - time[:1]
@@ -80,6 +100,19 @@ def joined(path: Path, files: list[Path], opened: Callable[[Path], Recording], f
     shape, channels = known["shape"][0], known["channels"][0]
     channels = channels if len(channels) == shape[0] * shape[1] else []
     return Source(path, ids, shape, np.result_type(*dtypes), frames, blocks(), notes, channels)
+
+
+def take_of(recording: Recording) -> tuple[str, str]:
+    """The object, and what recordings that belong together have in common: their name without the word of `PART`.
+
+    A name that would have no number left keeps that of its device or part: glove1 and glove2 may be two grasps.
+    """
+    names = recording.names
+    folder, mark, name = names["recording"].rpartition("/")
+    plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
+    stem = PART.sub("", plain)
+    is_number = re.search(r"\d", plain) and not re.search(r"\d", stem)
+    return names["object"], names.get("take", folder + mark + (name if is_number else stem))
 
 
 def _check(recording: Recording, file: Path, known: dict[str, tuple[Any, Path]]) -> np.dtype:

@@ -29,6 +29,7 @@ COLUMNS = {
     "session": np.int16,  # index into sessions
     "frame": np.int32,  # frame number inside the recording
     "time": np.float64,  # seconds since the recording's first frame
+    "take": np.int16,  # index of the first of the recordings that belong together, as those of two hands do
     "split": np.int8,  # published side: TRAIN or TEST
     "valid": np.bool_,  # the object is held (STAG: hasValidLabel)
     "balanced": np.bool_,  # STAG's subset of equally many frames a class (isBalanced)

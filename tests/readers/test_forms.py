@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import io
 
+from tactile_viewgcn.frames.split import split_groups
 from tactile_viewgcn.readers import source as module
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.source import TEST, TRAIN, VALIDATION, Form
@@ -164,6 +165,73 @@ def test_files_that_are_not_read_are_counted_by_object(tmp_path, lost, words):
     (note,) = [note for note in ingested(tmp_path / "lab")[1].notes if note.topic == "files"]
     assert (note.level, f"{len(lost.split())} file" in note.text) == ("warning" if words else "info", True)
     assert [word for word in words.split("|") if word not in note.text] == []
+
+
+def as_h5(path, X, y):
+    with h5py.File(path, "w") as file:
+        file.update({"X": X, "y": y})
+
+
+@pytest.mark.parametrize("shape", [(6, 3), (6, 2, 3)])
+@pytest.mark.parametrize(
+    ("ending", "write"),
+    [
+        ("npz", lambda path, **arrays: np.savez(path, **arrays)),
+        ("h5", lambda path, X, y: as_h5(path, X, y.astype(object))),
+        ("mat", lambda path, X, y: io.savemat(path, {"X": X, "y": (y == "pen") + 0})),
+    ],
+)
+def test_windows_with_labels_are_recordings_and_those_that_overlap_are_of_one_take(tmp_path, shape, ending, write):
+    stream = np.random.default_rng(0).normal(size=(40, *shape[1:]))
+    X, y = np.stack([stream[at : at + 6] for at in (0, 3, 6, 20, 23, 34)]), np.repeat(["mug", "pen"], 3)
+    write(tmp_path / f"all.{ending}", X=X, y=y)
+    counts, table = ingested(tmp_path)
+    np.testing.assert_array_equal(counts.reshape(6, *shape), X)
+    assert table.objects == (["0", "1"] if ending == "mat" else ["mug", "pen"])
+    assert table.columns["object"][::6].tolist() == [0, 0, 0, 1, 1, 1]
+    assert table.columns["take"][::6].tolist() == [0, 0, 0, 3, 3, 5]
+
+
+@pytest.mark.parametrize("place", ["lab", "lab/raw"])
+def test_a_table_of_files_names_their_objects_and_sessions(tmp_path, place):
+    for number in range(4):
+        save(tmp_path / place / f"rec_{number}.npy", COUNTS + number)
+    rows = [f"./raw/rec_{number}.npy;{('mug', 'pen ')[number % 2]};{number // 2}" for number in (2, 3, 0, 1)]
+    save(tmp_path / "lab" / "labels.csv", "\n".join(["Filename;label;subject", *rows]))
+    counts, table = ingested(tmp_path / "lab")
+    first = table.columns["frame"] == 0
+    assert [table.objects[at] for at in table.columns["object"][first]] == ["mug", "pen", "mug", "pen"]
+    assert table.sessions == ["0", "1"] and table.columns["session"][first].tolist() == [0, 0, 1, 1]
+    np.testing.assert_array_equal(counts[first, 0, 0] - 500, np.arange(4))
+    assert not [note for note in table.notes if note.topic == "files"]
+    save(tmp_path / "lab" / "labels.csv", "\n".join(["file,object", "rec_0,mug", "rec_0,pen"]))
+    assert "labels.csv: rec_0 has two labels" in refusal(tmp_path / "lab", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("names", "takes"),
+    [
+        ("01_left 01_right 02_left 02_right", [0, 0, 2, 2]),
+        ("r1/accelX r1/accelY r2/accelX r2/accelY", [0, 0, 2, 2]),
+        ("rec3_part1 rec3_part2 rec4_part1", [0, 0, 2]),
+        ("4_glove1 4_glove2 5_glove1", [0, 0, 2]),
+        ("glove1 glove2 glove3", None),  # as well three grasps
+        ("anna_1 anna_2 bert_1 bert_2", None),
+        ("left_1 left_2 left_3", None),
+    ],
+)
+def test_recordings_whose_names_differ_by_a_hand_an_axis_a_device_or_a_part_are_held_out_together(
+    tmp_path, names, takes
+):
+    for number, name in enumerate(names.split()):
+        save(tmp_path / "lab" / "mug" / f"{name}.npy", COUNTS + number)
+    layout = "OBJECT/SESSION/FILE" if "/" in names else "OBJECT/FILE"
+    table = ingested(tmp_path / "lab", form=Form(layout=layout))[1]
+    group, expected = split_groups(table.columns, "recording")[::4], takes or [*range(len(names.split()))]
+    assert group.tolist() == np.unique(expected, return_inverse=True)[1].tolist()
+    assert [name.rpartition("mug/")[2] in note.text for note in table.notes for name in names.split()[:1]] == (
+        [True] if takes else []
+    )
 
 
 def test_letters_of_labels_are_composed_and_blanks_at_their_ends_go(tmp_path):
