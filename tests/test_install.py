@@ -7,7 +7,7 @@ from tests.glove_data import FOREIGN_NAMES, ROOT, floats
 
 PROGRAM = """
 import sys
-sys.modules |= {"dvc": None, "mlflow": None}
+sys.modules |= {"dvc": None, "mlflow": None, "psutil": None}
 import tactile_viewgcn
 from tactile_viewgcn import TactileClassifier
 assert "torch" not in sys.modules
