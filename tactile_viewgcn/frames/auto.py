@@ -13,8 +13,9 @@ from tactile_viewgcn.frames.baseline import (
     require_empty_hand,
     session_moments,
 )
+from tactile_viewgcn.frames.columns import column_notes
 from tactile_viewgcn.frames.filter import flagged, sensors_in_contact
-from tactile_viewgcn.frames.leak import QuickError, check_leak, column_notes, leak_notes, quietest_are_contact
+from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_notes, quietest_are_contact
 from tactile_viewgcn.frames.open_hand import HandStates, hand_states
 from tactile_viewgcn.frames.split import has_published_split
 from tactile_viewgcn.messages import Note, UserError, several

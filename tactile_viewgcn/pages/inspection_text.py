@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactile_viewgcn.frames.leak import ALIKE, QuickError
+from tactile_viewgcn.frames.columns import ALIKE
+from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, NEW_SESSION, Note, listed, several, warnings_of
 from tactile_viewgcn.pages.html import Verdict

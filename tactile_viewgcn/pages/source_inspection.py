@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from tactile_viewgcn.frames.auto import Choice, choose
-from tactile_viewgcn.frames.leak import COLUMNS, FRAME_RATE, QuickError, quick_error
+from tactile_viewgcn.frames.columns import COLUMNS, FRAME_RATE
+from tactile_viewgcn.frames.leak import QuickError, quick_error
 from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.frames.split import has_published_split, published_test, split_groups
 from tactile_viewgcn.intervals import FEW
