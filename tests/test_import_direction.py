@@ -27,7 +27,7 @@ ALLOWED = {
     "glove": set(),
 }
 # what may use all of the package: its commands, and what `from tactile_viewgcn import` gives
-ENTRANCES = {"tactile_viewgcn/__init__.py", "tactile_viewgcn/cli.py", "tactile_viewgcn/__main__.py"}
+ENTRANCES = {"tactile_viewgcn/__init__.py", "tactile_viewgcn/cli.py"}
 KNOWS_MLFLOW = "tactile_viewgcn/tracking.py"
 FILES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tactile_viewgcn").rglob("*.py"))
 

@@ -16,7 +16,6 @@ from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.pages.source_inspection import MOST_FOLDS, Overview
 from tactile_viewgcn.params import default_params, everywhere, unlike_the_file
 from tactile_viewgcn.schema import as_change, flatten
-from tactile_viewgcn.sensors.features import is_array
 
 WIDTH = 80
 NAME = 24  # letters of an object's or session's name
@@ -60,8 +59,7 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
     sessions = several(len(np.unique(overview.session)), "session")
     lengths = f"{low} to {high} frames" if low < high else f"{several(int(low), 'frame')} each"
     pressed = f"{overview.choice.params.contact_sensors} or more sensors are pressed"
-    quietest = "even the quietest" if is_array(table.live) else "of few sensors no open hand is looked for"
-    pressed = quietest if states.all_contact else pressed
+    pressed = "recordings are taken as they are" if states.all_contact else pressed
     rows = [
         (f"{frames.sum():,}", f"frames of {height} x {width}, kept as {table.counts.dtype}"),
         (f"{len(frames):,}", f"recordings of {objects} in {sessions}: {lengths}"),
