@@ -15,7 +15,7 @@ from tactile_viewgcn.frames.baseline import (
 )
 from tactile_viewgcn.frames.columns import column_notes
 from tactile_viewgcn.frames.filter import flagged, sensors_in_contact
-from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_notes, quietest_are_contact
+from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_note, quietest_are_contact
 from tactile_viewgcn.frames.open_hand import HandStates, hand_states
 from tactile_viewgcn.frames.split import has_published_split
 from tactile_viewgcn.messages import Note, UserError, several
@@ -110,7 +110,7 @@ def choose(recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, g
     if kind == "grasp" and states.all_contact:
         text = "even the quietest frames are contact, so grasp subtracts signal: set preprocess.baseline to auto"
         notes.append(Note(text, "warning", "baseline", "preprocess.baseline", "auto"))
-    notes += [*leak_notes(training, states, leak, advised="grasp" not in kinds), *column_notes(training)]
+    notes += [leak_note(training, states, leak, advised="grasp" not in kinds), *column_notes(training)]
     return Choice(params, states, baseline, leak, notes)
 
 

@@ -11,7 +11,6 @@ from tactile_viewgcn.sensors.features import is_array
 from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
-COLUMNS, FRAME_RATE = "columns", "frame rate"
 UNEVEN = 0.1  # of a clock's steps at most: its gaps, restarts and jitter
 ORDERED = 0.9  # rank correlation with the order of recordings, from which a column drifts with it
 ALIKE = 1.1  # times the lowest frame rate, below which all are alike
@@ -42,28 +41,29 @@ def column_notes(recordings: Recordings) -> list[Note]:
 
     begin, texts, notes = np.where(even, first, early), list[str](), list[Note]()
     sensors = recordings.sensor_names(recordings.live)
+    kinds = np.where(
+        drifts, "drifting in the order of recordings", np.where(moves, "with even steps", "constant in each")
+    )
     for column in np.flatnonzero(even | drifts):
         begins, changes = error(begin[:, column]), error((mean - begin)[:, column])
         if begins and changes and begins.beats_chance and (even[column] or begins.error <= changes.error):
-            kind = "with even steps" if moves[column] else "constant in each recording"
-            kind = "drifting in the order of recordings" if drifts[column] else kind
-            numbers = ", ".join(f"{100 * value:.1f} %" for value in (begins.error, changes.error, begins.chance))
-            texts.append(f"{sensors[column]}, {kind} ({numbers})")
+            errors = ", ".join(f"{100 * value:.1f} %" for value in (begins.error, changes.error, begins.chance))
+            texts.append(f"{sensors[column]}, {kinds[column]} ({errors})")
     if texts:
         text = (
             f"How it begins alone predicts the object, and it moves as no sensor does: {listed(texts, '; ')}. In "
             "brackets are the errors by its beginning and by its change within recordings, and chance. Remove a clock, "
             "a number or a name, or call it `time`, `recording`, `session` or `object`: then it is left out."
         )
-        notes.append(Note(text, "warning", COLUMNS))
+        notes.append(Note(text, "warning", "columns"))
     rates = np.array([*frame_rates(recordings.columns["time"], recordings.columns["recording"]).values()])
     by_rate = error(rates) if len(rates) == len(label) and rates.max() > ALIKE * rates.min() else None
     if by_rate and by_rate.beats_chance:
         text = (
             f"{rates.min():.4g} to {rates.max():.4g} frames a second: by these alone the objects are recognised with "
+            f"an error of {100 * by_rate.error:.1f} %, chance {100 * by_rate.chance:.1f} %. Record all at one rate."
         )
-        text += f"an error of {100 * by_rate.error:.1f} %, chance {100 * by_rate.chance:.1f} %. Record all at one rate."
-        notes.append(Note(text, "warning", FRAME_RATE))
+        notes.append(Note(text, "warning", "frame rate"))
     return notes
 
 

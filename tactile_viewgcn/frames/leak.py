@@ -158,8 +158,8 @@ def quietest_are_contact(recordings: Recordings, states: HandStates, contact_sen
     return False
 
 
-def leak_notes(recordings: Recordings, states: HandStates, leak: QuickError | None, *, advised: bool) -> list[Note]:
-    """A leak check in one line, or why there is none, and a warning where the objects are recognised.
+def leak_note(recordings: Recordings, states: HandStates, leak: QuickError | None, *, advised: bool) -> Note:
+    """A leak check in one line, or why there is none; a warning with a remedy where the objects are recognised.
 
     Args:
         advised: to set the baseline to `grasp` is a remedy.
@@ -167,15 +167,15 @@ def leak_notes(recordings: Recordings, states: HandStates, leak: QuickError | No
     if leak is None:
         frames = int((states.open & ~recordings.empty_hand).sum())
         text = f"not checked: {several(frames, 'frame')} without contact, not of two objects in two groups each"
-        return [Note(text, topic=TOPIC)]
+        return Note(text, topic=TOPIC)
     text = (
         f"frames without contact predict the object with an error of {100 * leak.error:.1f} % "
         f"({100 * leak.low:.1f} to {100 * leak.high:.1f}), chance {100 * leak.chance:.1f} %; "
         f"{several(leak.frames, 'frame')} in {several(leak.groups, 'group')}"
     )
     if not leak.beats_chance:
-        return [Note(text, topic=TOPIC)]
-    warning = "frames without contact predict the object better than chance, so errors say less about touch: "
-    warning += "set preprocess.baseline to grasp, or " * advised + "choose another split.by"
+        return Note(text, topic=TOPIC)
+    text += ". Errors say less about touch than they seem to: "
+    text += "set preprocess.baseline to grasp, or " * advised + "choose another split.by"
     remedy = ("preprocess.baseline", "grasp") if advised else ("", None)
-    return [Note(text, topic=TOPIC), Note(warning, "warning", TOPIC, *remedy)]
+    return Note(text, "warning", TOPIC, *remedy)

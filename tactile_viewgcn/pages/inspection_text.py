@@ -21,7 +21,6 @@ WIDTH = 80
 NAME = 24  # letters of an object's or session's name
 MANY_GAPS = 0.01  # of the frames
 TWICE = "Record each object at least twice, better five times in two sessions."
-LESS = "errors say less about touch than they seem to. Record in several sessions, in another order in each."
 FIRMLY = "Record more of each, held firmly; or are sessions taken for objects? See the table of objects."
 
 
@@ -114,11 +113,10 @@ def warnings(overview: Overview) -> list[Note]:
     contact = np.bincount(overview.label, overview.counts["in contact"], len(overview.recordings.objects))
     untouched, single = _names(overview, contact == 0), _names(overview, overview.groups[by] == 1)
     gaps = overview.gaps > MANY_GAPS * overview.counts["frames"].sum()
-    error, leak = overview.error, overview.choice.leak
-    guessing, session = error and not error.beats_chance, overview.session_error
+    error, session = overview.error, overview.session_error
+    guessing = error and not error.beats_chance
     found = {
         "contact": untouched and f"Never in contact: {untouched}. Record these objects again, held firmly.",
-        "leak": leak and leak.beats_chance and f"The object can be recognised before it is touched: {LESS}",
         "error": guessing and f"A quick classifier predicts the objects no better than guessing. {FIRMLY}",
         "session": error
         and session

@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from tactile_viewgcn.frames.auto import Choice, choose
-from tactile_viewgcn.frames.columns import COLUMNS, FRAME_RATE
 from tactile_viewgcn.frames.leak import QuickError, quick_error
 from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.frames.split import has_published_split, published_test, split_groups
 from tactile_viewgcn.intervals import FEW
-from tactile_viewgcn.messages import Note, UserError
+from tactile_viewgcn.messages import Note, UserError, warnings_of
 from tactile_viewgcn.params import CONTACT_SIGMAS, PreprocessSection
 from tactile_viewgcn.readers.formats import other_order
 from tactile_viewgcn.readers.source import AUTO, Form, setting
@@ -36,7 +35,7 @@ class Overview:
         asked: settings of `preprocess`; `auto` where the inspection chooses as `preprocess` does.
 
     Attributes:
-        remarks: notes on the source and its table, see `tables.remarks`, and warnings of columns, see `column_notes`.
+        remarks: notes on the source and its table, see `tables.remarks`, and the warnings of `choice`.
         groups: by `split.by`, each object's number of groups (O,), 0 for the empty hand; copies of a recording are one.
         choice: what `auto` becomes on all recordings, where `preprocess` looks at the training side alone.
         settings: recommended values with reasons, of level `choice`.
@@ -50,7 +49,7 @@ class Overview:
         split, everything = split_settings(self.groups), np.arange(len(recordings))
         self._group = split_groups(columns, str(split[0].value))
         self.choice = choose(recordings, everything, asked or PreprocessSection(), self._group)
-        self.remarks += [note for note in self.choice.notes if note.topic in (COLUMNS, FRAME_RATE)]
+        self.remarks += warnings_of(self.choice.notes)
         self.settings = [*preprocess_settings(recordings, self.choice), *split]
         self._frames_of = frames_by_recording(recordings)
         first = np.array([index[0] for index in self._frames_of])

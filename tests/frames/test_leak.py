@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames.baseline import measure_baseline, session_moments
-from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_notes, quick_error
+from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_note, quick_error
 from tactile_viewgcn.frames.split import split_groups
 from tactile_viewgcn.messages import warnings_of
 from tactile_viewgcn.params import PreprocessSection
@@ -18,7 +18,7 @@ def checked(recordings, *, by="grasp", baseline="empty_hand", zero=0.0):
         recordings, PreprocessSection(baseline=baseline, zero=zero), session_moments(recordings), states
     )
     leak = check_leak(recordings, measured, states, split_groups(recordings.columns, by))
-    return leak, leak_notes(recordings, states, leak, advised=True)
+    return leak, leak_note(recordings, states, leak, advised=True)
 
 
 @pytest.mark.parametrize("offset", [1.5, 60.0], ids=["of one count and a half", "of twice the signal"])
@@ -69,7 +69,7 @@ NOT_CHECKED = {
 @pytest.mark.parametrize("case", NOT_CHECKED)
 def test_what_cannot_be_held_out_is_not_checked_and_the_note_counts_the_frames_without_contact(tmp_path, case):
     glove = drifting()
-    leak, (note,) = checked(glove.table(tmp_path / "t", NOT_CHECKED[case](glove)))
+    leak, note = checked(glove.table(tmp_path / "t", NOT_CHECKED[case](glove)))
     assert leak is None
     assert (note.level, note.topic) == ("info", "leak check")
     assert (": 0 frames without contact" in note.text) == (case == "no open hand")
@@ -82,9 +82,9 @@ def test_what_cannot_be_held_out_is_not_checked_and_the_note_counts_the_frames_w
 def test_a_leak_is_a_warning_whose_remedy_is_the_baseline_of_each_grasp(tmp_path, high, advised, warning):
     recordings = drifting().table(tmp_path / "t")
     leak = QuickError(0.05, 0.02, high, 0.96, 1, 2000)
-    notes = leak_notes(recordings, states_of(recordings), leak, advised=advised)
-    assert f"(2.0 to {100 * high:.1f}), chance 96.0 %; 2,000 frames in 1 group" in notes[0].text
-    assert [(note.key, note.value) for note in warnings_of(notes)] == warning
+    note = leak_note(recordings, states_of(recordings), leak, advised=advised)
+    assert f"(2.0 to {100 * high:.1f}), chance 96.0 %; 2,000 frames in 1 group" in note.text
+    assert [(note.key, note.value) for note in warnings_of([note])] == warning
 
 
 def test_objects_are_recognised_in_groups_that_are_held_out_and_labels_at_random_are_not():

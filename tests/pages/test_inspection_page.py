@@ -68,17 +68,15 @@ def test_each_fault_has_a_warning_that_names_what_is_at_fault(overview):
     mug, oil = (overview.recordings.objects.index(name) for name in ("mug", "Öl & <b>"))
     groups = {"recording": np.where(np.arange(3) == oil, 1, 4)}
     contact = np.where(overview.label == mug, 0, overview.counts["in contact"])
-    leak = replace(overview.choice.leak, high=overview.choice.leak.chance / 2)
     faulty = with_groups(
         overview,
         groups,
         counts=overview.counts | {"in contact": contact},
         error=replace(overview.error, high=overview.error.chance),
-        choice=replace(overview.choice, leak=leak),
         gaps=8,
     )
     texts = {note.topic: note.text for note in warnings(faulty)}
-    assert list(texts) == ["contact", "leak", "error", "split", "time"]
+    assert list(texts) == ["contact", "error", "split", "time"]
     names = {"contact": ": mug.", "split": ": Öl & <b>.", "time": "8 "}
     assert all(name in texts[topic] for topic, name in names.items())
     assert verdict(faulty, warnings(faulty)).kind == "unsure"
