@@ -7,10 +7,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
 from scipy.special import softmax
 
-from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.sensors.estimators import Estimator, added, probabilities
 from tactile_viewgcn.sensors.examples import Examples
 from tactile_viewgcn.sensors.features import every_few
@@ -18,6 +16,7 @@ from tactile_viewgcn.sensors.representation import NETWORK, OF_EACH_FRAME, Repre
 
 if TYPE_CHECKING:
     from tactile_viewgcn.device import Compute
+    from tactile_viewgcn.nn.network import ViewNetwork
     from tactile_viewgcn.tables.counts import Counts
 
 BATCH = 128  # frames
@@ -50,7 +49,7 @@ class SensorClassifier:
     representation: Representation
 
     def __init__(
-        self, members: Sequence[str], viewpoints: np.ndarray, classes: int, network: ViewNetwork | None = None
+        self, members: Sequence[str], viewpoints: np.ndarray, classes: int, network: "ViewNetwork | None" = None
     ):
         self.members, self.viewpoints, self.classes, self.network = list(members), viewpoints, classes, network
         self.whole: dict[str, Estimator] = {}
@@ -186,5 +185,7 @@ class SensorClassifier:
         self.whole, self.weights, self.short = loaded(state["whole"]), state["weights"], state["short"]
         self.sets = {int(size): loaded(each) for size, each in state["sets"].items()}
         if self.network:
+            import torch
+
             weights = {name: torch.from_numpy(value) for name, value in state["network"].items()}
             self.network.load_state_dict(weights, assign=True)
