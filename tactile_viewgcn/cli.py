@@ -114,3 +114,7 @@ def main() -> None:
             stream.reconfigure(errors="backslashreplace")
     with program(debug="--debug" in sys.argv):
         cli()
+
+
+if __name__ == "__main__":
+    main()
