@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tactile_viewgcn.messages import shown
@@ -41,13 +40,16 @@ def mean_frames(frames: np.ndarray, live: np.ndarray, titles: list[str], label: 
         live: bool (H, W), the sensors that vary; the others are grey.
         label: label of the colour bar.
     """
-    height, width = live.shape
-    figure, panels = _panels(titles, 5, 1.9, 1.9 * min(max(height / width, 0.6), 1.6) + 0.35)
+    columns = min(5, len(titles))
+    rows, shape = -(-len(titles) // columns), min(max(live.shape[0] / live.shape[1], 0.6), 1.6)
+    figure = Figure(figsize=(1.9 * columns + 0.6, rows * (1.9 * shape + 0.35) + 0.3), layout="compressed")
+    panels = [figure.add_subplot(rows, columns, number) for number in range(1, len(titles) + 1)]
     masked = np.where(live, frames, np.nan)
     top, colours = np.nanpercentile(masked, 99.5) or 1, colormaps[FRAMES].with_extremes(bad=NO_SENSOR)
-    for axes, frame in zip(panels, masked, strict=True):
+    for axes, frame, title in zip(panels, masked, map(shown, titles), strict=True):
         image = axes.imshow(frame, cmap=colours, vmin=0, vmax=top, interpolation="none")
         axes.set_axis_off()
+        axes.set_title(title if len(title) <= LONGEST else f"{title[: LONGEST - 1]}…", fontsize=9, parse_math=False)
     figure.colorbar(image, ax=panels, fraction=0.04).set_label(label, fontsize=8)
     return figure
 
@@ -76,36 +78,3 @@ def errors_by_frames(errors: dict[str, list[tuple[int, dict[str, Any]]]], chance
     axes.grid(alpha=0.3)
     axes.legend(fontsize=9)
     return figure
-
-
-def time_lines(
-    lines: list[np.ndarray], in_contact: list[np.ndarray], seconds: list[float], titles: list[str]
-) -> Figure:
-    """The load of recordings over time, side by side with one scale; filled where frames are in contact.
-
-    Args:
-        lines: mean counts above the baseline at points along each recording.
-        in_contact: share of each point's frames that are in contact.
-        seconds: length of each recording; NaN where it is unknown, and the axis is then a share of the recording.
-    """
-    figure, panels = _panels(titles, 3, 3.1, 1.75)
-    for axes, line, share, length in zip(panels, lines, in_contact, seconds, strict=True):
-        at = np.linspace(0, 1 if np.isnan(length) else length, len(line))
-        axes.plot(at, line, color="#12485c", linewidth=1)
-        axes.fill_between(at, 0, line, where=share >= 0.5, color="#f2b45c", alpha=0.8, linewidth=0)
-        axes.tick_params(labelsize=8)
-    figure.supxlabel("share of the recording" if np.isnan(seconds).any() else "seconds", fontsize=9)
-    figure.supylabel("mean reading above baseline", fontsize=9)
-    return figure
-
-
-def _panels(titles: list[str], columns: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
-    """A figure with a panel of that size (inches) for each title, which is cut to fit; at most `columns` in a row."""
-    columns = min(columns, len(titles))
-    rows = -(-len(titles) // columns)
-    figure = Figure(figsize=(width * columns + 0.6, height * rows + 0.3), layout="compressed")
-    panels = [figure.add_subplot(rows, columns, number) for number in range(1, len(titles) + 1)]
-    for axes, title in zip(panels, map(shown, titles), strict=True):
-        axes.sharey(panels[0])
-        axes.set_title(title if len(title) <= LONGEST else f"{title[: LONGEST - 1]}…", fontsize=9, parse_math=False)
-    return figure, panels

@@ -4,9 +4,9 @@ import shlex
 import textwrap
 from collections.abc import Iterable
 from itertools import groupby
-from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from tactile_viewgcn.frames.columns import ALIKE
 from tactile_viewgcn.frames.leak import QuickError
@@ -24,21 +24,13 @@ TWICE = "Record each object at least twice, better five times in two sessions."
 FIRMLY = "Record more of each, held firmly; or are sessions taken for objects? See the table of objects."
 
 
-class Table(NamedTuple):
-    """Rows of text under a header; their first column is a name, the others are numbers."""
-
-    title: str
-    remark: str
-    header: list[str]
-    rows: list[list[str]]
-
-
 def inspection_lines(overview: Overview) -> list[str]:
     """The inspection, the command to use, and the reason of each setting."""
     lines = [str(overview.recordings.path), *_wrapped(f"{figure} {text}" for figure, text in facts(overview))]
     lines += _wrapped(note.text for note in overview.remarks if note.level == "info")
-    for table in tables(overview):
-        lines += [table.title, *_aligned(table), *_wrapped([table.remark])]
+    for title, (table, remark) in tables(overview).items():
+        rows = table.rename(index=lambda name: name if len(name) <= NAME else f"{name[: NAME - 1]}…").to_string()
+        lines += [title, *textwrap.indent(rows, "  ").splitlines(), *_wrapped([remark])]
     warned = warnings(overview)
     judged = verdict(overview, warned)
     lines += ["Can they be used?", *_wrapped([" ".join([judged.answer, *judged.reasons])])]
@@ -70,33 +62,29 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
         ("no times", "of frames in the recordings, so no frame rate"),
     ]
     if rates := sorted(overview.rates.values()):
-        seconds, alike = np.nanmedian(overview.seconds), rates[-1] < rates[0] * ALIKE
+        alike = rates[-1] < rates[0] * ALIKE
         rate = f"{np.median(rates):.4g}" if alike else f"{rates[0]:.4g} to {rates[-1]:.4g}"
-        rows[-1] = (f"{rate} Hz", f"is the frame rate, {seconds:.3g} s a recording")
+        rows[-1] = (f"{rate} Hz", "is the frame rate")
     kind, leak = overview.choice.params.baseline, overview.choice.leak
     rows += _error(overview.error, f"on a new recording, in contact above the baseline {kind}")
     rows += _error(overview.session_error, f"on {NEW_SESSION}") + _error(leak, "without contact")
     return rows
 
 
-def tables(overview: Overview) -> list[Table]:
-    """Objects and sessions."""
-    recordings, counts, label, session = overview.recordings, overview.counts, overview.label, overview.session
-    of_objects = [
-        [recordings.objects[one], *(f"{count[label == one].sum():,}" for count in counts.values())]
-        for one in np.unique(label)
-    ]
-    empty = recordings.columns["session"][recordings.empty_hand]
-    of_sessions = [
-        [recordings.sessions[one], f"{(session == one).sum():,}", f"{(empty == one).sum():,}", f"{noise:.3g}"]
-        for one, noise in ((one, np.median(overview.states.noise[one])) for one in np.unique(session))
-    ]
-    of_frames = "Frames of each kind" + ("; flagged: by the recordings themselves." if "flagged" in counts else ".")
-    of_hands = f"Frames of the empty hand; noise of the median sensor, in {overview.unit}."
-    return [
-        Table("Objects", of_frames, ["object", *counts], of_objects),
-        Table("Sessions", of_hands, ["session", "recordings", "empty hand", "noise"], of_sessions),
-    ]
+def tables(overview: Overview) -> dict[str, tuple[pd.DataFrame, str]]:
+    """Tables of texts by title, of a row for each object and for each session, and what their columns are."""
+    table, numbers = overview.recordings, np.unique(overview.session)
+    objects = pd.DataFrame(overview.counts).groupby(overview.label).sum().map("{:,}".format)
+    objects.index = pd.Index([table.objects[one] for one in objects.index])
+    noise = [f"{np.median(overview.states.noise[one]):.3g}" for one in numbers]
+    columns = {"recordings": overview.session, "empty hand": table.columns["session"][table.empty_hand]}
+    counts = {name: [f"{(column == one).sum():,}" for one in numbers] for name, column in columns.items()}
+    sessions = pd.DataFrame(counts | {"noise": noise}, [table.sessions[one] for one in numbers])
+    flagged = "; flagged: by the recordings themselves" * ("flagged" in overview.counts)
+    return {
+        "Objects": (objects, f"Frames of each kind{flagged}."),
+        "Sessions": (sessions, f"Frames of the empty hand; noise of the median sensor, in {overview.unit}."),
+    }
 
 
 def _error(error: QuickError | None, where: str) -> list[tuple[str, str]]:
@@ -194,12 +182,3 @@ def _names(overview: Overview, chosen: np.ndarray) -> str:
 def _wrapped(texts: Iterable[str]) -> list[str]:
     wrapper = textwrap.TextWrapper(WIDTH, initial_indent="  ", subsequent_indent="    ")
     return [line for text in texts for line in wrapper.wrap(text)]
-
-
-def _aligned(table: Table) -> list[str]:
-    """Header and rows, the first column to the left and the others to the right."""
-    names, *columns = zip(table.header, *table.rows, strict=True)
-    names = tuple(name if len(name) <= NAME else f"{name[: NAME - 1]}…" for name in names)
-    padded = [[name.ljust(max(map(len, names))) for name in names]]
-    padded += [[cell.rjust(max(map(len, column))) for cell in column] for column in columns]
-    return ["  ".join(["", *row]) for row in zip(*padded, strict=True)]

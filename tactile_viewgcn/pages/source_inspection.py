@@ -80,34 +80,31 @@ class Overview:
         return self.states.contact & ~self.recordings.empty_hand
 
     @cached_property
-    def noise(self) -> float:
-        """Noise of the median sensor, in counts."""
-        return float(np.median(self.states.noise[np.unique(self.session)]))
-
-    @cached_property
     def error(self) -> QuickError | None:
         """Of the quick classifier on contact; None where no two objects have two groups."""
-        return self._quick_error(self.recordings.columns["object"], self._group)
+        return self.quick_error()
 
     @cached_property
     def session_error(self) -> QuickError | None:
         """The same for a new session; None where no two objects have two sessions, or the published split is taken."""
         if self.setting("split.by") == "source":
             return None
-        return self._quick_error(self.recordings.columns["object"], self.recordings.columns["session"])
+        return self.quick_error(group=self.recordings.columns["session"])
 
-    @cached_property
-    def error_of_sessions(self) -> QuickError | None:
-        """The same of telling sessions apart in place of objects: high where these do not differ."""
-        return self._quick_error(self.recordings.columns["session"], self._group)
+    def quick_error(self, of: str = "object", group: np.ndarray | None = None) -> QuickError | None:
+        """Error of telling objects apart, or sessions, by log(1 + excess) in units of the weakest contact.
 
-    def _quick_error(self, label: np.ndarray, group: np.ndarray) -> QuickError | None:
-        """Error of labels (T,), with groups (T,) held out, by log(1 + excess) in units of the weakest contact."""
+        Args:
+            of: the column with what is told apart.
+            group: (T,) what is held out; None for the groups of the recommended split.
+        """
+        weakest = CONTACT_SIGMAS * float(np.median(self.states.noise[np.unique(self.session)]))
 
         def readings(index: np.ndarray) -> np.ndarray:
-            return np.log1p(np.maximum(self.excess(index) / (CONTACT_SIGMAS * self.noise), 0))
+            return np.log1p(np.maximum(self.excess(index) / weakest, 0))
 
-        return quick_error(readings, self.in_contact, label, group)
+        group = self._group if group is None else group
+        return quick_error(readings, self.in_contact, self.recordings.columns[of], group)
 
     @cached_property
     def counts(self) -> dict[str, np.ndarray]:
@@ -121,13 +118,6 @@ class Overview:
             kinds["flagged"] = flags[0]
         counts = {name: np.array([mask[index].sum() for index in self._frames_of]) for name, mask in kinds.items()}
         return {"recordings": np.ones(len(self._frames_of), dtype=np.int64)} | counts
-
-    @cached_property
-    def seconds(self) -> np.ndarray:
-        """From the first to the last frame of each recording (R,); NaN where that is no time."""
-        time = self.recordings.columns["time"]
-        seconds = np.array([time[index[-1]] - time[index[0]] for index in self._frames_of])
-        return np.where(seconds > 0, seconds, np.nan)
 
     @cached_property
     def rates(self) -> dict[int, float]:
@@ -156,7 +146,9 @@ def inspect_source(path: str | Path, form: Form = AUTO) -> Overview:
     note = next((note for note in overview.remarks if note.key == "data.layout"), None)
     if not note:
         return overview
-    objects, sessions = (bool(error and error.beats_chance) for error in (overview.error, overview.error_of_sessions))
+    objects, sessions = (
+        bool(error and error.beats_chance) for error in (overview.error, overview.quick_error("session"))
+    )
     if objects and not sessions:
         overview.remarks[overview.remarks.index(note)] = replace(note, level="info")
     elif sessions and not objects:

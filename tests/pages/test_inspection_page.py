@@ -45,7 +45,7 @@ def test_the_page_shows_the_facts_and_the_settings(overview):
     assert all(note.text in text and note.key in text for note in overview.settings)
     assert verdict(overview, warnings(overview)).kind == "good"  # most healthy sensors are pressed by no object
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"})
-    timed = changed(overview, rates={0: 20.0, 1: 21.0}, seconds=np.full(12, 3.0))
+    timed = changed(overview, rates={0: 20.0, 1: 21.0})
     assert (facts(overview)[4][0], facts(timed)[4][0]) == ("no times", "20.5 Hz")
 
 
