@@ -17,9 +17,9 @@ from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, shown, warnings_of
 from tactile_viewgcn.params import Params, SensorMember, default_params, on_sensors, preset_changes
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.readers.source import AUTO, FRAMES_LAST, Recording, tidy
+from tactile_viewgcn.readers.source import FRAMES_LAST, Recording, tidy
 from tactile_viewgcn.schema import as_change
-from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings
+from tactile_viewgcn.tables.recordings import Recordings
 from tactile_viewgcn.tables.remarks import originals, remarks
 
 
@@ -74,23 +74,16 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         Raises:
             UserError, ValueError: a wrong argument, in one line.
         """
-        from tactile_viewgcn.recognition.recogniser import Recogniser
+        from tactile_viewgcn.recognition.recogniser import Recogniser, in_memory
 
-        (arrays, channels, times, named), y = self._arrays(X), column_or_1d(y, warn=True)
-        check_consistent_length(arrays, y)
-        for number, array in enumerate(arrays):
-            if array.shape[1:] != arrays[0].shape[1:]:
-                layout, expected = (" x ".join(map(str, each.shape[1:])) for each in (array, arrays[0]))
-                raise UserError(f"X[{number}] has frames of {layout}; expected {expected}, as X[0]")
+        recorded, y = self._recordings(X), column_or_1d(y, warn=True)
+        check_consistent_length(recorded, y)
         classes, labels = _distinct(y)
         groups = np.arange(len(y)) if groups is None else np.asarray(groups)
         if groups.shape != (len(y),):
             raise UserError(f"groups has shape {groups.shape}; expected ({len(y)},), a group for each recording of X")
-        group, params, dtype = np.unique(groups, return_inverse=True)[1], self._parameters(), np.result_type(*arrays)
-        arrays = [array.astype(dtype, copy=False) for array in arrays]
-        session = np.zeros(len(arrays), dtype=int)
-        recordings = ArrayRecordings(arrays, list(map(str, classes)), labels, session, channels, times)
-        recordings.notes = named
+        group, params = np.unique(groups, return_inverse=True)[1], self._parameters()
+        recordings = in_memory(recorded, list(map(str, classes)), labels, 0 * labels)
         with TemporaryDirectory() as folder:
             path = Path(folder) / "classifier.pt"
             notes = train(recordings, params, group[recordings.columns["recording"]], path)
@@ -112,17 +105,16 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         """
         check_is_fitted(self, "recogniser_")
         recogniser, names = self.recogniser_, list(map(str, self.classes_))
-        arrays, channels, times, _ = self._arrays(X)
+        recordings = self._recordings(X)
         if isinstance(X, np.ndarray) and X.shape[1:] == recogniser.shape:
             raise UserError(f"X {X.shape} is one recording; expected a list: [X], or [*X] of single frames")
-        by_name = {f"X[{number}]": counts for number, counts in enumerate(arrays)}
-        answers, notes = recogniser.answer_arrays(by_name, channels, times)
+        answers, notes = recogniser.answer_recordings(recordings)
         none = [answer.recording for answer in answers if not answer.contact and EMPTY_HAND not in recogniser.classes]
         texts = [note.text for note in warnings_of(notes)]
         texts += [f"no frame in contact: {listed(none)}; their classes are equally probable"] * bool(none)
         for text in texts:
             warnings.warn(shown(text), stacklevel=2)
-        probabilities = np.zeros((len(arrays), len(names)), dtype=np.float32)
+        probabilities = np.zeros((len(recordings), len(names)), dtype=np.float32)
         columns = [names.index(name) for name in recogniser.classes]
         probabilities[:, columns] = [answer.probabilities for answer in answers]
         return probabilities
@@ -159,14 +151,9 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         classifier.classes_ = np.array(classifier.recogniser_.classes)
         return classifier
 
-    def _arrays(self, X: Any) -> tuple[list[np.ndarray], list[str], list[np.ndarray], list[Note]]:
-        """The recordings of X, one or more.
-
-        Returns:
-            Counts (T_i, H, W) of each. And of DataFrames the names of their sensors, the times (T_i,) of each, if all
-            have them, and notes on the columns of the first that are no sensors; else nothing.
-        """
-        from tactile_viewgcn.recognition.recogniser import recording_array
+    def _recordings(self, X: Any) -> list[Recording]:
+        """The recordings of X, one or more, see `recording_of`."""
+        from tactile_viewgcn.recognition.recogniser import recording_of
 
         rows = [*X] if isinstance(X, list | tuple) or (isinstance(X, np.ndarray) and X.ndim) else []
         if not rows:
@@ -175,24 +162,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
                 "each (frames, rows, columns) or (frames, channels)"
             )
         last = isinstance(self.params, Mapping) and self.params.get("data.shape") == FRAMES_LAST
-        arrays, tables = list[np.ndarray](), list[Recording]()
-        for number, row in enumerate(rows):
-            name = f"X[{number}]"
-            if hasattr(row, "iloc"):  # a DataFrame of pandas
-                from tactile_viewgcn.readers.text import table_of
-
-                names = [str(column) for column in row.columns]
-                tables.append(table_of(names, row.set_axis(range(len(names)), axis=1), AUTO, name)[0])
-                if (channels := tables[-1].channel_names) != tables[0].channel_names:
-                    raise UserError(
-                        f"{name} has the sensors {listed(channels)}; expected {listed(tables[0].channel_names)}, as "
-                        "in the first DataFrame"
-                    )
-                row = tables[-1].values["pressure"]
-            arrays.append(recording_array(row, name, frames_last=last and not hasattr(rows[number], "iloc")))
-        times = [table.values["time"] - table.values["time"][:1] for table in tables if "time" in table.values]
-        known = tables[0] if tables else Recording({}, {})
-        return arrays, known.channel_names, times * (len(times) == len(arrays)), known.notes
+        return [recording_of(row, f"X[{number}]", frames_last=last) for number, row in enumerate(rows)]
 
     def _parameters(self) -> Params:
         """All parameters of the training."""

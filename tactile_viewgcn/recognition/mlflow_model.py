@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.recognition.recogniser import Recogniser, recording_of
 from tactile_viewgcn.tracking import bad_request
 
 if TYPE_CHECKING:
@@ -35,7 +35,8 @@ class RecogniserModel:
         recogniser, rows = self.recogniser, model_input["recordings"]
         try:
             counts = (row.tolist() if isinstance(row, np.ndarray) else row for row in rows)  # also an array of objects
-            answers, _ = recogniser.answer_arrays({f"recording {number}": row for number, row in enumerate(counts)})
+            recordings = [recording_of(each, f"recording {number}") for number, each in enumerate(counts)]
+            answers, _ = recogniser.answer_recordings(recordings)
         except UserError as error:
             raise bad_request(str(error)) from None
         shares = [answer.probabilities for answer in answers]

@@ -1,7 +1,5 @@
 """Raw counts of new recordings: are they like the training's, what is their baseline, which frames are in contact?"""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from tactile_viewgcn.frames.baseline import Baseline, measure_baseline, session_moments, sessions_with_empty_hand
@@ -14,26 +12,25 @@ from tactile_viewgcn.tables.recordings import Recordings
 
 MOST_TIMES = 4.0  # factor by which readings may be weaker or stronger than all recordings of the training
 RATE_TIMES = 1.1  # factor by which frame rates may be lower or higher
+Layout = tuple[tuple[int, ...], list[str]]  # (H, W) of a frame, and names of the sensors, row after row, or none
 ALL_KEPT = 0.99  # share of the training's frames that the filter kept, from which recordings count as all contact
 
 
-def check_layout(
-    fitted: FittedPreprocessing, shape: tuple[int, ...], where: str, channel_names: Sequence[str] = ()
-) -> None:
-    """Raise a UserError, which begins with `where`, for frames of a different shape or with sensors of other names."""
-    if shape != fitted.live.shape:
-        layout, trained = (" x ".join(map(str, each)) for each in (shape, fitted.live.shape))
-        alone = ", and one recording in a list: [X]" if shape[0] == 1 else ""
-        raise UserError(f"{where}: frames of {layout}; expected {trained}, as the model was trained on{alone}")
-    for at, (name, expected) in enumerate(zip(channel_names, fitted.channel_names, strict=False), 1):
+def check_layout(where: str, layout: Layout, trained: Layout) -> None:
+    """Raise a UserError, which begins with `where`, for sensors of other names, or frames of a different shape."""
+    for at, (name, expected) in enumerate(zip(layout[1], trained[1], strict=False), 1):
         if name != expected:
-            raise UserError(f"{where}: sensor {at} is {name}; expected {expected} of {listed(fitted.channel_names)}")
+            raise UserError(f"{where}: sensor {at} is {name}; expected {expected} of {listed(trained[1])}")
+    if layout[0] != trained[0]:
+        shape, expected = (" x ".join(map(str, each)) for each, _ in (layout, trained))
+        alone = ", and one recording in a list: [X]" if layout[0][0] == 1 else ""
+        raise UserError(f"{where}: frames of {shape}; expected {expected}, as in the training{alone}")
 
 
 def fault_of(fitted: FittedPreprocessing, counts: np.ndarray, contact: np.ndarray, excess: np.ndarray) -> str:
     """What is wrong with a recording, "" if nothing: counts that the training's integer type cannot hold, or a scale.
 
-    Whether counts are finite is checked where they come in, see `recording_array` and `check_column`.
+    Whether counts are finite is checked where they come in, see `recording_of` and `check_column`.
 
     Args:
         counts: (n, H, W) of all its frames.

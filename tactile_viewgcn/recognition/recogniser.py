@@ -1,6 +1,6 @@
 """The trained recogniser: the object in the hand, from the raw counts of one recording or of a table of recordings."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,10 @@ from scipy.special import softmax
 
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.params import on_sensors
-from tactile_viewgcn.readers.source import MAX_PRESSURE, UNLABELLED, check_shape, storage_type
+from tactile_viewgcn.readers.source import AUTO, MAX_PRESSURE, UNLABELLED, Recording, check_shape, storage_type
+from tactile_viewgcn.readers.text import table_of
 from tactile_viewgcn.recognition.model_file import load_classifier
-from tactile_viewgcn.recognition.raw_counts import check_layout, fault_of, find_contact, rate_notes
+from tactile_viewgcn.recognition.raw_counts import Layout, check_layout, fault_of, find_contact, rate_notes
 from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings, frames_by_recording
 
 
@@ -54,27 +55,20 @@ class Recogniser:
         self.classes, self.calibrated = self.content.classes, self.content.temperature is not None
         self.system = " + ".join(model.members) if on_sensors(model.system) else model.system
         self.shape = self.preprocessing.live.shape
+        self._layout = self.shape, self.preprocessing.channel_names
 
-    def answer(self, counts: Any, name: str = "counts") -> Answer:
-        """The answer to one recording, which errors call `name`; see `answer_arrays`."""
-        return self.answer_arrays({name: counts})[0][0]
+    def answer(self, recording: Any, name: str = "counts") -> Answer:
+        """The answer to one recording, see `recording_of`, which errors call `name`."""
+        return self.answer_recordings([recording_of(recording, name)])[0][0]
 
-    def answer_arrays(
-        self, arrays: Mapping[str, Any], channel_names: Sequence[str] = (), times: Sequence[np.ndarray] = ()
-    ) -> tuple[list[Answer], list[Note]]:
-        """The answers to recordings of raw counts (T, H, W) or channels (T, C), by name, each from its frames alone.
-
-        For channel names and times see `ArrayRecordings`, for notes and errors `answer_table` and `recording_array`.
-        """
-        counts = [recording_array(each, name) for name, each in arrays.items()]
-        for name, each in zip(arrays, counts, strict=True):
-            check_layout(self.preprocessing, each.shape[1:], name, channel_names)
-        if not counts:
+    def answer_recordings(self, recordings: Sequence[Recording]) -> tuple[list[Answer], list[Note]]:
+        """The answers to recordings of `recording_of`, each from its frames alone; see `answer_table`."""
+        if not recordings:
             return [], []
-        numbers = np.arange(len(counts))
-        recordings = ArrayRecordings(counts, [UNLABELLED], np.zeros_like(numbers), numbers, channel_names, times)
-        recordings.path, recordings.recordings = Path(), list(arrays)
-        return self.answer_table(recordings)
+        numbers = np.arange(len(recordings))
+        table = in_memory(recordings, [UNLABELLED], 0 * numbers, numbers, self._layout)
+        table.path = Path()
+        return self.answer_table(table)
 
     def answer_table(self, recordings: Recordings) -> tuple[list[Answer], list[Note]]:
         """The answers to the recordings of a table; and notes: on baselines that could not be measured, and on rates.
@@ -83,7 +77,7 @@ class Recogniser:
             UserError: recordings unlike the training's in layout, sensors or scale; it names the first.
         """
         fitted, columns, path = self.preprocessing, recordings.columns, recordings.path
-        check_layout(fitted, recordings.shape, str(path), recordings.channel_names)
+        check_layout(str(path), (recordings.shape, recordings.channel_names), self._layout)
         notes = rate_notes(fitted, recordings)
         recordings = recordings.part(np.arange(len(recordings)), fitted.live)
         baseline, contact = find_contact(fitted, recordings)
@@ -96,18 +90,15 @@ class Recogniser:
             held = contact[index] & (label != EMPTY_HAND)
             if fault := fault_of(fitted, recordings.counts[index], held, excess):
                 faults[str(path if path.is_file() and len(index_of) == 1 else path / name)] = fault
-            answers.append(replace(self.answer_contact(excess), frames=len(index), recording=name, object=label))
+            shares = self._without_contact()
+            if len(excess):
+                shares = np.exp(self.content.answer(self.classifier, excess), dtype=np.float32)
+            answers.append(Answer(shares, len(excess), len(index), name, label))
         if faults:
             place, fault = next(iter(faults.items()))
             more = f" and {len(faults) - 1} more of {several(len(index_of), 'recording')}" if len(faults) > 1 else ""
             raise UserError(f"{place}{more}: {fault}")
         return answers, baseline.notes + notes
-
-    def answer_contact(self, excess: np.ndarray) -> Answer:
-        """The answer to a recording by its n frames in contact, counts (n, H, W) above baseline."""
-        if not len(excess):
-            return Answer(self._without_contact())
-        return Answer(np.exp(self.content.answer(self.classifier, excess), dtype=np.float32), len(excess))
 
     def answer_together(self, answers: list[Answer], name: str) -> Answer:
         """The answer to one object that was recorded several times, from the answers to its recordings.
@@ -132,15 +123,22 @@ def _common(objects: Iterable[str]) -> str:
     return names.pop() if len(names) == 1 else UNLABELLED
 
 
-def recording_array(recording: Any, name: str, *, frames_last: bool = False) -> np.ndarray:
+def recording_of(recording: Any, name: str, *, frames_last: bool = False) -> Recording:
     """One recording as counts (T, H, W) of the type in which pressure is stored; channels (T, C) as frames of one row.
 
+    Of a DataFrame it is the sensors, with their names, the times, and notes on the other columns.
+
     Args:
-        frames_last: time is the last axis instead of the first.
+        frames_last: time is the last axis of an array instead of the first.
 
     Raises:
         UserError: begins with `name`; other axes or types, no frames, or values that the type cannot hold.
     """
+    table = Recording({}, {})
+    if hasattr(recording, "iloc"):  # a DataFrame of pandas
+        columns = [str(column) for column in recording.columns]
+        table, _ = table_of(columns, recording.set_axis(range(len(columns)), axis=1), AUTO, name)
+        recording, frames_last = table.values["pressure"], False
     try:
         array = np.asarray(recording)
     except ValueError:
@@ -155,15 +153,38 @@ def recording_array(recording: Any, name: str, *, frames_last: bool = False) -> 
     check_shape(array.shape, name)
     if not isinstance(recording, np.ndarray) and {bool, np.bool_} & {*map(type, np.ravel(np.array(recording, object)))}:
         raise UserError(f"{name} holds true or false; expected integer counts or real numbers")
-    if array.dtype.kind not in "iuf":
-        raise UserError(f"{name} is of type {array.dtype}; expected integer counts or real numbers")
-    unfit = np.argwhere(~(np.abs(array) <= np.float64(MAX_PRESSURE)))  # float16 has no such number
-    if len(unfit):
-        place = "frame {}, row {}, column {}".format(*unfit[0])
-        raise UserError(f"{name} holds {array[tuple(unfit[0])]:g} in {place}; expected numbers up to {MAX_PRESSURE:g}")
+    dtype = storage_type(array.dtype, name)
     if not len(array):
         raise UserError(f"{name} has no frames; expected one or more")
-    dtype = storage_type(array.dtype, name)
-    if dtype.kind == "i" and (array.min() < np.iinfo(dtype).min or array.max() > np.iinfo(dtype).max):
-        raise UserError(f"{name} holds counts from {array.min()} to {array.max()}; expected them in {dtype}")
-    return array.astype(dtype, copy=False)
+    low, high = (np.iinfo(dtype).min, np.iinfo(dtype).max) if dtype.kind == "i" else (-MAX_PRESSURE, MAX_PRESSURE)
+    unfit = np.argwhere(~((array >= np.array(low)) & (array <= np.array(high))))  # arrays: float16 has no such number
+    if len(unfit):
+        place = "frame {}, row {}, column {}".format(*unfit[0])
+        raise UserError(
+            f"{name} holds {array[tuple(unfit[0])]:g} in {place}; expected numbers from {low:g} to {high:g}"
+        )
+    values = table.values | {"pressure": array.astype(dtype, copy=False)}
+    return replace(table, names={"recording": name}, values=values)
+
+
+def in_memory(
+    recordings: Sequence[Recording],
+    objects: list[str],
+    labels: np.ndarray,
+    sessions: np.ndarray,
+    layout: Layout | None = None,
+) -> ArrayRecordings:
+    """The table of recordings of `recording_of`, see `ArrayRecordings`; with times where all have them.
+
+    Raises:
+        UserError: one is not of the given layout, or without it of the first one's.
+    """
+    layouts = [(each.values["pressure"].shape[1:], each.channel_names) for each in recordings]
+    for recording, each in zip(recordings, layouts, strict=True):
+        check_layout(recording.names["recording"], each, layout or layouts[0])
+    table = ArrayRecordings([each.values["pressure"] for each in recordings], objects, labels, sessions)
+    table.recordings = [each.names["recording"] for each in recordings]
+    table.channel_names, table.notes = recordings[0].channel_names, recordings[0].notes
+    if all("time" in each.values for each in recordings):
+        table.columns["time"] = np.concatenate([time - time[:1] for time in (r.values["time"] for r in recordings)])
+    return table

@@ -172,24 +172,14 @@ class ArrayRecordings(Recordings):
         objects: names.
         labels: (n,) index of each recording's object.
         sessions: (n,) number of each recording's session, from 0.
-        channel_names: see `Recordings`.
-        times: seconds (T_i,) of each array's frames, if known.
     """
 
-    def __init__(
-        self,
-        arrays: Sequence[np.ndarray],
-        objects: list[str],
-        labels: np.ndarray,
-        sessions: np.ndarray,
-        channel_names: Sequence[str] = (),
-        times: Sequence[np.ndarray] = (),
-    ):
+    def __init__(self, arrays: Sequence[np.ndarray], objects: list[str], labels: np.ndarray, sessions: np.ndarray):
         self.path = Path("X")
         self.counts = pressure = np.concatenate(arrays)
         lengths = [len(array) for array in arrays]
         row = np.repeat(np.arange(len(arrays)), lengths)
-        self.objects, self.channel_names = objects, [*channel_names]
+        self.objects, self.channel_names = objects, list[str]()
         self.recordings = [f"X[{number}]" for number in range(len(arrays))]
         self.sessions = [f"session {number}" for number in range(int(sessions.max()) + 1)]
         self.columns = {
@@ -197,7 +187,7 @@ class ArrayRecordings(Recordings):
             "recording": row,
             "session": sessions[row],
             "frame": np.concatenate([np.arange(length) for length in lengths]),
-            "time": np.concatenate(times) if times else np.full(len(row), np.nan),
+            "time": np.full(len(row), np.nan),
         }
         self.live, self.notes = (pressure != pressure[0]).any(axis=0), []
 

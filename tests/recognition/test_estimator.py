@@ -183,5 +183,5 @@ def test_columns_of_a_dataframe_that_are_called_time_index_or_label_are_left_out
     alike = [each.drop(columns=["Timestamp", "f1"]).assign(f1=0.0) for each in X]
     with pytest.raises(UserError, match="f2; expected f1"):
         model.predict(alike)
-    with pytest.raises(UserError, match=r"X\[1\] has the sensors f2, f1; expected f1, f2"):
+    with pytest.raises(UserError, match=r"X\[1\]: sensor 1 is f2; expected f1 of f1, f2"):
         model.fit([X[0], alike[0]], ["a", "b"])
