@@ -41,15 +41,13 @@ def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None, chan
     Every mistake in it is listed.
     """
     from tactile_viewgcn.pages.html import write
-    from tactile_viewgcn.pages.inspection_text import inspection_lines
+    from tactile_viewgcn.pages.inspection import inspection_lines, inspection_page
     from tactile_viewgcn.pages.source_inspection import inspect_source
 
     form = _form(changes)
     inspection = inspect_source(source, replace(form, shape=shape) if shape else form)
     _say(*inspection_lines(inspection))
     if page:
-        from tactile_viewgcn.pages.inspection_page import inspection_page
-
         _say(write(page, inspection_page(inspection)))
 
 

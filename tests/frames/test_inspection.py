@@ -9,7 +9,7 @@ import pytest
 
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.messages import warnings_of
-from tactile_viewgcn.pages.inspection_text import WIDTH, command_lines, inspection_lines, verdict, warnings
+from tactile_viewgcn.pages.inspection import WIDTH, command_lines, inspection_lines, verdict, warnings
 from tactile_viewgcn.pages.source_inspection import Overview, inspect_source
 from tactile_viewgcn.params import load
 from tests.glove_data import (

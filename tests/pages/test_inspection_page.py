@@ -10,8 +10,7 @@ import pytest
 import yaml
 
 from tactile_viewgcn.intervals import FEW
-from tactile_viewgcn.pages.inspection_page import inspection_page
-from tactile_viewgcn.pages.inspection_text import command_lines, facts, verdict, warnings
+from tactile_viewgcn.pages.inspection import command_lines, facts, inspection_page, verdict, warnings
 from tactile_viewgcn.pages.source_inspection import inspect_source, split_settings
 from tactile_viewgcn.params import default_params
 from tests.pages.test_html import parsed, text_of

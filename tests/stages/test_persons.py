@@ -9,7 +9,7 @@ import pytest
 
 from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.intervals import percent_interval
-from tactile_viewgcn.pages.inspection_text import command_lines, facts, inspection_lines, warnings
+from tactile_viewgcn.pages.inspection import command_lines, facts, inspection_lines, warnings
 from tactile_viewgcn.pages.run_page import read_run, run_page
 from tactile_viewgcn.pages.source_inspection import inspect_source
 from tactile_viewgcn.params import preset_changes

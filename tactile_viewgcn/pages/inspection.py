@@ -1,9 +1,10 @@
-"""The words of an inspection, for a page and as text of 80 columns: facts, tables, warnings, a verdict, a command."""
+"""An inspection as text of 80 columns and as a page: facts, tables, warnings, a verdict, a command, mean frames."""
 
 import shlex
 import textwrap
 from collections.abc import Iterable
 from itertools import groupby
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -12,12 +13,17 @@ from tactile_viewgcn.frames.columns import ALIKE
 from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, NEW_SESSION, Note, listed, several, warnings_of
-from tactile_viewgcn.pages.html import Verdict
-from tactile_viewgcn.pages.source_inspection import MOST_FOLDS, Overview
-from tactile_viewgcn.params import default_params, everywhere, unlike_the_file
+from tactile_viewgcn.pages import html
+from tactile_viewgcn.pages.source_inspection import MOST_FOLDS, SAMPLE, Overview
+from tactile_viewgcn.params import VIRTUAL, default_params, everywhere, unlike_the_file
 from tactile_viewgcn.schema import as_change, flatten
+from tactile_viewgcn.tables.counts import evenly
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 WIDTH = 80
+MOST_OBJECTS = 48  # whose mean frames are drawn
 NAME = 24  # letters of an object's or session's name
 MANY_GAPS = 0.01  # of the frames
 TWICE = "Record each object at least twice, better five times in two sessions."
@@ -40,6 +46,26 @@ def inspection_lines(overview: Overview) -> list[str]:
         if other := command_lines(overview, new_sessions=True):
             lines += ["", f"To test it on {NEW_SESSION}", *other]
     return lines
+
+
+def inspection_page(overview: Overview) -> str:
+    """The page as HTML."""
+    path, warned = overview.recordings.path, warnings(overview)
+    return html.render(
+        "inspection.html",
+        title=f"Recordings: {path.name}",
+        path=path,
+        simulated=str(path) == VIRTUAL,
+        verdict=verdict(overview, warned),
+        facts=facts(overview),
+        command="\n".join(command_lines(overview)),
+        of_sessions="\n".join(command_lines(overview, new_sessions=True)),
+        settings=overview.settings,
+        warnings=warned,
+        remarks=[note for note in overview.remarks if note.level == "info"],
+        tables=tables(overview),
+        mean_frames=_mean_frames(overview),
+    )
 
 
 def facts(overview: Overview) -> list[tuple[str, str]]:
@@ -117,19 +143,19 @@ def warnings(overview: Overview) -> list[Note]:
     return warnings_of(overview.remarks) + [Note(text, "warning", topic) for topic, text in found.items() if text]
 
 
-def verdict(overview: Overview, warned: list[Note]) -> Verdict:
+def verdict(overview: Overview, warned: list[Note]) -> html.Verdict:
     """Whether the recordings can be trained and tested on."""
     by = overview.setting("split.by")
     groups = overview.groups[by]
     if len(left := _kept(overview)) < 2:
-        return Verdict("bad", f"Not yet: {one_class(', '.join(left) or 'none')}.", [])
+        return html.Verdict("bad", f"Not yet: {one_class(', '.join(left) or 'none')}.", [])
     if (groups > 1).sum() < 2:
-        return Verdict("bad", f"Not yet: there are no two objects with two recordings each. {TWICE}", [])
+        return html.Verdict("bad", f"Not yet: there are no two objects with two recordings each. {TWICE}", [])
     fewest = several(int(groups[groups > 0].min()), by)
     reasons = ["Each object is on both published sides." if by == "source" else f"Each object has {fewest} or more."]
     if warned:
-        return Verdict("unsure", f"Usable, with {several(len(warned), 'warning')}.", reasons)
-    return Verdict("good", "Yes: nothing was found that would spoil a result.", reasons)
+        return html.Verdict("unsure", f"Usable, with {several(len(warned), 'warning')}.", reasons)
+    return html.Verdict("good", "Yes: nothing was found that would spoil a result.", reasons)
 
 
 def command_lines(overview: Overview, *, new_sessions: bool = False) -> list[str]:
@@ -182,3 +208,17 @@ def _names(overview: Overview, chosen: np.ndarray) -> str:
 def _wrapped(texts: Iterable[str]) -> list[str]:
     wrapper = textwrap.TextWrapper(WIDTH, initial_indent="  ", subsequent_indent="    ")
     return [line for text in texts for line in wrapper.wrap(text)]
+
+
+def _mean_frames(overview: Overview) -> "Figure":
+    """Mean frame of each object with frames in contact; an empty one where there is none."""
+    from tactile_viewgcn import plots  # here, since it loads Matplotlib
+
+    recordings, label = overview.recordings, overview.recordings.columns["object"]
+    drawn = np.unique(label[overview.in_contact])[:MOST_OBJECTS]
+    frames = np.zeros((max(1, len(drawn)), *recordings.shape))
+    for frame, one in zip(frames, drawn, strict=False):
+        sample = evenly(np.flatnonzero(overview.in_contact & (label == one)), SAMPLE)
+        frame[recordings.live] = overview.excess(sample).mean(axis=0)
+    names = [recordings.objects[one] for one in drawn] or ["no contact"]
+    return plots.mean_frames(frames, recordings.live, names, f"{overview.unit} above baseline")
