@@ -19,7 +19,6 @@ from tactile_viewgcn.files import all_below
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, once_each, several
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.hdf5 import (
-    dataset,
     is_raw,
     matlab_fields,
     open_hdf5,
@@ -68,7 +67,7 @@ def open_source(path: str | Path, form: Form = AUTO, files: Sequence[Path] | Non
         raise FileNotFoundError(f"{path}: no such file or folder; {EXPECTED}")
     files = files_of(path) if files is None else files
     if raw := [file for file in files if is_raw(file, path)]:
-        return joined(path, raw, read_raw)
+        return joined(path, raw, lambda file: [read_raw(file)])
     if not path.is_dir():
         with reading(path):
             is_hdf5, is_stag = h5py.is_hdf5(path), path.name == "metadata.mat"
@@ -99,19 +98,10 @@ def read_files(path: Path, files: list[Path], form: Form, unread: list[Path]) ->
     files = [file for file in files if file not in left]
     if not files:
         raise UserError(listed(once_each(left.items()), "; "))
-    if len(files) == 1 and among(files, *TEXTS):
-        with reading(files[0]):
-            alone, labels = table(files[0])
-            parts = recordings_in(alone, labels)
-            if "object" in labels or (not form.labelled and len(parts) > 1):
-                numbered = {Path(f"{files[0]}, recording {number}"): part for number, part in enumerate(parts, 1)}
-                return joined(path, list(numbered), numbered.__getitem__, form)
 
     root = path if path.is_dir() else path.parent
     tables, named = labels_in(files)
-    windows = {Path(f"{file}, {number}"): part for file in files for number, part in enumerate(windows_in(file, form))}
-    whole = {Path(str(file).rpartition(", ")[0]) for file in windows}
-    files = [file for file in files if file not in {*tables, *whole}] + [*windows]
+    files = [file for file in files if file not in tables]
     layout, guessed = layout_of(root, files, form)
 
     def object_of(file: Path) -> str | None:
@@ -121,25 +111,32 @@ def read_files(path: Path, files: list[Path], form: Form, unread: list[Path]) ->
         match = matched(file, root, layout)
         return match.groupdict().get("object", None if form.labelled else "") if match else None
 
-    def opened(file: Path) -> Recording:
-        """The recording in a file, with the names in its path where the file names no object."""
-        if file in windows:
-            recording = windows[file]
-        elif among([file], *TEXTS):
-            recording, _ = table(file)
-        elif among([file], *ARRAYS):
-            recording = Recording({}, _arrays(file, form))
-        else:
-            recording = read_recording(file, form)
-        names, notes, values = named.get(file.stem, {}) | recording.names, recording.notes, recording.values
-        names = {"recording": place_of(file, path)} | names
-        if not names.get("object") and (form.labelled or among([file], *TEXTS, *ARRAYS)):
-            names, notes = names_of(file, root, layout, form) | names, [*notes, *guessed]
-        if side := names.pop("split", ""):
-            if (code := side_of(side)) is None:
-                raise UserError(f"{file}: split is {side!r}; expected train, test or validation")
-            values = values | {"split": np.full(len(values["pressure"]), code)}
-        return replace(recording, names=names, values=values, notes=notes)
+    def parts_of(file: Path) -> list[Recording]:
+        """The recordings in a file, with the names that stand in it."""
+        if among([file], *TEXTS):
+            recording, labels = table(file)
+            parts = recordings_in(recording, labels) if len(files) == 1 else [recording]
+            return parts if "object" in labels or not form.labelled else [recording]
+        if among([file], *ARRAYS):
+            arrays = arrays_in(file)
+            return windows_in(file, arrays, form) or [Recording({}, _chosen(file, arrays, form))]
+        opened = open_hdf5(file)
+        return windows_in(file, opened, form) or [read_recording(opened, form)]
+
+    def opened(file: Path) -> list[Recording]:
+        """The recordings in a file, with the names in its path where it holds one alone that names no object."""
+        recordings, parts = list[Recording](), parts_of(file)
+        for part in parts:
+            names, notes, values = named.get(file.stem, {}) | part.names, part.notes, part.values
+            names = {"recording": place_of(file, path)} | names
+            if len(parts) == 1 and not names.get("object") and (form.labelled or among([file], *TEXTS, *ARRAYS)):
+                names, notes = names_of(file, root, layout, form) | names, [*notes, *guessed]
+            if side := names.pop("split", ""):
+                if (code := side_of(side)) is None:
+                    raise UserError(f"{file}: split is {side!r}; expected train, test or validation")
+                values = values | {"split": np.full(len(values["pressure"]), code)}
+            recordings.append(replace(part, names=names, values=values, notes=notes))
+        return recordings
 
     source = joined(path, files, opened, form)
     source.notes.extend(unread_note(path, files, dict.fromkeys(unread, "") | left, object_of))
@@ -172,50 +169,28 @@ def labels_in(files: Sequence[Path]) -> tuple[list[Path], dict[str, dict[str, st
     return tables, names
 
 
-def windows_in(file: Path, form: Form) -> list[Recording]:
-    """The windows X (n, T, C) or (n, T, H, W) in a file with labels y (n,), a recording each; none in other files.
+def windows_in(file: Path, arrays: Mapping[str, Any], form: Form) -> list[Recording]:
+    """The windows X (n, T, C) or (n, T, H, W) among arrays with labels y (n,), a recording each; none without labels.
 
     A window that begins inside the one before is of the same take.
     """
-    if not among([file], ".npz", ".mat", *HDF5):
+    default = next((name for name in arrays if name.lower() in ("y", "label", "labels")), "")
+    name = form.columns.get("object", default)
+    if "pressure" in arrays or name not in arrays:
         return []
-    try:
-        with reading(file):
-            arrays = labelled_arrays(file)
-    except UserError:  # which `joined` lists beside all others
+    labels = [one.decode() if isinstance(one, bytes) else one for one in np.ravel(arrays[name]).tolist()]
+    large = [key for key in arrays if getattr(arrays.get(key), "ndim", 0) > 2 and len(arrays[key]) == len(labels) > 0]
+    if len(large) != 1 or [*arrays[large[0]].shape[1:]] == [*form.shape]:
         return []
-    name = form.columns.get("object", next((name for name in arrays if name.lower() in ("y", "label", "labels")), ""))
-    label = arrays.get(name, np.zeros(0)).ravel()
-    large = [key for key, array in arrays.items() if array.ndim > 2 and len(array) == len(label) and key != "pressure"]
-    if len(large) != 1 or not len(label) or [*arrays[large[0]].shape[1:]] == [*form.shape]:
-        return []
-    X, texts = arrays[large[0]], [str(int(one) if label.dtype.kind == "f" else one) for one in label.tolist()]
+    X = arrays[large[0]][()]
     begins = (X[:-1] == X[1:, :1]).all(axis=tuple(range(2, X.ndim))).any(axis=1)
     takes = np.cumsum([0, *~begins])
     note = Note(f"{large[0]} holds {len(X):,} windows of {X.shape[1]} frames, labelled by {name}", topic="windows")
-    return [
-        Recording(
-            {"recording": f"{file.stem}/{at}", "object": text, "take": f"{file}/{take}"}, {"pressure": one}, [], [note]
-        )
-        for at, (one, text, take) in enumerate(zip(X, texts, takes.tolist(), strict=True))
-    ]
-
-
-def labelled_arrays(file: Path) -> dict[str, np.ndarray]:
-    """All arrays of a .npz, MATLAB or HDF5 file, if one may hold labels: texts of HDF5 too."""
-    if among([file], ".npz"):
-        with np.load(file, allow_pickle=False) as stored:
-            return dict(stored) if len(stored.files) > 1 and "pressure" not in stored else {}
-    if among([file], ".mat"):
-        return matlab_fields(file)
-    with open_hdf5(file) as opened:
-        if "pressure" in opened:
-            return {}
-        sets = {name: opened[name] for name in opened if isinstance(opened.get(name), h5py.Dataset)}
-        return {
-            name: values.asstr()[()] if h5py.check_string_dtype(values.dtype) else dataset(opened, name, "numbers")[()]
-            for name, values in sets.items()
-        }
+    recordings = list[Recording]()
+    for at, (window, label, take) in enumerate(zip(X, labels, takes.tolist(), strict=True)):
+        names = {"recording": f"{file.stem}/{at}", "object": f"{label:.0f}" if isinstance(label, float) else f"{label}"}
+        recordings.append(Recording(names | {"take": f"{file}/{take}"}, {"pressure": window}, notes=[note]))
+    return recordings
 
 
 def unread_note(
@@ -244,20 +219,25 @@ def unread_note(
     return [Note(text, "warning", "files")]
 
 
-def _arrays(file: Path, form: Form) -> dict[str, Any]:
-    """`pressure`, or the only array, and `time` if the form names it; .npy is memory-mapped. Nothing is unpickled."""
+def arrays_in(file: Path) -> dict[str, Any]:
+    """The arrays in a .npy, .npz or .mat by their names; .npy is memory-mapped. Nothing is unpickled."""
+    if among([file], ".mat"):
+        return matlab_fields(file)
+    if among([file], ".npz"):
+        with np.load(file, allow_pickle=False) as stored:
+            return dict(stored)
+    array = np.load(file, mmap_mode="r", allow_pickle=False)
+    if array.offset + array.nbytes != file.stat().st_size:
+        raise ValueError("there are more bytes after the array")
+    return {"pressure": array}
+
+
+def _chosen(file: Path, arrays: dict[str, Any], form: Form) -> dict[str, Any]:
+    """`pressure`, or the only array, and `time` if the form names it."""
     if other := form.columns.keys() - {"pressure", "time"}:
         raise UserError(f"{file}: data.columns names {listed(sorted(other))}; an array has `pressure` and `time` alone")
-    if file.suffix.lower() == ".npy":
-        array = np.load(file, mmap_mode="r", allow_pickle=False)
-        if array.offset + array.nbytes != file.stat().st_size:
-            raise ValueError("there are more bytes after the array")
-        return {"pressure": array}
-    if file.suffix.lower() == ".npz":
-        with np.load(file, allow_pickle=False) as stored:
-            arrays = dict(stored)
-    else:
-        arrays = matlab_fields(file)
+    if among([file], ".npy"):
+        return arrays
     names = {"pressure": "pressure"} | dict(form.columns)
     large = [name for name, array in arrays.items() if sum(size > 1 for size in array.shape) > 1]
     if "pressure" not in form.columns and len(large) == 1:

@@ -145,7 +145,7 @@ def _of_hdf5(file: h5py.File, name: str) -> Any:
     return texts
 
 
-def read_recording(path: Path, form: Form) -> Recording:
+def read_recording(file: h5py.File, form: Form) -> Recording:
     """The recording in a file; its datasets, which are read when they are sliced, keep it open.
 
     Frames that read NaN are dropped if `valid` says that nothing is held.
@@ -153,7 +153,6 @@ def read_recording(path: Path, form: Form) -> Recording:
     Raises:
         UserError: there is no pressure, or the file lacks a name that the form gives.
     """
-    file = open_hdf5(path)
     in_file = {name: form.columns.get(name, name) for name in (*DATASETS, *ATTRIBUTES)}
     values = {name: dataset(file, in_file[name], "numbers") for name in DATASETS if file.get(in_file[name]) is not None}
     if "pressure" not in values:

@@ -32,8 +32,8 @@ PART = re.compile(
 )
 
 
-def joined(path: Path, files: list[Path], opened: Callable[[Path], Recording], form: Form = AUTO) -> Source:
-    """The source of recordings in the order of their files, of which one is in memory at a time.
+def joined(path: Path, files: list[Path], opened: Callable[[Path], list[Recording]], form: Form = AUTO) -> Source:
+    """The source of the recordings in files, of which one file is in memory at a time.
 
     Args:
         path: the source's path, for its errors.
@@ -43,22 +43,22 @@ def joined(path: Path, files: list[Path], opened: Callable[[Path], Recording], f
         UserError: lists the files that cannot be read, or are unlike the first one, or have the name of an earlier one.
     """
 
-    def read(file: Path) -> Recording:
-        recording = opened(file)
-        pressure = framed(recording.values["pressure"], form, str(file))
-        names = {"object": UNLABELLED, "session": "session"} | recording.names
-        names |= {kind: tidy(names[kind]) for kind in ("object", "session")}
-        return replace(recording, names=names, values=recording.values | {"pressure": pressure})
+    def read(file: Path) -> Iterator[Recording]:
+        for recording in opened(file):
+            pressure = framed(recording.values["pressure"], form, str(file))
+            names = {"object": UNLABELLED, "session": "session"} | recording.names
+            names |= {kind: tidy(names[kind]) for kind in ("object", "session")}
+            yield replace(recording, names=names, values=recording.values | {"pressure": pressure})
 
     known, headers, mistakes = dict[str, tuple[Any, Path]](), list[Recording](), list[tuple[Path, str]]()
     dtypes, frames = set[np.dtype](), 0
     for file in files:
         try:
             with reading(file):
-                recording = read(file)
-                dtypes.add(_check(recording, file, known))
-                frames += len(recording.values["pressure"])
-                headers.append(replace(recording, values={}))
+                for recording in read(file):
+                    dtypes.add(_check(recording, file, known))
+                    frames += len(recording.values["pressure"])
+                    headers.append(replace(recording, values={}))
         except UserError as error:
             mistakes.append((file, str(error)))
     if mistakes:
@@ -85,17 +85,18 @@ def joined(path: Path, files: list[Path], opened: Callable[[Path], Recording], f
         notes.append(Note(text, "warning", "parts"))
 
     def blocks() -> Iterator[Block]:
-        for file, header, take in zip(files, headers, takes, strict=True):
+        for file in files:
             with reading(file):
-                values = read(file).values
-                count = len(values["pressure"])
-                values |= {kind: np.full(count, names.index(header.names[kind])) for kind, names in ids.items()}
-                if len(first) < len(takes):
-                    values["take"] = np.full(len(values["pressure"]), first[take])
-                if "time" in values:
-                    time = values["time"][:].astype(np.float64)
-                    values["time"] = time - time[:1]
-                yield from sliced(values, count)
+                for recording in read(file):
+                    values = recording.values
+                    count = len(values["pressure"])
+                    values |= {kind: np.full(count, names.index(recording.names[kind])) for kind, names in ids.items()}
+                    if len(first) < len(takes):
+                        values["take"] = np.full(count, first[take_of(recording)])
+                    if "time" in values:
+                        time = values["time"][:].astype(np.float64)
+                        values["time"] = time - time[:1]
+                    yield from sliced(values, count)
 
     shape, channels = known["shape"][0], known["channels"][0]
     channels = channels if len(channels) == shape[0] * shape[1] else []
@@ -131,9 +132,10 @@ def _check(recording: Recording, file: Path, known: dict[str, tuple[Any, Path]])
         if found != expected:
             raise UserError(f"{file}: {what} {found}; expected {expected} as in {other}")
     name = f"recording {recording.names['recording']!r}"
-    if (other := known.setdefault(name, (name, file))[1]) != file:
+    if name in known:
         remedy = "expected a name for each: of its file without the ending, or in HDF5 the attribute `recording`"
-        raise UserError(f"{file}: {name}, as in {other}; {remedy}")
+        raise UserError(f"{file}: {name}, as in {known[name][1]}; {remedy}")
+    known[name] = name, file
     return dtype
 
 
