@@ -3,7 +3,7 @@
 import re
 
 import numpy as np
-from scipy.stats import rankdata
+import pandas as pd
 
 from tactile_viewgcn.frames.leak import FRAMES, QuickError, quick_error
 from tactile_viewgcn.messages import Note, listed
@@ -95,11 +95,9 @@ def _ordered(values: np.ndarray, names: list[str], cell: np.ndarray) -> np.ndarr
 
     Numbers in names count as such: recording 10 comes after recording 9.
     """
-    parts = [[int(part) if part.isdigit() else part for part in re.split(r"([0-9]+)", name)] for name in names]
-    place = np.argsort(sorted(range(len(names)), key=parts.__getitem__))
-    ranks = np.column_stack([place, values]).astype(np.float64)
-    for of_cell in (cell == one for one in np.unique(cell)):
-        ranks[of_cell] = rankdata(ranks[of_cell], axis=0) - (of_cell.sum() + 1) / 2
-    product, squares = np.abs(ranks[:, 0] @ ranks), (ranks**2).sum(axis=0)
-    ordered = (squares > 0) & (product >= ORDERED * np.sqrt(squares[0] * squares))
-    return ordered[1:] & (len(cell) - len(np.unique(cell)) >= REPEATS)
+    numbered = [re.sub(r"[0-9]+", lambda digits: digits[0].zfill(20), name) for name in names]
+    table = pd.DataFrame(values).assign(place=np.argsort(np.argsort(numbered, kind="stable")))
+    ranks = table.groupby(cell).rank()
+    ranks -= ranks.groupby(cell).transform("mean")
+    ordered = ranks.corrwith(ranks.pop("place")).abs() >= ORDERED
+    return ordered.to_numpy() & (len(cell) - len(np.unique(cell)) >= REPEATS)

@@ -1,21 +1,19 @@
 """The values that `auto` becomes, by what was recorded and by readings of the training side."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from tactile_viewgcn.frames import auto as module
-from tactile_viewgcn.frames.auto import contact_readings, smallest_reading
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, measure_baseline
+from tactile_viewgcn.frames.auto import smallest_reading
+from tactile_viewgcn.frames.baseline import MIN_FRAMES
 from tactile_viewgcn.frames.filter import sensors_in_contact
 from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.messages import UserError, warnings_of
-from tactile_viewgcn.params import PreprocessSection, load
+from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
-from tests.glove_data import FILE, all_contact, drifting, states_of, written
+from tests.glove_data import FILE, all_contact, drifting, written
 
 BY_RECORDING = ("split.by=recording", "split.folds=2")
 
@@ -145,13 +143,6 @@ def test_the_released_scale_is_kept_at_one_to_ten_times_the_readings_and_none_is
     else:
         with pytest.raises(UserError, match="rescale"):
             chosen(glove, *BY_RECORDING)
-
-
-def test_readings_in_contact_lie_above_five_standard_deviations_of_noise_and_not_on_them(glove):
-    states, constant = states_of(glove), PreprocessSection(baseline="none", zero=514.0)
-    states = replace(states, noise=np.full_like(states.noise, 6))
-    readings = contact_readings(glove, states, measure_baseline(glove, constant, []))
-    assert readings.min() == 31 and 32 <= np.percentile(readings, 99) < 35  # of a pressed sensor about 30
 
 
 def test_the_fewest_sensors_in_contact_are_a_fortieth_of_the_array(glove):

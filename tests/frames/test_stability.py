@@ -13,8 +13,6 @@ from benchmarks.stability.rows import max_rel_error, share_different
 from tactile_viewgcn.frames.baseline import ROUNDING_SD, measure_baseline, session_moments, trimmed_moments
 from tactile_viewgcn.frames.filter import pressed_frames
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
-from tactile_viewgcn.views.clustering import cluster_frames
-from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.glove_data import recipe, table, written
 from tests.trained_network import unusual_counts
 
@@ -106,36 +104,12 @@ def prepared(path, counts, **columns):
     return preprocess_recordings(recordings, PARAMS.preprocess, PARAMS.split).frames
 
 
-def pressed_by_objects(sensor, frames=12):
-    """Counts (R, T, 4, 4) of two recordings each of the empty hand, a soft and a hard object, and the objects."""
-    counts = np.full((6, frames, 4, 4), BASELINE)
-    for number, strength in enumerate((0, 2, 3) * 2):
-        counts[number] += strength * sensor // 2
-    return counts.astype(np.int16), np.repeat([0, 1, 2] * 2, frames)
-
-
 @pytest.mark.stability("sensors that never change")
 @pytest.mark.parametrize("reading", [0, 1023])
 def test_sensors_that_never_change_are_refused(row, tmp_path, reading):
     columns = {"object": np.repeat([0, 1, 1], 30)}
     counts = np.full((3, 30, 4, 4), reading)
     row.refused(f"all counts {reading}", lambda: prepared(tmp_path / "t", counts, **columns), "no sensor varies")
-
-
-@pytest.mark.stability("one live sensor")
-def test_clusters_of_one_live_sensor_are_stretches_of_its_reading(row, tmp_path):
-    sensor = np.zeros((12, 4, 4), dtype=int)
-    sensor[:, 1, 2] = 14 * np.arange(12)
-    counts, objects = pressed_by_objects(sensor)
-    frames = prepared(tmp_path / "t", counts, object=objects)
-    row("live sensors more or less than one", abs(int(frames.live.sum()) - 1))
-    views = cluster_frames(frames, viewpoints(4), PARAMS.cluster, np.random.default_rng(0))
-    breaks, clustered = 0, views.cluster >= 0
-    for pool in np.unique(views.pool[clustered]):
-        members = np.flatnonzero((views.pool == pool) & clustered)
-        ordered = views.cluster[members[np.argsort(frames.counts[members][:, 1, 2], kind="stable")]]
-        breaks += int((np.diff(ordered) != 0).sum()) - (len(np.unique(ordered)) - 1)
-    row("clusters that are no stretch", breaks)
 
 
 def two_grasped_objects():

@@ -64,23 +64,6 @@ def test_every_dep_is_there_and_imported(name):
         assert (ROOT / dep).exists() and any(is_below(file, [dep]) for file in files), dep
 
 
-@pytest.mark.parametrize(
-    ("path", "stages"),
-    [
-        ("tactile_viewgcn/systems/mvcnn.py", set()),  # of a view_gcn pipeline
-        ("tactile_viewgcn/systems/view_gcn.py", {"finetune", "evaluate"}),
-        ("tactile_viewgcn/nn/graph.py", {"finetune", "evaluate"}),
-        ("tactile_viewgcn/sensors/features.py", {"preprocess", "finetune", "evaluate"}),
-        ("tactile_viewgcn/nn/backbone.py", {"pretrain", "finetune", "evaluate"}),
-        ("tactile_viewgcn/frames/baseline.py", {"preprocess"}),
-        ("stages/command.py", set()),
-    ],
-)
-def test_a_file_reruns_the_stages_that_use_it_alone(path, stages):
-    assert (ROOT / path).is_file()
-    assert {name for name in STAGES if is_below(path, watched(name, "view_gcn"))} == stages
-
-
 def test_package_files_that_no_dep_names_hold_a_docstring_alone():
     for path in (ROOT / "tactile_viewgcn").glob("*/__init__.py"):
         assert len(ast.parse(path.read_text()).body) == 1 or path.parent.name == "systems", path
