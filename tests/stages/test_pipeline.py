@@ -1,10 +1,6 @@
 """The whole pipeline under DVC, on tiny data in a clone: the stages that run, and their results."""
 
 import json
-import re
-import shutil
-import tempfile
-import time
 from dataclasses import asdict
 from pathlib import Path
 
@@ -52,17 +48,6 @@ def small_glove(folder):
     return folder
 
 
-def store_of(place):
-    """The MLflow store's client, the rows of pipelines, and the runs of the other stages."""
-    from mlflow import MlflowClient
-
-    copy = Path(tempfile.mkdtemp(dir=place.parent)) / "mlflow.db"  # MLflow keeps connections by path
-    shutil.copy(place / "mlflow.db", copy)
-    client = MlflowClient(f"sqlite:///{copy}")
-    ids = (client.get_experiment_by_name(name).experiment_id for name in ("tactile-viewgcn", "tactile-viewgcn/stages"))
-    return client, *(client.search_runs([number]) for number in ids)
-
-
 @pytest.fixture(scope="module")
 def clone(tmp_path_factory):
     """A repository with the files of this one, set to tiny data, reproduced once and committed."""
@@ -102,19 +87,6 @@ def test_a_fresh_clone_shows_the_figures_of_its_commit_and_runs_without_a_warnin
     assert len(columns) < 24, " ".join(columns)  # six figures, one parameter and files; not every parameter
 
 
-@pytest.mark.parametrize(
-    ("change", "stages"),
-    [
-        ("views=2", ["cluster", "finetune", "evaluate"]),
-        ("preprocess.scale=100", ["preprocess", "cluster", "pretrain", "finetune", "evaluate"]),
-    ],
-)
-def test_a_change_reruns_what_it_touches(clone, change, stages):
-    output = sh("dvc", "exp", "run", "-S", change, cwd=clone, MLFLOW_TRACKING_URI="disabled")
-    assert stages_of(output) == stages
-    restore(clone)
-
-
 def test_one_seed_gives_the_same_results(clone):
     files = [clone / "results" / name for name in ("metrics.json", "trials.csv", "confusion.csv", "per_class.csv")]
     first = [file.read_bytes() for file in files]
@@ -141,23 +113,3 @@ def test_a_system_without_a_backbone_is_not_pretrained_for_and_the_backbone_of_o
     output = switch_to("sensors", "[trees]", "--temp")
     assert stages_of(output) == again and restored in output
     restore(clone)
-
-
-def test_queued_experiments_share_one_fresh_store(clone):
-    for name in clone.glob("mlflow.db*"):
-        name.unlink()
-    shutil.rmtree(clone / "mlruns")
-    sh("dvc", "exp", "run", "--queue", "-S", "views=1,3", cwd=clone)  # other than above: nothing is restored
-    sh("sh", "-c", "dvc queue start -j 2 > start.log 2>&1", cwd=clone)  # workers keep a pipe open as long as they run
-    logs = []
-    for _ in range(60):
-        time.sleep(2)
-        logs = re.findall(r"(Success|Failed|Queued|Running)", sh("dvc", "queue", "status", cwd=clone))
-        if not {"Queued", "Running"} & set(logs):
-            break
-    assert logs == ["Success"] * 2
-    client, rows, _ = store_of(clone)
-    assert sorted(run.data.params["views"] for run in rows) == ["1", "3"]
-    for run in rows:
-        path = client.download_artifacts(run.info.run_id, "metrics.json", str(clone.parent))
-        assert json.loads(Path(path).read_text())["views"] == int(run.data.params["views"])
