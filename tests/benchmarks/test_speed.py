@@ -4,6 +4,7 @@ import numpy as np
 import torch
 from click.testing import CliRunner
 
+from benchmarks.command import median_ratio
 from benchmarks.speed import __main__ as module
 from benchmarks.trained import CLASSIFIER, FRAMES
 from tactile_viewgcn.nn.backbone import extract_features
@@ -35,10 +36,15 @@ def test_in_a_quick_run_whose_variants_take_a_second_rates_are_units_of_work(tmp
         path.parent.mkdir(exist_ok=True)
     save_table(FRAMES, table())
     save_classifier(CLASSIFIER, trained(), recipe().model, table())
-    result = CliRunner().invoke(module.speed, ["--quick"], catch_exceptions=False)
+    result = CliRunner().invoke(module.speed, ["--quick", "--out", "out"], catch_exceptions=False)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["results.csv", "results.md"]
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in result.output.splitlines() if "/s" in line]
     rates = {what: (float(fast), float(plain)) for what, _, fast, plain, _ in rows}
     steps = {f"training step, batch {batch}": (batch, batch) for batch in (160, 32)}
     train, test = (int((table().anchor & (table().side == side)).sum()) for side in (module.TRAIN, TEST))
     tuning = {f"fine-tuning, feature_reuse {reuse}": (5 * train, 60) for reuse in (1, 8)}  # five epochs
     assert rates == steps | tuning | {"1 trials": (2 * test, 60)}  # two protocols
+
+
+def test_the_ratio_is_the_median_of_the_rounds_ratios():
+    assert median_ratio(np.array([2.5, 2.0, 3.0]), np.array([0.5, 1.0, 2.0])) == 2.0  # of the medians it is 2.5

@@ -1,8 +1,6 @@
 """Scenes: phases and grasps, what each effect adds to them, and where fingers meet an object."""
 
 import numpy as np
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tactile_viewgcn.glove import scene
@@ -40,22 +38,6 @@ def holds(grasp):
     return 1 + np.flatnonzero((PHASE == scene.HOLD) & (grasp == GRASP))
 
 
-@settings(max_examples=50, deadline=None)
-@given(grasps=st.integers(1, 9), each=st.integers(FIXED + 1, 40), remainder=st.integers(0, 8))
-def test_a_recording_opens_once_and_every_grasp_has_all_its_phases(grasps, each, remainder):
-    opening = scene.OPENING + min(remainder, grasps - 1)
-    phase, share, grasp = schedule(opening + grasps * each, grasps)
-    assert len(phase) == len(share) == len(grasp) == opening + grasps * each
-    assert (phase[:opening] == -1).all() and (grasp[:opening] == 0).all() and (phase[opening:] >= 0).all()
-    for number in range(grasps):
-        of_grasp = phase[opening:][grasp[opening:] == number]
-        expected = [length or each - FIXED for length in scene.PHASES.values()]
-        assert np.bincount(of_grasp).tolist() == expected and (np.diff(of_grasp) >= 0).all()
-    ends = opening + np.flatnonzero(np.diff(phase[opening:], append=-1))
-    np.testing.assert_array_equal(share[ends], 1)
-    assert ((share > 0) & (share <= 1))[opening:].all()
-
-
 def test_a_recording_begins_with_an_open_hand_and_between_grasps_the_object_is_away_and_nothing_squeezes():
     drive, opening = planned(["ball", "mug"]), 1 + np.flatnonzero(PHASE == -1)
     for number in range(GRASPS):
@@ -71,19 +53,6 @@ def test_a_recording_begins_with_an_open_hand_and_between_grasps_the_object_is_a
     np.testing.assert_array_equal(drive.squeeze[:, ARRIVED], 0)
     for values in vars(drive).values():
         np.testing.assert_array_equal(values[:, 0], values[:, 1])  # before the first frame all stands still
-
-
-def test_recordings_of_an_object_share_a_habit_that_other_objects_do_not():
-    size = {"frames": scene.OPENING + 100 * (FIXED + 1), "grasps": 100}
-    steady = 1 + np.flatnonzero(schedule(**size)[0] == scene.HOLD)
-
-    def mean_squeeze(habit, seed):
-        return np.log(planned(["ball"], habit=habit, seed=seed, **size).squeeze[0, steady]).mean(axis=0)
-
-    first = mean_squeeze(0, 0)
-    same, other = first - mean_squeeze(0, 1), first - mean_squeeze(1, 0)
-    assert np.abs(same).max() < 6 * np.sqrt(2) * (scene.FINGER["recording"] + scene.FINGER["grasp"] / np.sqrt(100))
-    assert np.linalg.norm(other) > 2 * np.linalg.norm(same)
 
 
 def test_weight_pulls_down_with_mass_times_gravity_while_the_object_is_held():

@@ -1,14 +1,12 @@
 """From pressure to counts: each effect by itself, against loops and hand-worked cases."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.glove import sensor
 from tactile_viewgcn.glove.hand import stag_hand
 from tactile_viewgcn.glove.sensor import Sensors
-from tactile_viewgcn.glove.simulation import EFFECTS
 from tactile_viewgcn.randomness import stream
 
 HAND = stag_hand()
@@ -90,16 +88,6 @@ def test_crosstalk_is_what_a_double_loop_over_rows_and_columns_gives(seed):
     np.testing.assert_allclose(counts, expected[HAND.row, HAND.column], atol=0.5 + 1e-6)
 
 
-def test_the_common_mode_moves_all_sensors_alike_and_wanders():
-    counts = frames_of(np.zeros((2, 2000, COUNT)), "common_mode", common=40.0)[..., HAND.row, HAND.column]
-    assert not np.ptp(counts, axis=-1).any()
-    drift = counts[..., 0].astype(float)
-    assert abs(np.corrcoef(drift)[0, 1]) < 0.4
-    level = drift[0, 100:]
-    assert level.std() == pytest.approx(40, rel=0.4)
-    assert np.corrcoef(level[1:], level[:-1])[0, 1] > 0.8
-
-
 def test_dead_sensors_never_move_and_stuck_ones_neither(monkeypatch):
     monkeypatch.setattr(sensor, "DEAD", 0.05)
     monkeypatch.setattr(sensor, "STUCK", 0.05)
@@ -113,17 +101,3 @@ def test_dead_sensors_never_move_and_stuck_ones_neither(monkeypatch):
     assert not moves[dead | stuck].any() and moves[~dead & ~stuck].mean() > 0.95
     np.testing.assert_array_equal(counts[:, dead], np.rint(glove.baseline[0, dead])[None].repeat(30, 0))
     np.testing.assert_array_equal(counts[:, stuck], np.rint(glove.baseline + glove.stuck)[0, stuck][None].repeat(30, 0))
-
-
-@pytest.mark.parametrize("cuts", [(1,), (7,), (3, 4, 15)])
-def test_blocks_of_any_length_give_the_same_frames(cuts):
-    rng = np.random.default_rng(0)
-    pressure = rng.uniform(0, 3e4, (2, 20, COUNT)) * (rng.random((2, 20, 1)) < 0.5)
-    flexion = rng.uniform(0, 1, (2, 20, COUNT))
-
-    def glove():
-        return Sensors(HAND, 0, [0, 1], [stream(0, "noise", s) for s in (0, 1)], frozenset(EFFECTS))
-
-    whole, parts = glove().read(pressure, flexion), glove()
-    blocks = zip(np.split(pressure, cuts, axis=1), np.split(flexion, cuts, axis=1), strict=True)
-    np.testing.assert_array_equal(np.concatenate([parts.read(*block) for block in blocks], axis=1), whole)

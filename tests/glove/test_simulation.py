@@ -33,19 +33,6 @@ def test_a_recording_is_the_same_whatever_other_objects_and_sessions_are_simulat
     np.testing.assert_array_equal(more[[0, 2]], fewer)
 
 
-@pytest.mark.parametrize(
-    "without", [(), ("motion", "weight"), ("bending",), EFFECTS], ids=lambda names: "-".join(names)
-)
-def test_empty_hands_alone_read_as_among_others(without):
-    one = recipe(["ball"], without=without, seed=3)
-    among_others, _ = simulated_counts(one)
-    run = Simulation(one, [each for each in one.recordings if each[1] == 0])
-    alone = np.concatenate(list(run.blocks()), axis=1)[..., HAND.row, HAND.column]
-    np.testing.assert_array_equal(alone, among_others[[0, 2]])
-    if "noise" not in without:
-        assert len(np.unique(alone)) > 5  # not a constant
-
-
 def test_in_shorter_blocks_the_steps_differ_and_the_counts_hardly(monkeypatch):
     one = recipe(sessions=1)
     whole, _ = simulated_counts(one)
