@@ -3,14 +3,11 @@
 It is the small classifier, or with `--table` the pipeline's.
 """
 
-from copy import deepcopy
-
 import numpy as np
 import pytest
-import torch
 
-from benchmarks.stability.rows import max_rel_error, share_different, share_not_finite
-from tests.trained_network import SINGLE, without_dropout
+from benchmarks.stability.rows import max_rel_error, share_different
+from tests.trained_network import SINGLE
 
 HALF = 2e-2  # of the largest feature: bfloat16 has 8 bits, and twelve layers round to them
 
@@ -38,19 +35,3 @@ def test_logits_of_inputs_that_are_large_denormal_or_the_same_everywhere(row, su
     for name, values in kinds.items():
         both = subject.single_and_exact(values.astype(np.float32), sets)
         row(f"logits, {name}", max_rel_error(*both), SINGLE)
-
-
-@pytest.mark.stability("features without variance")
-def test_a_training_batch_of_one_frame_over_and_over(row, subject):
-    """Every batch normalisation divides by nearly nothing."""
-    same = np.repeat(subject.inputs(1), 6, axis=0)
-    for name, inputs in (("one frame", same), ("blank frames", np.zeros_like(same))):
-        outputs = []
-        for kind in (torch.float32, torch.float64):
-            backbone = without_dropout(deepcopy(subject.classifier.backbone).cpu().to(kind).train())
-            frames = torch.from_numpy(inputs).unsqueeze(1).to(kind).requires_grad_()
-            maps = backbone(frames)
-            maps.square().mean().backward()
-            outputs.append((maps.detach(), share_not_finite(frames.grad)))
-        row(f"features, {name}", max_rel_error(outputs[0][0], outputs[1][0]), 1e-3)
-        row(f"gradients that are not finite, {name}", max(share for _, share in outputs))

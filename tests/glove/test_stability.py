@@ -84,19 +84,6 @@ def test_the_sensors_forces_are_radau_s(row, make, frames):
     row(f"forces against Radau's, {lambda_h(mechanics, states)}", error, TOLERANCE, work)
 
 
-@pytest.mark.slow
-@pytest.mark.stability("stiffness of a grasp")
-def test_a_ball_rolls_from_one_sensor_to_the_next(row):
-    """There the errors of a frame's 16 steps add up to more than that of one: a tighter tolerance is asked for."""
-    mechanics = grasp((5e9, 2.5e10, 0.01, 30.0), seed=14, frames=4)
-    y = mechanics.initial_state()
-    usual, _ = solved(mechanics, y, 4, tolerance=TOLERANCE)
-    tight, work = solved(mechanics, y, 4, tolerance=TOLERANCE / 4)
-    remark = f"{lambda_h(mechanics, tight)}; at {TOLERANCE:g}: {against_radau(mechanics, y, usual):.2g}; {work}"
-    quantity = f"forces against Radau's, rolling, solved to {TOLERANCE / 4:g}"
-    row(quantity, against_radau(mechanics, y, tight), TOLERANCE, remark)
-
-
 @pytest.mark.stability("stiffness of a plate")
 def test_a_loaded_plate_on_the_palm_has_the_forces_of_its_closed_form(row):
     """From lambda h = 1e4 on the plate is at rest at every moment, and only that it is solved at all is asked for."""
@@ -122,22 +109,6 @@ def test_steps_far_too_long_stay_bounded_and_come_to_the_same_rest(row, setting)
     row(f"largest angle over pi, or way over AWAY, {stiff}", reach, 1, work)
     rest = rel_norm_error(forces(mechanics, long)[:, -1], forces(mechanics, short)[:, -1])
     row(f"forces at rest against those of short steps, {stiff}", rest, TOLERANCE, work)
-
-
-@pytest.mark.slow
-@pytest.mark.stability("contact within a step")
-@pytest.mark.parametrize("motion", [False, True], ids=["prescribed", "drawn"])
-def test_a_ball_that_flies_past_the_fingers_between_two_frames_bends_them(row, motion):
-    """Against 128 steps a frame; angles are times LEVER in thicknesses of the skin, as the integrator measures them."""
-    for end in (0.07, 0.12):  # m
-        mechanics = scene([[sphere(0.03)]], [0.13, -0.12, 0.03], posture=0.6, knots=4, motion=motion)
-        mechanics.drive.position[0, 2:, 1] = end
-        y = mechanics.initial_state()
-        (states, work), (exact, _) = solved(mechanics, y, 3), solved(mechanics, y, 3, step=FRAME / 128)
-        error = np.abs(states - exact)[..., :10].max() * LEVER / LAYER.thickness
-        bent = np.abs(exact[..., :10] - 0.6).max()
-        quantity = f"angles at the frames, {'drawn' if motion else 'prescribed'} to {end} m"
-        row(quantity, error, TOLERANCE, f"fingers bent by {bent:.2g} rad; {work}")
 
 
 @pytest.mark.stability("damping")
