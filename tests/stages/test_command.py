@@ -15,32 +15,18 @@ from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.tracking import Run
 from tests.full_disk import room_for
-from tests.stages.running import captured, changed, left, refused, run_stage
+from tests.stages.running import captured, left, refused
 
 ROOT = Path(__file__).parents[2]
 
 
-def test_all_mistakes_are_listed_before_any_work(place):
-    changes = ("views=0", "finetune.lr=-1", "split.by=hour", "colour=red")
-    line = refused(run_stage("ingest", "--out", "y", "--record", "z", *changed(*changes), cwd=place))
-    assert all(
-        says in line for says in ("views: ", "(got 0)", "finetune.lr: ", "split.by: ", "'hour'", "unknown key colour")
-    )
-    assert left(place) == set()
-
-
-def test_debug_shows_the_traceback(place):
-    result = run_stage("ingest", "--out", "y", "--record", "z", "--debug", cwd=place)
-    assert result.returncode == 1 and "Traceback" in result.stderr
-
-
-def failing(error, place):
+def failing(error, place, *options):
     """A stage that raises this."""
 
     def needs(job, out):
         raise error
 
-    return captured(lambda: run(needs), "--out", "y", "--record", "record.json", cwd=place)
+    return captured(lambda: run(needs), "--out", "y", "--record", "record.json", *options, cwd=place)
 
 
 @pytest.mark.parametrize(
@@ -56,6 +42,7 @@ def failing(error, place):
 )
 def test_what_a_user_can_mend_ends_in_one_line(place, error, says):
     assert says in refused(failing(error, place)) and left(place) == set()
+    assert "Traceback" in failing(error, place, "--debug").stderr
 
 
 def test_a_stage_whose_record_has_no_room_does_not_say_that_it_is_done(place):
