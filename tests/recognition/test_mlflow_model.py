@@ -1,18 +1,11 @@
-"""The recogniser as an MLflow model, called as MLflow calls it, and behind the server that MLflow starts."""
+"""The recogniser as an MLflow model: called as MLflow calls it, asked as its server is, and in a process of its own."""
 
 import json
 import os
 import re
 import shlex
-import signal
-import socket
 import subprocess
 import sys
-import time
-import urllib.error
-import urllib.request
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 
@@ -115,6 +108,10 @@ def test_the_request_that_the_manual_posts_is_answered_as_it_shows(checkpoint, s
     expected = Recogniser(checkpoint).answer(RECORDINGS[0]).probabilities
     assert [list(row) for row in answer["predictions"]] == [CLASSES]
     np.testing.assert_allclose(list(answer["predictions"][0].values()), expected, rtol=1e-4)
+    counts = [RECORDINGS[0].tolist()]
+    for posted in {"inputs": {"recordings": counts}}, {"instances": counts}:
+        response = scoring_server.invocations(json.dumps(posted), "application/json", model, schema)
+        assert json.loads(response.response) == answer
     posted = json.dumps({"inputs": changed(True)})
     with pytest.raises(Exception, match="recording 1 holds true or false"):
         scoring_server.invocations(posted, "application/json", model, schema)
@@ -130,59 +127,20 @@ def test_a_mistake_is_one_line_that_mlflow_s_server_answers_with_status_400(chec
     assert error.value.get_http_status_code() == 400
 
 
-def ask(address: str, body: dict) -> tuple[int, dict]:
-    """Status and content of the answer to a body of JSON."""
-    request = urllib.request.Request(address, json.dumps(body).encode(), {"Content-Type": "application/json"})
-    try:
-        with urllib.request.urlopen(request, timeout=60) as answer:
-            return answer.status, json.load(answer)
-    except urllib.error.HTTPError as error:
-        return error.code, json.load(error)
-
-
-@contextmanager
-def serve(folder: Path, model: str, **variables: str) -> Iterator[str]:
-    """The address of `mlflow models serve` of a model; starting takes about 20 seconds."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = str(free.getsockname()[1])
-    words = [sys.executable, "-m", "mlflow", "models", "serve", "-m", model, "--env-manager", "local", "-p", port]
-    scripts = str(Path(sys.executable).parent)  # of uvicorn, which MLflow calls by its name
-    environment = os.environ | {"PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}"} | variables
-    address, log = f"http://127.0.0.1:{port}", folder / "log"
-    with log.open("w") as file:
-        process = subprocess.Popen(words, cwd=folder, env=environment, stdout=file, stderr=file, start_new_session=True)
-    try:
-        for _ in range(600):
-            assert process.poll() is None, log.read_text()
-            with suppress(OSError):
-                urllib.request.urlopen(f"{address}/ping", timeout=5).close()
-                break
-            time.sleep(0.2)
-        yield f"{address}/invocations"
-    finally:
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGTERM)
-        process.wait(30)
-
-
 @pytest.mark.slow
-def test_a_registered_model_is_served(checkpoint, store, client):
-    """PYTHONPATH is empty: the model brings its code."""
+def test_a_registered_model_answers_in_a_process_of_its_own(checkpoint, store, client):
+    """PYTHONPATH is empty: the model brings its code. MLflow reads the file as its server reads a request's body."""
     with tracking.stage_run(Record("evaluate")) as run:
         address = run.model(checkpoint, METADATA)
     client.create_registered_model("glove")
     entry = client.create_model_version("glove", address, run.id)
     client.set_registered_model_alias("glove", "best", entry.version)
+    (store / "request.json").write_text(json.dumps({"inputs": [recording.tolist() for recording in RECORDINGS]}))
+    words = [sys.executable, "-m", "mlflow", "models", "predict", "--env-manager", "local", "-t", "json"]
+    environment = os.environ | {"MLFLOW_TRACKING_URI": f"sqlite:///{store / 'mlflow.db'}", "PYTHONPATH": ""}
+    words += ["-m", "models:/glove@best", "-i", "request.json", "-o", "answer.json"]
+    subprocess.run(words, cwd=store, env=environment, check=True)
+    rows = json.loads((store / "answer.json").read_text())["predictions"]
     expected = [Recogniser(checkpoint).answer(recording).probabilities for recording in RECORDINGS]
-    counts, uri = [recording.tolist() for recording in RECORDINGS], f"sqlite:///{store / 'mlflow.db'}"
-    with serve(store, "models:/glove@best", MLFLOW_TRACKING_URI=uri, PYTHONPATH="") as address:
-        for body in {"inputs": counts}, {"inputs": {"recordings": counts}}, {"instances": counts}:
-            status, answer = ask(address, body)
-            assert status == 200 and [list(row) for row in answer["predictions"]] == [CLASSES, CLASSES]
-            answered = [list(row.values()) for row in answer["predictions"]]
-            np.testing.assert_allclose(answered, expected, rtol=1e-4)
-        for inputs, named in MISTAKES.values():
-            status, answer = ask(address, {"inputs": inputs})
-            assert status == 400 and [name for name in named if name not in answer["message"]] == []
-            assert "stack_trace" not in answer
+    assert [list(row) for row in rows] == [CLASSES, CLASSES]
+    np.testing.assert_allclose([list(row.values()) for row in rows], expected, rtol=1e-4)
