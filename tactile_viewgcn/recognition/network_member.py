@@ -51,32 +51,22 @@ class NetworkMember:
         """
         shares = np.zeros((len(self.recordings), len(self.table.classes)), dtype=np.float32)
         answered = np.zeros(len(shares), dtype=bool)
-        takes = f"`dvc exp run $(tactile-viewgcn preset {NETWORK})` trains it alone"
         try:
             seconds = self.seconds()
-            limited = folds[: max(0, int(LIMIT / seconds) - 1)]
-            for fold in limited:
-                shares[fold], answered = self._answers(fold), answered | fold
+            count = min(max(0, int(LIMIT / seconds) - 1), len(folds))
+            for fold in folds[:count]:
+                left = [self.recordings[number] for number in np.flatnonzero(fold)]
+                index, pool = np.concatenate(left), np.repeat(np.arange(len(left)), [len(each) for each in left])
+                network = self.train(index)
+                values = network.frame_values(Gathered(self.table.inputs, index))
+                shares[fold], answered = np.exp(recording_answers(network, None, values, pool)), answered | fold
         except UserError as error:
-            text = f"{NETWORK} is left out: {error}; {takes}"
-            return shares, np.zeros_like(answered), Note(text, topic="recogniser")
-        text = f"one training of {NETWORK} takes about {seconds:.0f} s here, all may take {LIMIT:.0f} s: "
-        if limited:
-            text += (
-                f"trained without each of {len(limited)} of {len(folds)} parts of the training groups, then with all"
-            )
+            count, answered, text = 0, np.zeros_like(answered), str(error)
         else:
-            text += f"it is left out, but may err less; {takes}"
-        return shares, answered, Note(text, topic="recogniser")
-
-    def _answers(self, fold: np.ndarray) -> np.ndarray:
-        """Probabilities (n, classes) of the recordings in a fold by a training without them."""
-        left = [self.recordings[number] for number in np.flatnonzero(fold)]
-        index = np.concatenate(left)
-        network = self.train(index)
-        values = network.frame_values(Gathered(self.table.inputs, index))
-        pool = np.repeat(np.arange(len(left)), [len(each) for each in left])
-        return np.exp(recording_answers(network, None, values, pool))
+            text = f"one training takes about {seconds:.0f} s here, all may take {LIMIT:.0f} s"
+        taken = f"trained without each of {count} of {len(folds)} parts of the training groups, then with all"
+        alone = f"left out, but may err less; `dvc exp run $(tactile-viewgcn preset {NETWORK})` trains it alone"
+        return shares, answered, Note(f"{NETWORK}: {text}: {taken if count else alone}", topic="recogniser")
 
     def train(self, left: np.ndarray = NONE) -> ViewNetwork:
         """The network, trained on the training side but for the frames at the indices `left` (k,)."""
