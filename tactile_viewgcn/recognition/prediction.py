@@ -1,6 +1,7 @@
 """The command `predict`: opens the model and the recordings, prints the answers and writes them as CSV."""
 
 import tempfile
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -22,13 +23,7 @@ NAME_WIDTH, FRAMES_WIDTH = 20, 12
 
 
 def predict(
-    model: str,
-    source: str,
-    form: Form,
-    *,
-    together: bool,
-    csv_path: Path | None,
-    echo: Callable[..., None],
+    model: str, source: str, form: Form, *, together: bool, csv_path: Path | None, echo: Callable[..., None]
 ) -> None:
     """Print the answers as a table, and write them to `csv_path`.
 
@@ -101,32 +96,31 @@ def _record(answer: Answer, classes: list[str], *, together: bool = False) -> di
     for place, (name, share) in enumerate(best, 1):
         record |= {f"class_{place}": name, f"probability_{place}": share}
     record |= {"frames_in_contact": answer.contact, "frames": answer.frames}
-    right = answer.object == _best(record)[0] if answer.object in {*classes, EMPTY_HAND} else None
+    right = answer.object == (best[0][0] or EMPTY_HAND) if answer.object in {*classes, EMPTY_HAND} else None
     return record | {"object": answer.object or None, "right": right, "together": together}
 
 
-def _best(record: dict[str, Any]) -> list[str]:
-    """The three most probable classes; without contact the empty hand."""
-    names = [record[f"class_{place}"] for place in range(1, TOP + 1)]
-    return [name for name in names if name] or [EMPTY_HAND]
+def _best(record: dict[str, Any]) -> dict[str, float]:
+    """The probabilities of the three most probable classes; none without contact."""
+    pairs = ((record[f"class_{place}"], record[f"probability_{place}"]) for place in range(1, TOP + 1))
+    return {name: share for name, share in pairs if name}
 
 
 def _line(record: dict[str, Any]) -> str:
     """One line: name, frames in contact, first three classes."""
     name = record["recording"]
     name = name if len(name) <= NAME_WIDTH else "…" + name[1 - NAME_WIDTH :]
-    best = [(record[f"class_{number}"], record[f"probability_{number}"]) for number in range(1, TOP + 1)]
-    shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in best if name)
+    shares = ", ".join(f"{best} {100 * share:.0f} %" for best, share in _best(record).items())
     return f"{name:<{NAME_WIDTH}} {record['frames_in_contact']:>{FRAMES_WIDTH}}  {shares or NO_CONTACT}"
 
 
 def _summary(records: list[dict[str, Any]], classes: list[str]) -> list[str]:
     """Number of answers with and without contact; for labelled recordings the number of right answers."""
-    without = sum(record["class_1"] is None for record in records)
-    texts = {"with an object": len(records) - without, NO_CONTACT: without}
-    lines = ["answers: " + ", ".join(f"{count} {text}" for text, count in texts.items() if count)]
+    counts = Counter(NO_CONTACT if record["class_1"] is None else "with an object" for record in records)
+    lines = ["answers: " + ", ".join(f"{count} {text}" for text, count in sorted(counts.items(), reverse=True))]
     if known := [record for record in records if record["right"] is not None]:
-        right, among = (sum(record["object"] in _best(record)[:places] for record in known) for places in (1, TOP))
+        right = sum(record["right"] for record in known)
+        among = sum(record["right"] or record["object"] in _best(record) for record in known)
         of_three = f"; among the first three: {among}" if len(classes) > TOP else ""
         lines.append(f"right: {right} of {len(known)} ({100 * right / len(known):.1f} %){of_three}")
     if other := sum(bool(record["object"]) and record["right"] is None for record in records):
