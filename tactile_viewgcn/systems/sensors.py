@@ -52,14 +52,10 @@ class SensorClassifier:
         self, members: Sequence[str], viewpoints: np.ndarray, classes: int, network: "ViewNetwork | None" = None
     ):
         self.members, self.viewpoints, self.classes, self.network = list(members), viewpoints, classes, network
+        self.views, self._of_each_frame = len(viewpoints), [name for name in members if name in OF_EACH_FRAME]
         self.whole: dict[str, Estimator] = {}
         self.sets: dict[int, dict[str, Estimator]] = {}
         self.weights, self.short = dict.fromkeys(self.members, 1.0), 0.0
-
-    @property
-    def views(self) -> int:
-        """V."""
-        return len(self.viewpoints)
 
     def fit(self, examples: Examples, weights: list[float], seed: int) -> None:
         """Fit every member to the examples.
@@ -98,23 +94,14 @@ class SensorClassifier:
             readings = self.representation.scaled(excess[:, self.representation.live])
             values = [readings]
             for name in self._of_each_frame:
-                if name == NETWORK:
-                    values.append(self._network_answers(excess))
+                if self.network and name == NETWORK:
+                    features = self.network.frame_values(np.log1p(np.maximum(excess, 0)))
+                    values.append(self.network.view_sets(features, np.arange(len(excess))[:, None]))
                 else:
                     points = self.representation.of_frames(readings)
                     values.append(probabilities(self.whole[name], points, self.classes))
             parts.append(np.concatenate(values, axis=1))
         return np.concatenate(parts)
-
-    @property
-    def _of_each_frame(self) -> list[str]:
-        return [name for name in self.members if name in OF_EACH_FRAME]
-
-    def _network_answers(self, excess: np.ndarray) -> np.ndarray:
-        """The network's log-probabilities (n, classes) of frames, counts (n, H, W) above baseline."""
-        assert self.network
-        values = self.network.frame_values(np.log1p(np.maximum(excess, 0)))
-        return self.network.view_sets(values, np.arange(len(excess))[:, None])
 
     def view_sets(self, values: np.ndarray, sets: np.ndarray) -> np.ndarray:
         """Logits (A, classes) of view sets (A, k) of indices into values (n, ...), in batches that fit memory."""
@@ -137,7 +124,8 @@ class SensorClassifier:
     def _logits(self, values: np.ndarray, fitted: dict[str, Estimator], *, whole: bool) -> np.ndarray:
         """Logits (B, classes) of whole recordings or view sets, by the values (B, k, ...) of their frames."""
         read, shares = self.representation, []
-        readings, *of_frames = np.split(values, self._ends(), axis=-1)
+        ends = len(read.centre) + self.classes * np.arange(len(self._of_each_frame))
+        readings, *of_frames = np.split(values, ends, axis=-1)
         names = self.members if whole else for_sets(self.members)
         for name in names:
             if name in OF_EACH_FRAME:
@@ -147,11 +135,6 @@ class SensorClassifier:
                 points = read.of_recordings(name, readings) if whole else read.of_sets(name, readings)
                 shares.append(probabilities(fitted[name], points, self.classes))
         return added(shares, [self.weights.get(name, 1.0) for name in names])
-
-    def _ends(self) -> list[int]:
-        """Where in `frame_values` the readings, and the answers of each member of frames but the last, end."""
-        sensors = len(self.representation.centre)
-        return [sensors + number * self.classes for number in range(len(self._of_each_frame))]
 
     def state_dict(self) -> dict[str, Any]:
         """What it has learnt, without `live`: arrays and plain values."""

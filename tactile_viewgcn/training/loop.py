@@ -90,7 +90,11 @@ def fit(
             bar.set_description(f"{stage} epoch {epoch + 1}/{epochs}")
             total = torch.zeros(())
             for arguments in batches(epoch):
-                total = total + _step(loss_of(*arguments), optimiser)
+                batch_loss = loss_of(*arguments)
+                optimiser.zero_grad(set_to_none=True)
+                batch_loss.backward()
+                optimiser.step()
+                total = total + batch_loss.detach()
                 bar.update()
                 if progress.first_loss is None:
                     progress.first_loss = float(total)
@@ -117,11 +121,3 @@ def _check_converges(stage: str, epoch: int, mean: float, progress: Progress, op
     rates = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)
     reason = f"the loss is {mean:g}" + ("" if finite else ", and a weight is not finite")
     raise UserError(f"{stage} diverged in epoch {epoch} at a learning rate of {rates}: {reason}; lower {stage}.lr")
-
-
-def _step(loss: Tensor, optimiser: torch.optim.Optimizer) -> Tensor:
-    """A step of the weights down the loss of a batch; returns its value."""
-    optimiser.zero_grad(set_to_none=True)
-    loss.backward()
-    optimiser.step()
-    return loss.detach()
