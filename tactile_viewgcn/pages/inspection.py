@@ -109,7 +109,7 @@ def tables(overview: Overview) -> dict[str, tuple[pd.DataFrame, str]]:
     flagged = "; flagged: by the recordings themselves" * ("flagged" in overview.counts)
     return {
         "Objects": (objects, f"Frames of each kind{flagged}."),
-        "Sessions": (sessions, f"Frames of the empty hand; noise of the median sensor, in {overview.unit}."),
+        "Sessions": (sessions, "Frames of the empty hand; noise of the median sensor, in the unit of its readings."),
     }
 
 
@@ -221,4 +221,4 @@ def _mean_frames(overview: Overview) -> "Figure":
         sample = evenly(np.flatnonzero(overview.in_contact & (label == one)), SAMPLE)
         frame[recordings.live] = overview.excess(sample).mean(axis=0)
     names = [recordings.objects[one] for one in drawn] or ["no contact"]
-    return plots.mean_frames(frames, recordings.live, names, f"{overview.unit} above baseline")
+    return plots.mean_frames(frames, recordings.live, names, "reading above baseline")

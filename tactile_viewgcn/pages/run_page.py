@@ -59,11 +59,6 @@ class FinishedRun:
         return self.records["evaluate"].params["values"]
 
     @property
-    def simulated(self) -> bool:
-        """Whether the recordings are those of the virtual glove."""
-        return Path(self.params["data.source"]) == Path(VIRTUAL)
-
-    @property
     def changed(self) -> dict[str, Any]:
         """Parameters that differ from the committed ones, by dotted key."""
         return self.records["evaluate"].params["changed"]
@@ -200,6 +195,7 @@ def run_page(run: FinishedRun) -> str:
     return html.render(
         "report.html",
         run=run,
+        simulated=Path(run.params["data.source"]) == Path(VIRTUAL),
         origin=origin,
         title=f"Report: {run.name or run.params['model.system']}, {date}",
         date=date,

@@ -9,7 +9,6 @@ import numpy as np
 
 from tactile_viewgcn.frames.auto import Choice, choose
 from tactile_viewgcn.frames.leak import QuickError, quick_error
-from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.frames.split import has_published_split, published_test, split_groups
 from tactile_viewgcn.intervals import FEW
 from tactile_viewgcn.messages import Note, UserError, warnings_of
@@ -38,6 +37,9 @@ class Overview:
         remarks: notes on the source and its table, see `tables.remarks`, and the warnings of `choice`.
         groups: by `split.by`, each object's number of groups (O,), 0 for the empty hand; copies of a recording are one.
         choice: what `auto` becomes on all recordings, where `preprocess` looks at the training side alone.
+        states: of the hand, in all frames.
+        in_contact: bool (T,), frames of contact with an object.
+        rates: see `frame_rates`.
         settings: recommended values with reasons, of level `choice`.
         label, session: (R,) index of each recording's object and session.
     """
@@ -49,21 +51,14 @@ class Overview:
         split, everything = split_settings(self.groups), np.arange(len(recordings))
         self._group = split_groups(columns, str(split[0].value))
         self.choice = choose(recordings, everything, asked or PreprocessSection(), self._group)
+        self.states = self.choice.states
+        self.in_contact = self.states.contact & ~recordings.empty_hand
+        self.rates = frame_rates(columns["time"], columns["recording"])
         self.remarks += warnings_of(self.choice.notes)
         self.settings = [*preprocess_settings(recordings, self.choice), *split]
         self._frames_of = frames_by_recording(recordings)
         first = np.array([index[0] for index in self._frames_of])
         self.label, self.session = columns["object"][first], columns["session"][first]
-
-    @property
-    def states(self) -> HandStates:
-        """The frames of contact, and those of the open states."""
-        return self.choice.states
-
-    @property
-    def unit(self) -> str:
-        """The unit of readings, noise and baselines."""
-        return "counts" if self.recordings.counts.dtype.kind in "iu" else "the readings' unit"
 
     def setting(self, key: str) -> str:
         """The recommended value of a parameter."""
@@ -73,11 +68,6 @@ class Overview:
         """Counts (n, S) above the chosen baseline, of the sensors that vary, for frames (n,)."""
         baseline = self.choice.baseline
         return self.states.counts[index] - baseline.mean[baseline.of_frame[index]][:, self.recordings.live]
-
-    @cached_property
-    def in_contact(self) -> np.ndarray:
-        """Frames of contact with an object, bool (T,)."""
-        return self.states.contact & ~self.recordings.empty_hand
 
     @cached_property
     def error(self) -> QuickError | None:
@@ -118,11 +108,6 @@ class Overview:
             kinds["flagged"] = flags[0]
         counts = {name: np.array([mask[index].sum() for index in self._frames_of]) for name, mask in kinds.items()}
         return {"recordings": np.ones(len(self._frames_of), dtype=np.int64)} | counts
-
-    @cached_property
-    def rates(self) -> dict[int, float]:
-        """See `frame_rates`."""
-        return frame_rates(self.recordings.columns["time"], self.recordings.columns["recording"])
 
     @cached_property
     def gaps(self) -> int:

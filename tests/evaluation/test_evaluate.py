@@ -12,7 +12,6 @@ from tactile_viewgcn.evaluation import evaluate as module
 from tactile_viewgcn.evaluation.evaluate import evaluate_table, latency, scores_of
 from tactile_viewgcn.evaluation.trials import Trials
 from tactile_viewgcn.nn.network import ViewNetwork
-from tactile_viewgcn.params import preset_changes
 from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.tables.frames import TEST
 from tests.glove_data import CPU, recipe, table, trained, views_of
@@ -76,10 +75,6 @@ def test_a_view_set_s_estimators_and_those_of_recordings_of_a_system_on_the_sens
     metrics = evaluated("evaluate.trials=2", classifier=fitted.classifier).metrics
     by_views = {name: list(metrics[name]["by_views"]) for name in ("object", "recording", "whole")}
     assert by_views == {"object": ["1", "2", "4"], "recording": ["1", "2", "4"], "whole": ["12"]}
-
-
-def test_no_preset_of_the_sensors_changes_the_view_sets_of_the_test():
-    assert all(recipe(*preset_changes(preset)).cluster == recipe().cluster for preset in ("best", "kernels"))
 
 
 def test_scores_by_hand():

@@ -17,7 +17,6 @@ from tests.glove_data import (
     FOREIGN_NAMES,
     all_contact,
     dense,
-    drifting,
     floats,
     written,
 )
@@ -84,17 +83,6 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(tmp_p
         np.testing.assert_allclose(page.choice.baseline.mean, 0.05, atol=0.03)
     Path("my glöve.dvc").touch()
     assert "  -S 'data.source=\"my glöve\"' \\" in inspection_lines(page)  # a source that DVC tracks, as typed
-
-
-@pytest.mark.parametrize("between", [0.0, 1.5, 60.0])
-def test_a_baseline_that_leaks_the_object_or_drifts_as_far_as_contact_is_taken_of_each_grasp(tmp_path, between):
-    """Every object presses the same sensors, so what predicts it is drift."""
-    recordings = drifting(objects=6, between=between, same=True, shape=(8, 9)).table(tmp_path / "t")
-    page = inspected(recordings)
-    assert recommended(page)["baseline"] == "grasp" and not page.choice.leak.beats_chance
-    asked = ("preprocess.contact_sensors=5", "preprocess.baseline=empty_hand", "split.by=grasp")
-    of_session = preprocessed(recordings, *asked)
-    assert of_session.choice.leak.beats_chance == (between > 0)
 
 
 def test_dead_sensors_and_gaps_in_time_are_detected(tmp_path):

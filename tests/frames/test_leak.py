@@ -58,23 +58,6 @@ def test_sessions_are_held_out_for_all_objects_at_once(tmp_path):
     assert (leak.error, leak.groups) == (0, 4)
 
 
-#: Which frames of a glove are kept, and how many of them are without contact.
-NOT_CHECKED = {
-    "no open hand": lambda glove: (glove.open & (glove.columns["object"] == 0)) | ~glove.open,
-    "an object alone": lambda glove: glove.columns["object"] <= 1,
-    "one group of each object": lambda glove: glove.columns["grasp"] == 0,
-}
-
-
-@pytest.mark.parametrize("case", NOT_CHECKED)
-def test_what_cannot_be_held_out_is_not_checked_and_the_note_counts_the_frames_without_contact(tmp_path, case):
-    glove = drifting()
-    leak, note = checked(glove.table(tmp_path / "t", NOT_CHECKED[case](glove)))
-    assert leak is None
-    assert (note.level, note.topic) == ("info", "leak check")
-    assert (": 0 frames without contact" in note.text) == (case == "no open hand")
-
-
 @pytest.mark.parametrize(
     ("high", "advised", "warning"),
     [(0.08, True, [("preprocess.baseline", "grasp")]), (0.08, False, [("", None)]), (0.97, True, [])],

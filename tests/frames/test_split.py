@@ -106,16 +106,6 @@ def test_the_share_of_validation_groups_is_drawn_and_a_last_group_is_trained_on(
     assert (side == TRAIN).all()
 
 
-@pytest.mark.parametrize("share", [0.3, 0.7])
-def test_validation_sessions_are_drawn_once_for_all_objects(share):
-    session, label = (axis.ravel() for axis in np.indices((10, 3)))
-    there = session >= 3 * label  # objects that missed the first sessions
-    groups, side, rng = session[there], np.full(there.sum(), TRAIN, dtype=np.int8), np.random.default_rng(0)
-    validation = validation_sides(side, groups, label[there], share=share, across=True, rng=rng) == VALIDATION
-    assert len(np.unique(groups[validation])) == round(10 * share)
-    np.testing.assert_array_equal(validation, np.isin(groups, groups[validation]))
-
-
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.integers(0, 12), min_size=6, max_size=6), st.integers(1, 15))
 def test_anchors_number_the_smallest_class_or_the_minimum_or_all_there_are(sizes, minimum):

@@ -81,10 +81,3 @@ def test_a_stage_has_the_parameters_that_it_names_and_no_others():
     assert vars(only.model) == {"backbone": PARAMS.model.backbone}
     assert vars(only.cluster) == {"method": PARAMS.cluster.method, "restarts": PARAMS.cluster.restarts}
     assert (only.seed, only.split) == (PARAMS.seed, PARAMS.split)
-
-
-def test_dvc_runs_the_virtual_glove_in_the_root_and_its_output_is_the_sources_default():
-    stage = STAGES["simulate"]
-    place = (ROOT / "data" / "virtual" / stage["wdir"]).resolve()
-    assert place == ROOT and f"--out {PARAMS.data.source} " in stage["cmd"]
-    assert {PARAMS.data.source: {"cache": False}} in stage["outs"]  # for those who have recordings of their own
