@@ -1,26 +1,17 @@
-"""Losses, gradients and learning rates at their ends, on a small trained classifier and in short trainings."""
-
-import math
-from copy import deepcopy
-from dataclasses import replace
+"""Losses and gradients at their ends, on a small trained classifier."""
 
 import numpy as np
 import pytest
 import torch
 
-from benchmarks.stability.rows import Quantity, max_rel_error, share_not_finite
-from tactile_viewgcn.messages import UserError
+from benchmarks.stability.rows import max_rel_error, share_not_finite
 from tactile_viewgcn.recognition.model_file import build_classifier
 from tactile_viewgcn.tables.frames import TEST
-from tactile_viewgcn.training.finetuning import finetune_classifier
-from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, trained, views_of
+from tests.glove_data import recipe, table, trained
 from tests.trained_network import some_sets, without_dropout
 
 SUM = 2.0**-20  # of single precision, after a few sums
-LOST = 10.0  # times its first loss: a training that ends so has diverged
-CALM, NOISY = 1e-3, 0.1  # rates up to which a loss must not rise, but by what dropout and noise make of it
 SYSTEMS = ["view_gcn", "stag", "gvcnn", "cnn_lstm", "rotationnet", "vote"]
 INPUTS = table().inputs(table().on(TEST)[:24])
 SETS, LABELS = some_sets(24, 4, 6), np.arange(6) % 4
@@ -86,39 +77,3 @@ def test_a_systems_loss_of_logits_10_000_times_as_large(row, system):
         )
     error = max_rel_error(single, exact)
     row(f"the system's loss of logits 10,000 times as large{suffix(system)}", error, SUM)
-
-
-def outcome(stage, rate, train):
-    """Of a short training: the share of its weights that is not finite, or that it was refused.
-
-    At a calm rate it neither diverges nor does its loss rise.
-    """
-    name = f"weights that are not finite, {stage} at {rate:g}"
-    try:
-        module, progress = train()
-    except UserError as error:
-        diverged = " diverged in epoch" in str(error) and rate > CALM
-        return Quantity(name, math.nan, math.nan, str(error), diverged)
-    share, losses = max(share_not_finite(value) for value in module.state_dict().values()), progress.curves["loss"]
-    remark = f"loss from {losses[0]:.3g} to {losses[-1]:.3g}"
-    if rate <= CALM:
-        rise = math.inf if share else max(losses[-1] / losses[0] - 1, 0.0)
-        return Quantity(f"rise of the loss, {stage} at {rate:g}", rise, NOISY, remark)
-    if losses[-1] > LOST * max(1.0, progress.first_loss):
-        share = math.inf  # and it did not say so
-    return Quantity(name, share, 0.0, remark)
-
-
-@pytest.mark.slow
-@pytest.mark.stability("learning rates")
-@pytest.mark.parametrize("rate", [float(rate) for rate in 10.0 ** np.arange(-8, 4)])
-def test_a_training_ends_with_finite_weights_or_is_refused_for_it_diverged(row, rate):
-    frames, params = fewer_anchors(table(), 4), recipe("cluster.method=none", "cluster.assignment=index")
-    short = replace(
-        params,
-        pretrain=replace(params.pretrain, epochs=2, lr=rate, schedule="constant"),
-        finetune=replace(params.finetune, epochs=2, lr=rate, lr_backbone=rate, schedule="constant"),
-    )
-    row.record(outcome("pretraining", rate, lambda: pretrain_backbone(frames, short, CPU)[::2]))
-    views, weights = views_of(frames, short), deepcopy(pretrained())
-    row.record(outcome("fine-tuning", rate, lambda: finetune_classifier(frames, views, weights, short, CPU)))
