@@ -62,6 +62,7 @@ def test_every_dep_is_there_and_imported(name):
         if dep.endswith(".yaml"):  # a preset
             continue
         assert (ROOT / dep).exists() and any(is_below(file, [dep]) for file in files), dep
+    assert not is_below("tactile_viewgcn/systems/mvcnn.py", watched(name, "view_gcn"))  # another system's code
 
 
 def test_package_files_that_no_dep_names_hold_a_docstring_alone():
