@@ -17,7 +17,7 @@ import pytest
 from studies import cells as cells_module
 from studies.cells import RESULTS, code_of_stages, key_of, stored
 from studies.grid import Cell
-from studies.run import git, last_error, run_cell, run_cells, settings
+from studies.run import git, run_cell, run_cells, settings
 from tests.glove_data import ROOT
 from tests.stages.running import sh
 
@@ -167,18 +167,6 @@ def test_a_clone_at_another_commit_and_changed_parameters_are_refused_before_any
     assert "expected 123456789" in run_cell("made", KEYS[0], CELLS[KEYS[0]], "123456789abc")[1]
     assert "params.yaml" in run_cell("made", KEYS[0], CELLS[KEYS[1]], commit)[1]
     assert not (tmp_path / "log").exists()
-
-
-@pytest.mark.parametrize(
-    ("log", "fault"),
-    [
-        ("Running\nError: views is 0\nERROR: failed to reproduce 'cluster'\nWrite to us", "Error: views is 0"),
-        ("Reproducing\nERROR: s3 is supported\n\nWrite to us\n", "ERROR: s3 is supported"),
-        ("", "no error in the log"),
-    ],
-)
-def test_a_failed_cell_has_the_stage_s_error_or_else_dvc_s(log, fault):
-    assert last_error(log) == fault
 
 
 def test_an_experiment_has_the_last_change_of_a_key_and_a_source_that_it_can_read():
