@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, has_empty_hand
 from tactile_viewgcn.frames.folds import left_out
@@ -118,10 +119,9 @@ def check_leak(recordings: Recordings, baseline: Baseline, states: HandStates, g
     Args:
         group: (T,) split group of each frame.
     """
-    before = np.arange(len(recordings))
-    for index in frames_by_recording(recordings):
-        last = np.maximum.accumulate(np.where(states.contact[index], np.arange(len(index)), -1))
-        before[index] = np.where(last < 0, index, index[last])
+    frame = pd.Series(np.arange(len(recordings)))
+    last = frame.where(states.contact).groupby(recordings.columns["recording"]).ffill()
+    before = last.fillna(frame).to_numpy(int)
 
     def excess(index: np.ndarray) -> np.ndarray:
         return states.counts[index] - baseline.mean[baseline.of_frame[before[index]]][:, recordings.live]
@@ -145,9 +145,7 @@ def quietest_are_contact(recordings: Recordings, states: HandStates, contact_sen
         return True
     first = np.array([index[0] for index in recorded])
     label, session = recordings.columns["object"][first], recordings.columns["session"][first]
-    difference = states.quiet.copy()
-    for number in np.unique(session):
-        difference[session == number] -= np.median(states.quiet[session == number], axis=0)
+    difference = states.quiet - pd.DataFrame(states.quiet).groupby(session).transform("median").to_numpy()
     pressed = (np.abs(difference) > CONTACT_SIGMAS * states.noise[session]).sum(axis=1)
     if np.median(pressed) < contact_sensors:
         return False

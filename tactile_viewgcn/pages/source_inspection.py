@@ -6,6 +6,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from tactile_viewgcn.frames.auto import Choice, choose
 from tactile_viewgcn.frames.leak import QuickError, quick_error
@@ -16,7 +17,7 @@ from tactile_viewgcn.params import CONTACT_SIGMAS, PreprocessSection
 from tactile_viewgcn.readers.formats import other_order
 from tactile_viewgcn.readers.source import AUTO, Form, setting
 from tactile_viewgcn.tables.frames import frame_rates
-from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, recordings_of
+from tactile_viewgcn.tables.recordings import Recordings, recordings_of
 from tactile_viewgcn.tables.remarks import originals, remarks
 
 SAMPLE = 2000  # frames, of all for the variation of a sensor, of an object for its mean
@@ -56,8 +57,7 @@ class Overview:
         self.rates = frame_rates(columns["time"], columns["recording"])
         self.remarks += warnings_of(self.choice.notes)
         self.settings = [*preprocess_settings(recordings, self.choice), *split]
-        self._frames_of = frames_by_recording(recordings)
-        first = np.array([index[0] for index in self._frames_of])
+        first = np.unique(columns["recording"], return_index=True)[1]
         self.label, self.session = columns["object"][first], columns["session"][first]
 
     def setting(self, key: str) -> str:
@@ -106,15 +106,15 @@ class Overview:
         kinds = {"frames": np.ones_like(states.open), "in contact": states.contact, "open hand": states.open}
         if flags := [columns[name] for name in ("grasp_valid", "valid") if name in columns]:
             kinds["flagged"] = flags[0]
-        counts = {name: np.array([mask[index].sum() for index in self._frames_of]) for name, mask in kinds.items()}
-        return {"recordings": np.ones(len(self._frames_of), dtype=np.int64)} | counts
+        counts = pd.DataFrame(kinds).groupby(columns["recording"]).sum()
+        return {"recordings": np.ones(len(counts), dtype=np.int64)} | {name: counts[name].to_numpy() for name in counts}
 
     @cached_property
     def gaps(self) -> int:
         """Number of steps of more than 2.5 times the median step of their recording."""
-        time, recording = self.recordings.columns["time"], self.recordings.columns["recording"]
-        rates = [self.rates.get(recording[index[0]], 0) for index in self._frames_of]
-        return sum(int((np.diff(time[of]) * rate > GAP).sum()) for of, rate in zip(self._frames_of, rates, strict=True))
+        recording = pd.Series(self.recordings.columns["recording"])
+        steps = pd.Series(self.recordings.columns["time"]).groupby(recording).diff()
+        return int((steps * recording.map(self.rates) > GAP).sum())
 
 
 def inspect_source(path: str | Path, form: Form = AUTO) -> Overview:
