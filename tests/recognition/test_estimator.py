@@ -146,14 +146,6 @@ def test_a_channel_that_is_the_label_and_a_copy_are_warned_of_as_by_ingest():
     assert topics >= {"columns", "copies"}
 
 
-def test_a_gripper_that_closes_evenly_is_a_sensor():
-    """By its speed alone the objects are told apart."""
-    label, X = np.repeat(["a", "b"], 8), np.random.default_rng(0).normal(0, 1, (16, 30, 3))
-    X[:, :, 2] = np.where(label == "a", 1, 2)[:, None] * np.arange(30)
-    model = TactileClassifier().fit(X[::2], label[::2])
-    assert model.score(X[1::2], label[1::2]) == 1
-
-
 def test_an_offset_that_predicts_the_object_is_warned_of_as_by_preprocess():
     """Each object's recordings have an offset of their own, also while the hand is open."""
     X, y = grasps(6)
