@@ -47,18 +47,17 @@ def recording_answers(classifier: Classifier, temperature: float | None, values:
     return np.stack([recording_answer(classifier, temperature, values[index]) for index in frames])
 
 
-def fit_temperature(logits: np.ndarray, labels: np.ndarray, recordings: int) -> float:
+def fit_temperature(logits: np.ndarray, labels: np.ndarray) -> float:
     """Temperature whose softmax(logits / temperature) fits labels (n,) best, logits (n, Y), at least two classes.
 
-    As in Platt (1999, section 2.2), a label counts as right with the probability that Laplace's rule gives for as many
-    right answers as there are recordings, (recordings + 1) / (recordings + 2). So the confidence stays below 1 where
-    every answer is right.
+    As in Platt (1999, section 2.2), a label counts as right with the probability that Laplace's rule gives for n right
+    answers, (n + 1) / (n + 2). So the confidence stays below 1 where every answer is right.
     """
     from scipy.optimize import minimize_scalar
 
     logits = logits.astype(np.float64)
     bounds = np.log(MIN_TEMPERATURE), np.log(MAX_TEMPERATURE)
-    misfit = _misfit(labels, recordings, lambda log_temperature: logits / np.exp(log_temperature))
+    misfit = _misfit(labels, lambda log_temperature: logits / np.exp(log_temperature))
     return float(np.exp(minimize_scalar(misfit, bounds=bounds, method="bounded").x))
 
 
@@ -72,7 +71,7 @@ def fit_weights(logarithms: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
     logarithms, equal = logarithms.astype(np.float64), np.zeros(len(logarithms))
     bounds = [(-np.log(MAX_TEMPERATURE), -np.log(MIN_TEMPERATURE))] * len(equal)
-    misfit = _misfit(labels, len(labels), lambda log_weights: np.tensordot(np.exp(log_weights), logarithms, 1))
+    misfit = _misfit(labels, lambda log_weights: np.tensordot(np.exp(log_weights), logarithms, 1))
 
     def with_prior(log_weights: np.ndarray) -> float:
         return misfit(log_weights) + len(equal) * log_weights.var() / (2 * PRIOR**2 * len(labels))
@@ -80,9 +79,9 @@ def fit_weights(logarithms: np.ndarray, labels: np.ndarray) -> np.ndarray:
     return np.exp(minimize(with_prior, equal, bounds=bounds, method="L-BFGS-B").x)
 
 
-def _misfit(labels: np.ndarray, recordings: int, logits_of: Callable[[Any], np.ndarray]) -> Callable[[Any], float]:
+def _misfit(labels: np.ndarray, logits_of: Callable[[Any], np.ndarray]) -> Callable[[Any], float]:
     """The mean negative log-likelihood of labels that may be wrong, as a function of what makes the logits."""
-    doubt, rows, known = 1 / (recordings + 2), np.arange(len(labels)), labels[:, None]
+    doubt, rows, known = 1 / (len(labels) + 2), np.arange(len(labels)), labels[:, None]
 
     def negative_log_likelihood(parameters: Any) -> float:
         shares = log_softmax(logits_of(parameters), axis=1)
@@ -100,7 +99,7 @@ def network_temperature(network: ViewNetwork, table: Frames, compute: Compute) -
     network.prepare(compute)
     answers = recording_answers(network, None, network.frame_values(Gathered(table.inputs, index)), recording)
     first = np.unique(recording, return_index=True)[1]
-    return fit_temperature(answers, table.label[index[first]].astype(np.int64), len(answers))
+    return fit_temperature(answers, table.label[index[first]].astype(np.int64))
 
 
 def calibration_warning(temperature: float | None, groups: str, remedy: str) -> list[Note]:

@@ -82,7 +82,6 @@ def _fit_sensors(table: Frames, views: Views, params: Params, compute: Compute, 
     examples = examples_of(table, recordings, on_sensors, powers_of_two(len(views.viewpoints)), seed)
     first = np.array([index[0] for index in recordings])
     left = LeftOut(examples, table.group[first], seed)
-    rows = left.answered
     if auto and NETWORK in members and not ask_network:
         text = f"a network may err less: TactileClassifier(system={NETWORK!r}) trains one"
         notes.append(Note(text, topic="recogniser"))
@@ -91,12 +90,12 @@ def _fit_sensors(table: Frames, views: Views, params: Params, compute: Compute, 
         left.shares[NETWORK], answered, note = trained.left_out(left.folds)
         notes.append(note)
         if answered.any() or not auto:
-            network, rows = trained.train(), answered
+            network, left.answered = trained.train(), answered
     weights = dict.fromkeys(members, 1.0)
     if auto:
-        weights, weighed = _weights(left, members if network else on_sensors, rows)
+        weights, weighed = _weights(left, members if network else on_sensors)
         notes += weighed
-    temperature = left.temperature(weights, rows)
+    temperature = left.temperature(weights)
     notes += calibration_warning(temperature, "left-out training groups", "record each object more often")
     network = network if NETWORK in weights else None
     system = load_system(params.model.system)
@@ -107,19 +106,19 @@ def _fit_sensors(table: Frames, views: Views, params: Params, compute: Compute, 
     return Fitted(classifier, model, temperature, Progress(seconds=time.perf_counter() - begin), notes)
 
 
-def _weights(left: LeftOut, members: list[str], rows: np.ndarray) -> tuple[dict[str, float], list[Note]]:
-    """The weights by the answers to those recordings, bool (R,), and notes: the members, then each of those asked."""
+def _weights(left: LeftOut, members: list[str]) -> tuple[dict[str, float], list[Note]]:
+    """The weights by the answers to recordings left out, and notes: the members, then each of those asked."""
     key = "model.members"
-    if not rows.any():
+    if not left.answered.any():
         members = [name for name in members if name in UNWEIGHED] or members
         text = "no object has two groups to train on, so that none can be left out: taken without a comparison"
         return dict.fromkeys(members, 1.0), [Note(text, "choice", "recogniser", key, members)]
-    weights = left.weighed(members, rows)
-    groups = several(len(np.unique(left.groups[rows])), "training group")
+    weights = left.weighed(members)
+    groups = several(len(np.unique(left.groups[left.answered])), "training group")
     text = f"their log-probabilities have weights, fitted on {groups}, each left out of the fits that answer it"
     notes = [Note(text, "choice", "recogniser", key, [*weights])]
     for name in sorted(members, key=lambda name: -weights.get(name, 0)):
-        weight, error = weights.get(name, 0), float(left.wrong({name: 1}, rows).mean())
+        weight, error = weights.get(name, 0), float(left.wrong({name: 1}).mean())
         text = f"{name}: weight {weight:.2g}; alone {100 * error:.1f} % of whole recordings wrong"
         notes.append(Note(text, topic="members", key=key, value={"member": name, "weight": weight, "error": error}))
     return weights, notes
@@ -139,7 +138,7 @@ def _of_new_sessions(table: Frames, left: LeftOut | None, weights: dict[str, flo
     if not left or NETWORK in weights:
         text = f"no network was trained without a session: split.by=session measures the error for {NEW_SESSION}"
         return [Note(text, topic="new session")]
-    wrong = left.wrong(weights, left.answered)
+    wrong = left.wrong(weights)
     low, high = proportion_interval(wrong, np.arange(len(wrong)), stream(0, "new session")) or (None, None)
     mean = float(wrong.mean())
     text = f"{percent_interval(mean, low, high)} % of whole recordings of {NEW_SESSION} wrong; "

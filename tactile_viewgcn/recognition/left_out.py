@@ -26,7 +26,7 @@ class LeftOut:
 
     Attributes:
         folds: masks bool (R,) of the recordings that are left out together.
-        answered: bool (R,).
+        answered: bool (R,) recordings by whose answers everything here is measured.
         shares: by member, probabilities (R, classes), means over a recording's points; 0 of recordings that were never
             left out.
     """
@@ -37,8 +37,8 @@ class LeftOut:
         self.answered = np.any(self.folds, axis=0) if self.folds else np.zeros(len(groups), dtype=bool)
         self.shares = dict[str, np.ndarray]()
 
-    def answers(self, members: Sequence[str], rows: np.ndarray) -> list[np.ndarray]:
-        """The `shares` of some members in those rows, bool (R,); each member's are computed once."""
+    def answers(self, members: Sequence[str]) -> list[np.ndarray]:
+        """The `shares` (n, classes) of some members for the answered recordings; each member's are computed once."""
         for member in set(members) - self.shares.keys():
             examples, (points, recording) = self.examples, self.examples.of_recordings(member)
             shares, label = np.zeros((len(points), examples.classes), dtype=np.float32), examples.labels[recording]
@@ -48,36 +48,33 @@ class LeftOut:
                 shares[left] = probabilities(estimator, points[left], examples.classes)
             means = [shares[recording == each].mean(axis=0) for each in range(len(self.groups))]
             self.shares[member] = np.stack(means)
-        return [self.shares[member][rows] for member in members]
+        return [self.shares[member][self.answered] for member in members]
 
-    def wrong(self, weights: dict[str, float], rows: np.ndarray) -> np.ndarray:
-        """Share of wrong answers (G,) by weighed members to those recordings, bool (R,), of each group that has any."""
-        wrong = self._sum(weights, rows).argmax(axis=1) != self.examples.labels[rows]
-        place = np.unique(self.groups[rows], return_inverse=True)[1]
+    def wrong(self, weights: dict[str, float]) -> np.ndarray:
+        """Share of wrong answers (G,) by weighed members in each group that was answered."""
+        wrong = self._sum(weights).argmax(axis=1) != self.examples.labels[self.answered]
+        place = np.unique(self.groups[self.answered], return_inverse=True)[1]
         return np.bincount(place, wrong) / np.bincount(place)
 
     def all_right(self, members: list[str]) -> bool:
         """Whether these members, weighed, err nowhere, or nothing can be left out."""
-        rows = self.answered
-        return not (rows.any() and self.wrong(self.weighed(members, rows), rows).any())
+        return not (self.answered.any() and self.wrong(self.weighed(members)).any())
 
-    def weighed(self, members: list[str], rows: np.ndarray) -> dict[str, float]:
-        """Weights of the members' log-probabilities, fitted to the answers to those recordings, bool (R,).
+    def weighed(self, members: list[str]) -> dict[str, float]:
+        """Weights of the members' log-probabilities, fitted to their answers.
 
         Members of little weight are left out, and the others are weighed anew.
         """
-        weights = fit_weights(log_shares(self.answers(members, rows)), self.examples.labels[rows])
+        weights = fit_weights(log_shares(self.answers(members)), self.examples.labels[self.answered])
         enough = weights >= LEAST_WEIGHT * weights.max()
         if enough.all():
             return dict(zip(members, weights.tolist(), strict=True))
-        return self.weighed([name for name, kept in zip(members, enough, strict=True) if kept], rows)
+        return self.weighed([name for name, kept in zip(members, enough, strict=True) if kept])
 
-    def temperature(self, weights: dict[str, float], rows: np.ndarray) -> float | None:
-        """The temperature of the weighed sum, fitted to the answers to those recordings; None without any."""
-        if not rows.any():
-            return None
-        return fit_temperature(self._sum(weights, rows), self.examples.labels[rows], int(rows.sum()))
+    def temperature(self, weights: dict[str, float]) -> float | None:
+        """The temperature of the weighed sum, fitted to the answers; None without any."""
+        return fit_temperature(self._sum(weights), self.examples.labels[self.answered]) if self.answered.any() else None
 
-    def _sum(self, weights: dict[str, float], rows: np.ndarray) -> np.ndarray:
+    def _sum(self, weights: dict[str, float]) -> np.ndarray:
         """The weighed sum (n, classes) of log-probabilities."""
-        return added(self.answers([*weights], rows), [*weights.values()])
+        return added(self.answers([*weights]), [*weights.values()])

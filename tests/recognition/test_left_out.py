@@ -28,11 +28,11 @@ def left_out(labels, groups, **options):
 
 
 def wrong(left, *members):
-    return left.wrong(dict.fromkeys(members, 1.0), left.answered).tolist()
+    return left.wrong(dict.fromkeys(members, 1.0)).tolist()
 
 
 def temperature(left, *members):
-    return left.temperature(dict.fromkeys(members, 1.0), left.answered)
+    return left.temperature(dict.fromkeys(members, 1.0))
 
 
 @pytest.mark.parametrize("groups", [np.arange(24) // 2, np.arange(24) % 6], ids=["of a class", "of several"])
@@ -86,7 +86,7 @@ def test_the_temperature_is_that_of_the_members_answers_with_their_weights():
 
     assert temperature(left, "trees", "svm") == pytest.approx(expected(0.8, 0.9), rel=1e-3)
     assert temperature(left, "svm") == pytest.approx(expected(0.8, floor=0), rel=1e-3)
-    assert left.temperature(left.weighed(["trees", "svm"], left.answered), left.answered) == pytest.approx(1, rel=1e-2)
+    assert left.temperature(left.weighed(["trees", "svm"])) == pytest.approx(1, rel=1e-2)
 
 
 LABELS = np.repeat([0, 1, 2], 12)
@@ -103,12 +103,12 @@ def with_answers(**wrong):
 
 def test_a_member_that_errs_more_weighs_less_and_one_that_adds_nothing_is_left_out():
     left = with_answers(kernel=range(2), svm=range(8, 12), network=range(12))
-    weights = left.weighed(["kernel", "svm", "network"], left.answered)
+    weights = left.weighed(["kernel", "svm", "network"])
     assert list(weights) == ["kernel", "svm"] and weights["svm"] < 0.9 * weights["kernel"]
-    assert weights == left.weighed(["kernel", "svm"], left.answered)
-    assert left.wrong(weights, left.answered).mean() == pytest.approx(2 / 12)
-    both_right = np.isin(np.arange(len(LABELS)) % 12, range(2, 8))
-    alike = left.weighed(["kernel", "svm"], both_right)
+    assert weights == left.weighed(["kernel", "svm"])
+    assert left.wrong(weights).mean() == pytest.approx(2 / 12)
+    left.answered = np.isin(np.arange(len(LABELS)) % 12, range(2, 8))  # both are right
+    alike = left.weighed(["kernel", "svm"])
     assert alike["svm"] == pytest.approx(alike["kernel"], rel=1e-3)
 
 
