@@ -8,7 +8,7 @@ from stages.command import Job, run
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import on_sensors
-from tactile_viewgcn.recognition.fitting import Fitted, fit_classifier
+from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.tables.frames import Views, load_table, read_frames
 from tactile_viewgcn.training.checkpoint import training_checkpoint
@@ -30,23 +30,13 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
     classifier = fitted.classifier
     head = classifier.head.parameters() if isinstance(classifier, ViewNetwork) else ()
     job.record.counts["weights.head"] = sum(weight.numel() for weight in head)
-    describe = _members if on_sensors(params.model.system) else _training
-    return f"finetune: {describe(job, fitted)}"
-
-
-def _training(job: Job, fitted: Fitted) -> str:
-    """How the training of a network went."""
+    if on_sensors(params.model.system):
+        members = " + ".join(fitted.model.members)
+        job.record.counts["resolved.model.members"] = members
+        return f"finetune: {members} fitted in {fitted.progress.seconds:.1f} s"
     if not fitted.progress.epoch:
-        return f"{job.params.model.system} is not fine-tuned"
-    origin = job.record.origin
-    return f"{fitted.progress} on {origin['device']} in {origin['precision']}"
-
-
-def _members(job: Job, fitted: Fitted) -> str:
-    """Keep the members in the record, and name them."""
-    members = " + ".join(fitted.model.members)
-    job.record.counts["resolved.model.members"] = members
-    return f"{members} fitted in {fitted.progress.seconds:.1f} s"
+        return f"finetune: {params.model.system} is not fine-tuned"
+    return f"finetune: {fitted.progress} on {compute.device} in {compute.precision}"
 
 
 if __name__ == "__main__":

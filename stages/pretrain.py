@@ -10,14 +10,10 @@ LEFT_OUT = "pretrain: left out, model.system does not need it"
 
 
 def pretrain(job: Job, needs: Path, frames: Path, out: Path) -> str:
-    if job.needed:
-        return _pretrain(job, frames, out)
-    with atomic_write(out) as part:
-        part.write_text(f"{LEFT_OUT}\n")
-    return LEFT_OUT
-
-
-def _pretrain(job: Job, frames: Path, out: Path) -> str:
+    if not job.needed:
+        with atomic_write(out) as part:
+            part.write_text(f"{LEFT_OUT}\n")
+        return LEFT_OUT
     # here: a stage that is left out loads no torch
     from tactile_viewgcn.training.checkpoint import training_checkpoint, write_tensors
     from tactile_viewgcn.training.pretraining import pretrain_backbone

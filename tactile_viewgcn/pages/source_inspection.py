@@ -152,10 +152,10 @@ def _groups(recordings: Recordings, original: np.ndarray) -> dict[str, np.ndarra
     for by in ("source", "recording", "grasp"):
         with suppress(UserError):  # no such column
             group = split_groups(columns, by)
-            pairs = np.unique(
-                np.stack([columns["object"], published_test(columns["split"]) if by == "source" else group]), axis=1
-            )
-            groups[by] = np.bincount(pairs[0], minlength=len(recordings.objects))
+            if by == "source":
+                group = published_test(columns["split"])
+            numbers = pd.Series(group).groupby(columns["object"]).nunique()
+            groups[by] = numbers.reindex(range(len(recordings.objects)), fill_value=0).to_numpy()
     return groups
 
 
