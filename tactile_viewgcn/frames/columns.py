@@ -42,7 +42,7 @@ def column_notes(recordings: Recordings) -> list[Note]:
     begin, texts, notes = np.where(even, first, early), list[str](), list[Note]()
     sensors = recordings.sensor_names(recordings.live)
     kinds = np.where(
-        drifts, "drifting in the order of recordings", np.where(moves, "with even steps", "constant in each")
+        drifts, "drifting in the order of recordings", np.where(moves, "with even steps", "constant in each recording")
     )
     for column in np.flatnonzero(even | drifts):
         begins, changes = error(begin[:, column]), error((mean - begin)[:, column])
