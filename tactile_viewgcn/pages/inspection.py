@@ -129,7 +129,7 @@ def warnings(overview: Overview) -> list[Note]:
     gaps = overview.gaps > MANY_GAPS * overview.counts["frames"].sum()
     error, session = overview.error, overview.session_error
     guessing = error and not error.beats_chance
-    found = {
+    texts = {
         "contact": untouched and f"Never in contact: {untouched}. Record these objects again, held firmly.",
         "error": guessing and f"A quick classifier predicts the objects no better than guessing. {FIRMLY}",
         "session": error
@@ -140,7 +140,7 @@ def warnings(overview: Overview) -> list[Note]:
         "split": single and f"One {by} alone: {single}. Nothing is left to test with. {TWICE}",
         "time": gaps and f"Frames are missing at {several(overview.gaps, 'place')}. Look at the cable and the logger.",
     }
-    return warnings_of(overview.remarks) + [Note(text, "warning", topic) for topic, text in found.items() if text]
+    return warnings_of(overview.remarks) + [Note(text, "warning", topic) for topic, text in texts.items() if text]
 
 
 def verdict(overview: Overview, warned: list[Note]) -> html.Verdict:

@@ -31,7 +31,7 @@ from tactile_viewgcn.schema import as_change
 
 REMEDY = "run the line that `tactile-viewgcn inspect` prints, or name an experiment of DVC or a run of MLflow"
 MLFLOW_ID = re.compile(r"[0-9a-f]{32}")
-FOLDS = "`python -m studies folds --set KEY=VALUE --out FOLDER` prints the mean over folds with its interval."
+FOLDS = "The study `folds` (docs/studies.md) trains every system on each, and prints means with intervals."
 WIDE = 0.25  # of an interval
 ROUNDING = 1e-9  # of a share
 

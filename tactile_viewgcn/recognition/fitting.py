@@ -107,7 +107,7 @@ def _fit_sensors(table: Frames, views: Views, params: Params, compute: Compute, 
 
 
 def _weights(left: LeftOut, members: list[str]) -> tuple[dict[str, float], list[Note]]:
-    """The weights by the answers to recordings left out, and notes: the members, then each of those asked."""
+    """Weights by the answers to recordings left out; notes: the members that have any, then the error of each alone."""
     key = "model.members"
     if not left.answered.any():
         members = [name for name in members if name in UNWEIGHED] or members

@@ -87,8 +87,8 @@ class Recogniser:
             pressed = index[contact[index]]
             excess = recordings.counts[pressed] - baseline.mean[baseline.of_frame[pressed]]
             label = _common(recordings.objects[number] for number in columns["object"][index])
-            held = contact[index] & (label != EMPTY_HAND)
-            if fault := fault_of(fitted, recordings.counts[index], held, excess):
+            in_contact = contact[index] & (label != EMPTY_HAND)
+            if fault := fault_of(fitted, recordings.counts[index], in_contact, excess):
                 faults[str(path if path.is_file() and len(index_of) == 1 else path / name)] = fault
             shares = self._without_contact()
             if len(excess):

@@ -12,7 +12,7 @@ from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 
 def remarks(recordings: Recordings, original: np.ndarray) -> list[Note]:
-    """The reader's notes, and warnings of recordings without frames, copies and times.
+    """The reader's notes, and warnings of recordings without frames, copies, spellings and times.
 
     Args:
         original: see `originals`.
