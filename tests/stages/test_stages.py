@@ -85,7 +85,7 @@ def test_dvc_simulates_where_the_source_is_what_the_glove_writes_and_nowhere_els
     set_params(place, "glove", seed=1)
     assert repro(place)[0] == ["needs", "ingest"]
     set_params(place, "data", source="data/virtual/recordings")
-    assert repro(place)[0] == ["needs", "simulate", "ingest"]
+    assert sorted(repro(place)[0]) == ["ingest", "needs", "simulate"]  # DVC fixes no order of the first two
     before = md5(place / "runs")
     set_params(place, "data", source="mistyped")
     with pytest.raises(AssertionError, match=r"Error: data\.source is mistyped: no such file or folder; expected"):
