@@ -65,7 +65,6 @@ def preset(name: str) -> None:
 @cli.command()
 @click.argument("model")
 @click.argument("source")
-@click.option("--together", is_flag=True, help="Also give one answer for each folder and object.")
 @click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="Write the answers to this file too.")
 @_SET_DATA
 def predict(changes: tuple[str, ...], **options: Any) -> None:

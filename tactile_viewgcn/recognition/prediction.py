@@ -22,15 +22,11 @@ TOP = 3
 NAME_WIDTH, FRAMES_WIDTH = 20, 12
 
 
-def predict(
-    model: str, source: str, form: Form, *, together: bool, csv_path: Path | None, echo: Callable[..., None]
-) -> None:
+def predict(model: str, source: str, form: Form, *, csv_path: Path | None, echo: Callable[..., None]) -> None:
     """Print the answers as a table, and write them to `csv_path`.
 
     Args:
         form: as which the source is read; a shape of `auto` is the model's.
-        together: also answer the recordings of each folder together, as of one object, or each object of the folder
-            where recordings are labelled.
         echo: prints lines.
 
     Raises:
@@ -44,16 +40,13 @@ def predict(
         notes = [*warnings_of(recordings.notes), *without_frames(recordings)]
         answers, more = recogniser.answer_table(recordings)
     records = [_record(answer, classes) for answer in answers]
-    joined = [_record(answer, classes, together=True) for answer in _joined(recogniser, answers) if together]
     echo(*map(str, [*notes, *more]), f"{'recording':<{NAME_WIDTH}} {'contact':>{FRAMES_WIDTH}}  answer")
     echo(*map(_line, records), *_summary(records, classes))
-    if joined:
-        echo("the recordings of a folder together, as one object:", *map(_line, joined), *_summary(joined, classes))
     if all(record["right"] is None for record in records):
         echo("how often it errs, on a new session too: `tactile-viewgcn report`")
     if csv_path:
         with atomic_write(csv_path) as part, part.open("w", encoding="utf-8", newline="") as file:
-            write_csv(file, [records[0].keys(), *(record.values() for record in records + joined)])
+            write_csv(file, [records[0].keys(), *(record.values() for record in records)])
 
 
 def load_model(name: str) -> Recogniser:
@@ -75,17 +68,7 @@ def load_model(name: str) -> Recogniser:
         return Recogniser(download_model(f"runs:/{name}" if is_run else name, Path(folder)))
 
 
-def _joined(recogniser: Recogniser, answers: list[Answer]) -> list[Answer]:
-    """The answer to each object in each folder, named by both, from the answers to its recordings."""
-    parts: dict[str, list[Answer]] = {}
-    for answer in answers:
-        folder = answer.recording.rpartition("/")[0]
-        within = answer.object if answer.object != folder.rpartition("/")[2] else ""
-        parts.setdefault("/".join(filter(None, [folder, within])) or "together", []).append(answer)
-    return [recogniser.answer_together(part, name) for name, part in parts.items()]
-
-
-def _record(answer: Answer, classes: list[str], *, together: bool = False) -> dict[str, Any]:
+def _record(answer: Answer, classes: list[str]) -> dict[str, Any]:
     """The answer as plain values for a line and a row of the file; without contact no class has a probability.
 
     `right` is None without a label, and for one that is no object of the model.
@@ -97,7 +80,7 @@ def _record(answer: Answer, classes: list[str], *, together: bool = False) -> di
         record |= {f"class_{place}": name, f"probability_{place}": share}
     record |= {"frames_in_contact": answer.contact, "frames": answer.frames}
     right = answer.object == (best[0][0] or EMPTY_HAND) if answer.object in {*classes, EMPTY_HAND} else None
-    return record | {"object": answer.object or None, "right": right, "together": together}
+    return record | {"object": answer.object or None, "right": right}
 
 
 def _best(record: dict[str, Any]) -> dict[str, float]:

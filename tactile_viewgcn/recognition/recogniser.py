@@ -1,12 +1,11 @@
 """The trained recogniser: the object in the hand, from the raw counts of one recording or of a table of recordings."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import softmax
 
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.params import on_sensors
@@ -86,7 +85,8 @@ class Recogniser:
             name = recordings.recordings[columns["recording"][index[0]]]
             pressed = index[contact[index]]
             excess = recordings.counts[pressed] - baseline.mean[baseline.of_frame[pressed]]
-            label = _common(recordings.objects[number] for number in columns["object"][index])
+            names = {recordings.objects[number] for number in columns["object"][index]}
+            label = names.pop() if len(names) == 1 else UNLABELLED
             in_contact = contact[index] & (label != EMPTY_HAND)
             if fault := fault_of(fitted, recordings.counts[index], in_contact, excess):
                 faults[str(path if path.is_file() and len(index_of) == 1 else path / name)] = fault
@@ -100,27 +100,10 @@ class Recogniser:
             raise UserError(f"{place}{more}: {fault}")
         return answers, baseline.notes + notes
 
-    def answer_together(self, answers: list[Answer], name: str) -> Answer:
-        """The answer to one object that was recorded several times, from the answers to its recordings.
-
-        Their log-probabilities are added, as of independent recordings. Recordings without contact do not count.
-        """
-        shares = [answer.probabilities for answer in answers if answer.contact] or [self._without_contact()]
-        logarithms = np.log(np.maximum(shares, np.finfo(np.float32).tiny), dtype=np.float64).sum(axis=0)
-        contact, frames = (sum(getattr(each, name) for each in answers) for name in ("contact", "frames"))
-        label = _common(answer.object for answer in answers)
-        return Answer(softmax(logarithms).astype(np.float32), contact, frames, name, label)
-
     def _without_contact(self) -> np.ndarray:
         """Probabilities (classes,) of the empty hand, or of all classes alike where it is none."""
         empty = np.array([name == EMPTY_HAND for name in self.classes], dtype=np.float32)
         return empty if empty.any() else np.full(len(empty), 1 / len(empty), dtype=np.float32)
-
-
-def _common(objects: Iterable[str]) -> str:
-    """The one object's name that all have, else UNLABELLED."""
-    names = set(objects)
-    return names.pop() if len(names) == 1 else UNLABELLED
 
 
 def recording_of(recording: Any, name: str, *, frames_last: bool = False) -> Recording:

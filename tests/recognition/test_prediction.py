@@ -48,30 +48,6 @@ def test_unlabelled_recordings_have_a_line_each(place):
     assert uncalibrated == "model: mvcnn, 3 classes; probabilities are not calibrated"
 
 
-@pytest.mark.parametrize(
-    ("names", "expected"),
-    [
-        (["1.h5", "2.h5"], ["together 40 pen"]),
-        (["cup/1.h5", "pen/2.h5", "pen/3.h5"], ["cup 20 cup", "pen 40 pen"]),
-        (["1/labelled_1.h5", "1/labelled_2.h5", "1/labelled_cup.h5"], ["1/cup 20 cup", "1/pen 40 pen"]),
-    ],
-    ids=["one folder", "a folder for each object", "labels in one folder"],
-)
-def test_the_recordings_of_a_folder_or_of_a_labelled_object_are_answered_together(place, names, expected):
-    for seed, name in enumerate(names):
-        label = "cup" if "cup" in name else "pen"
-        attributes = {"object": label, "session": "today"} if "labelled" in name else {}
-        write(place / "many" / name, recording(label, 85 + seed), **attributes)
-    lines = call(place / "classifier.pt", place / "many", "--together", "--csv", place / "answers.csv")
-    begin = lines.index("the recordings of a folder together, as one object:") + 1
-    assert sorted(" ".join(line.split()[:3]) for line in lines[begin : begin + len(expected)]) == expected
-    assert f"answers: {len(expected)} with an object" in lines[begin:]
-    assert (lines[-1] == "right: 2 of 2 (100.0 %)") == ("labelled" in names[0])
-    joined = [answer for answer in answers_in(place / "answers.csv") if answer["together"] == "True"]
-    keys = "{recording} {frames_in_contact} {answer}"
-    assert sorted(keys.format(**answer) for answer in joined) == expected
-
-
 def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(place):
     words = place / "classifier.pt", place / "labelled", "--csv", place / "a.csv"
     *_, right, other = call(*words)

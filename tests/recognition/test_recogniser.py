@@ -160,19 +160,6 @@ def test_a_recording_without_an_open_hand_has_the_baseline_of_its_empty_hand_or_
             np.testing.assert_array_equal(rows[name].probabilities, model.answer(counts + offset).probabilities)
 
 
-def test_recordings_of_one_object_are_answered_together_by_the_sum_of_log_probabilities():
-    model, nothing = recogniser(), recogniser().answer(empty_hand(72))
-    answers = [model.answer(recording("pen", seed, held=2)) for seed in (70, 71)]
-    answer = model.answer_together([*answers, nothing], "together")
-    product = answers[0].probabilities.astype(float) * answers[1].probabilities
-    np.testing.assert_allclose(answer.probabilities, product / product.sum(), atol=1e-6)
-    assert (best(answer), answer.contact, answer.frames) == ("pen", 4, 124)
-    alone = model.answer_together(answers[:1], "")
-    np.testing.assert_allclose(alone.probabilities, answers[0].probabilities, atol=1e-5)
-    together = model.answer_together([nothing], "")
-    assert not together.contact and (together.probabilities == nothing.probabilities).all()
-
-
 def test_a_session_with_many_baselines_has_their_mean():
     means = np.broadcast_to(np.array([514, 510, 520, 700], np.float32)[:, None, None], (4, 12, 12)).copy()
     number = np.arange(len(table())) % 3  # two grasps in session one, one in session two; the fourth has no frames

@@ -76,7 +76,7 @@ def test_the_error_of_a_person_left_out_is_one_by_every_way(glove, tmp_path, mon
     error = metrics["whole"]["error"]["mean"]
     assert 0.1 < error < 0.5 and metrics["new_sessions"] and "new_session" not in metrics
     lines = []
-    call = {"together": False, "csv_path": None, "echo": lambda *texts: lines.extend(texts)}
+    call = {"csv_path": None, "echo": lambda *texts: lines.extend(texts)}
     predict(str(tmp_path / "models/classifier.pt"), str(glove / PERSONS[0]), Form(), **call)
     right, count = round((1 - error) * len(GESTURES) * REPEATS), len(GESTURES) * REPEATS
     assert any(line.startswith(f"right: {right} of {count} ") for line in lines)
