@@ -21,7 +21,7 @@ from tactile_viewgcn.readers.hdf5 import read_metadata
 from tactile_viewgcn.readers.source import Source
 from tactile_viewgcn.recognition.calibration import Classifier
 from tactile_viewgcn.recognition.estimator import train
-from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.recognition.recogniser import Answer, Recogniser, recording_of
 from tactile_viewgcn.tables.frames import Frames, Views
 from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings, write_recordings
 from tactile_viewgcn.training.finetuning import finetune_classifier
@@ -223,6 +223,11 @@ def recogniser(*changes: str) -> Recogniser:
     """The same, read."""
     with tempfile.TemporaryDirectory() as folder:
         return Recogniser(model_file(Path(folder) / "classifier.pt", *changes))
+
+
+def answer_of(model: Recogniser, counts: np.ndarray) -> Answer:
+    """The answer to one recording of counts."""
+    return model.answer_recordings([recording_of(counts, "counts")])[0][0]
 
 
 def write(path: Path, counts: np.ndarray, time: np.ndarray | None = None, **attributes: str) -> None:

@@ -9,8 +9,8 @@ PROGRAM = """
 import sys
 sys.modules |= {"dvc": None, "mlflow": None, "psutil": None}
 import tactile_viewgcn
-from tactile_viewgcn import TactileClassifier
 assert "torch" not in sys.modules
+from tactile_viewgcn import TactileClassifier
 X = [[[at * sign] for at in range(9)] for sign in (1, -1, 1.1, -1.2)]
 print(tactile_viewgcn.__file__, TactileClassifier(preset="best", system="svm").fit(X, [1, 2, 1, 2]).predict(X[:2]))
 from tactile_viewgcn.cli import cli

@@ -8,19 +8,28 @@ from tempfile import TemporaryDirectory
 from typing import Any, get_args
 
 import numpy as np
+import torch
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils import check_random_state
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_consistent_length, check_is_fitted, column_or_1d
 
+from tactile_viewgcn.device import select_device
+from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, shown, warnings_of
 from tactile_viewgcn.params import Params, SensorMember, default_params, on_sensors, preset_changes
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.source import FRAMES_LAST, Recording, tidy
+from tactile_viewgcn.recognition.fitting import fit_classifier
+from tactile_viewgcn.recognition.model_file import save_classifier
+from tactile_viewgcn.recognition.recogniser import Recogniser, in_memory, recording_of
 from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.tables.recordings import Recordings
 from tactile_viewgcn.tables.remarks import originals, remarks
+from tactile_viewgcn.training.pretraining import pretrain_backbone
+from tactile_viewgcn.views.clustering import cluster_frames
+from tactile_viewgcn.views.viewpoints import viewpoints
 
 
 class TactileClassifier(ClassifierMixin, BaseEstimator):
@@ -43,7 +52,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         classes_: (Y,) labels, sorted.
         params_: all parameters of the training.
         notes_: what was chosen for the training data, what was left out, what spoils the result, and why.
-        recogniser_: the trained `Recogniser`, which answers one recording at a time.
+        recogniser_: the trained `Recogniser`.
     """
 
     def __init__(
@@ -74,8 +83,6 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         Raises:
             UserError, ValueError: a wrong argument, in one line.
         """
-        from tactile_viewgcn.recognition.recogniser import Recogniser, in_memory
-
         recorded, y = self._recordings(X), column_or_1d(y, warn=True)
         check_consistent_length(recorded, y)
         classes, labels = _distinct(y)
@@ -106,8 +113,6 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         check_is_fitted(self, "recogniser_")
         recogniser, names = self.recogniser_, list(map(str, self.classes_))
         recordings = self._recordings(X)
-        if isinstance(X, np.ndarray) and X.shape[1:] == recogniser.shape:
-            raise UserError(f"X {X.shape} is one recording; expected a list: [X], or [*X] of single frames")
         answers, notes = recogniser.answer_recordings(recordings)
         none = [answer.recording for answer in answers if not answer.contact and EMPTY_HAND not in recogniser.classes]
         texts = [note.text for note in warnings_of(notes)]
@@ -133,9 +138,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
             NotFittedError: before `fit`.
         """
         check_is_fitted(self, "recogniser_")
-        from tactile_viewgcn.recognition.model_file import write_content
-
-        write_content(path, self.recogniser_.content)
+        self.recogniser_.content.write(path)
 
     @classmethod
     def load(cls, path: str | Path) -> "TactileClassifier":
@@ -144,8 +147,6 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         Raises:
             UserError, OSError: no such file, or none of this version.
         """
-        from tactile_viewgcn.recognition.recogniser import Recogniser
-
         classifier = cls()
         classifier.recogniser_ = Recogniser(path)
         classifier.classes_ = np.array(classifier.recogniser_.classes)
@@ -153,8 +154,6 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
 
     def _recordings(self, X: Any) -> list[Recording]:
         """The recordings of X, one or more, see `recording_of`."""
-        from tactile_viewgcn.recognition.recogniser import recording_of
-
         rows = [*X] if isinstance(X, list | tuple) or (isinstance(X, np.ndarray) and X.ndim) else []
         if not rows:
             raise UserError(
@@ -199,16 +198,6 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path
         UserError: no sensor that varies; a baseline or flags that the recordings cannot give; fewer than two classes
             left; a training that diverges.
     """
-    import torch  # here, with all that loads it, since importing the class does not
-
-    from tactile_viewgcn.device import select_device
-    from tactile_viewgcn.frames.preprocessing import preprocess_recordings
-    from tactile_viewgcn.recognition.fitting import fit_classifier
-    from tactile_viewgcn.recognition.model_file import save_classifier
-    from tactile_viewgcn.training.pretraining import pretrain_backbone
-    from tactile_viewgcn.views.clustering import cluster_frames
-    from tactile_viewgcn.views.viewpoints import viewpoints
-
     seed, compute = params.seed, select_device(params.device, params.precision)
     with_backbone = not on_sensors(params.model.system)
     notes = remarks(recordings, originals(recordings))

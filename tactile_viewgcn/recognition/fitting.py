@@ -85,7 +85,7 @@ def _fit_sensors(table: Frames, views: Views, params: Params, compute: Compute, 
     if auto and NETWORK in members and not ask_network:
         text = f"a network may err less: TactileClassifier(system={NETWORK!r}) trains one"
         notes.append(Note(text, topic="recogniser"))
-    elif NETWORK in members and not (auto and left.all_right(on_sensors)):
+    elif NETWORK in members and (not auto or (left.answered.any() and left.wrong(left.weighed(on_sensors)).any())):
         trained = NetworkMember(table, views, recordings, seed, compute)
         left.shares[NETWORK], answered, note = trained.left_out(left.folds)
         notes.append(note)

@@ -56,10 +56,6 @@ class LeftOut:
         place = np.unique(self.groups[self.answered], return_inverse=True)[1]
         return np.bincount(place, wrong) / np.bincount(place)
 
-    def all_right(self, members: list[str]) -> bool:
-        """Whether these members, weighed, err nowhere, or nothing can be left out."""
-        return not (self.answered.any() and self.wrong(self.weighed(members)).any())
-
     def weighed(self, members: list[str]) -> dict[str, float]:
         """Weights of the members' log-probabilities, fitted to their answers.
 

@@ -30,7 +30,6 @@ from tactile_viewgcn.systems import load_system, system_class
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TRAIN, Frames, frame_rates, network_input
 
-FORMAT = 17  # add 1 when the content of a file changes
 REMEDY = "name a file such as models/classifier.pt, or train again by the line that `tactile-viewgcn inspect` prints"
 EXAMPLES, EXAMPLE_FRAMES = 3, 8  # stored recordings, and frames of each
 CLOSE = {"float32": 1e-3, "bfloat16": 0.1}  # by precision, difference of probabilities between two processors
@@ -152,6 +151,13 @@ class Content:
         classifier.prepare(select_device("cpu", self.precision))
         return classifier
 
+    def write(self, path: str | Path) -> None:
+        """Write the file, and its digest at the end."""
+        file = io.BytesIO()  # a file's name would be written into it
+        torch.save(_converted(asdict(self), np.ndarray, torch.from_numpy), file)
+        with atomic_write(path) as part:
+            part.write_bytes(file.getvalue() + hashlib.sha256(file.getbuffer()).digest())
+
 
 def save_classifier(
     path: str | Path,
@@ -183,15 +189,7 @@ def save_classifier(
         answers=np.zeros(0),
     )
     content.answers = content.answers_now(content.classifier())
-    write_content(path, content)
-
-
-def write_content(path: str | Path, content: Content) -> None:
-    """Write a classifier's file, and its digest at the end."""
-    file = io.BytesIO()  # a file's name would be written into it
-    torch.save({"format": FORMAT} | _converted(asdict(content), np.ndarray, torch.from_numpy), file)
-    with atomic_write(path) as part:
-        part.write_bytes(file.getvalue() + hashlib.sha256(file.getbuffer()).digest())
+    content.write(path)
 
 
 def _array(weights: Tensor) -> np.ndarray:
@@ -245,8 +243,6 @@ def load_classifier(path: str | Path) -> tuple[Classifier, Content]:
         if hashlib.sha256(stored[:-DIGEST]).digest() != stored[-DIGEST:]:
             raise ValueError("its bytes and its digest differ")
         values = torch.load(io.BytesIO(stored), map_location="cpu", weights_only=True)
-        if not isinstance(values, dict) or values.pop("format", None) != FORMAT:
-            raise ValueError(f"its format is not {FORMAT}")
         content = Content(**_converted(values, Tensor, Tensor.numpy))
         classifier = content.classifier()
         if not np.abs(content.answers_now(classifier) - content.answers).max() <= CLOSE[content.precision]:

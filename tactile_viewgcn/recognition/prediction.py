@@ -41,7 +41,7 @@ def predict(model: str, source: str, form: Form, *, csv_path: Path | None, echo:
         answers, more = recogniser.answer_table(recordings)
     records = [_record(answer, classes) for answer in answers]
     echo(*map(str, [*notes, *more]), f"{'recording':<{NAME_WIDTH}} {'contact':>{FRAMES_WIDTH}}  answer")
-    echo(*map(_line, records), *_summary(records, classes))
+    echo(*map(_line, records), *_summary(records))
     if all(record["right"] is None for record in records):
         echo("how often it errs, on a new session too: `tactile-viewgcn report`")
     if csv_path:
@@ -83,29 +83,22 @@ def _record(answer: Answer, classes: list[str]) -> dict[str, Any]:
     return record | {"object": answer.object or None, "right": right}
 
 
-def _best(record: dict[str, Any]) -> dict[str, float]:
-    """The probabilities of the three most probable classes; none without contact."""
-    pairs = ((record[f"class_{place}"], record[f"probability_{place}"]) for place in range(1, TOP + 1))
-    return {name: share for name, share in pairs if name}
-
-
 def _line(record: dict[str, Any]) -> str:
     """One line: name, frames in contact, first three classes."""
     name = record["recording"]
     name = name if len(name) <= NAME_WIDTH else "…" + name[1 - NAME_WIDTH :]
-    shares = ", ".join(f"{best} {100 * share:.0f} %" for best, share in _best(record).items())
+    pairs = ((record[f"class_{place}"], record[f"probability_{place}"]) for place in range(1, TOP + 1))
+    shares = ", ".join(f"{best} {100 * share:.0f} %" for best, share in pairs if best)
     return f"{name:<{NAME_WIDTH}} {record['frames_in_contact']:>{FRAMES_WIDTH}}  {shares or NO_CONTACT}"
 
 
-def _summary(records: list[dict[str, Any]], classes: list[str]) -> list[str]:
+def _summary(records: list[dict[str, Any]]) -> list[str]:
     """Number of answers with and without contact; for labelled recordings the number of right answers."""
     counts = Counter(NO_CONTACT if record["class_1"] is None else "with an object" for record in records)
     lines = ["answers: " + ", ".join(f"{count} {text}" for text, count in sorted(counts.items(), reverse=True))]
     if known := [record for record in records if record["right"] is not None]:
         right = sum(record["right"] for record in known)
-        among = sum(record["right"] or record["object"] in _best(record) for record in known)
-        of_three = f"; among the first three: {among}" if len(classes) > TOP else ""
-        lines.append(f"right: {right} of {len(known)} ({100 * right / len(known):.1f} %){of_three}")
+        lines.append(f"right: {right} of {len(known)} ({100 * right / len(known):.1f} %)")
     if other := sum(bool(record["object"]) and record["right"] is None for record in records):
         lines.append(f"with a name that is no object of the model: {other}")
     return lines

@@ -56,10 +56,6 @@ class Recogniser:
         self.shape = self.preprocessing.live.shape
         self._layout = self.shape, self.preprocessing.channel_names
 
-    def answer(self, recording: Any, name: str = "counts") -> Answer:
-        """The answer to one recording, see `recording_of`, which errors call `name`."""
-        return self.answer_recordings([recording_of(recording, name)])[0][0]
-
     def answer_recordings(self, recordings: Sequence[Recording]) -> tuple[list[Answer], list[Note]]:
         """The answers to recordings of `recording_of`, each from its frames alone; see `answer_table`."""
         if not recordings:
@@ -80,6 +76,7 @@ class Recogniser:
         notes = rate_notes(fitted, recordings)
         recordings = recordings.part(np.arange(len(recordings)), fitted.live)
         baseline, contact = find_contact(fitted, recordings)
+        empty = np.array([name == EMPTY_HAND for name in self.classes], dtype=np.float32)
         answers, faults, index_of = list[Answer](), dict[str, str](), frames_by_recording(recordings)
         for index in index_of:
             name = recordings.recordings[columns["recording"][index[0]]]
@@ -90,7 +87,7 @@ class Recogniser:
             in_contact = contact[index] & (label != EMPTY_HAND)
             if fault := fault_of(fitted, recordings.counts[index], in_contact, excess):
                 faults[str(path if path.is_file() and len(index_of) == 1 else path / name)] = fault
-            shares = self._without_contact()
+            shares = empty if empty.any() else np.full(len(empty), 1 / len(empty), dtype=np.float32)
             if len(excess):
                 shares = np.exp(self.content.answer(self.classifier, excess), dtype=np.float32)
             answers.append(Answer(shares, len(excess), len(index), name, label))
@@ -99,11 +96,6 @@ class Recogniser:
             more = f" and {len(faults) - 1} more of {several(len(index_of), 'recording')}" if len(faults) > 1 else ""
             raise UserError(f"{place}{more}: {fault}")
         return answers, baseline.notes + notes
-
-    def _without_contact(self) -> np.ndarray:
-        """Probabilities (classes,) of the empty hand, or of all classes alike where it is none."""
-        empty = np.array([name == EMPTY_HAND for name in self.classes], dtype=np.float32)
-        return empty if empty.any() else np.full(len(empty), 1 / len(empty), dtype=np.float32)
 
 
 def recording_of(recording: Any, name: str, *, frames_last: bool = False) -> Recording:

@@ -37,18 +37,15 @@ class Convolutions(Arrays):
         drawn = rng.permutation(len(recordings))[:SAMPLE]
         sample = [recordings[number] for number in drawn.tolist()]
         longest, sensors = int(np.median([len(each) for each in sample])), sample[0].shape[1]
-        self.dilations = dilations = np.unique(
-            np.geomspace(1, max(1, (longest - 1) // (LENGTH - 1)), MOST_DILATIONS).astype(int)
-        )
-        most = min(sensors, MOST_CHANNELS)
-        sizes = (2 ** rng.uniform(0, np.log2(most + 1), (len(dilations), len(PLACES), 1))).astype(int)
-        self.channels = channels = (
-            rng.random((len(dilations), len(PLACES), sensors)).argsort(axis=2).argsort(axis=2) < sizes
-        )
-        quantiles = np.arange(1, 1 + max(1, FEATURES // (len(PLACES) * len(dilations)))) * GOLDEN % 1
+        most = max(1, (longest - 1) // (LENGTH - 1))
+        self.dilations = np.unique(np.geomspace(1, most, MOST_DILATIONS).astype(int))
+        shape, most = (len(self.dilations), len(PLACES)), min(sensors, MOST_CHANNELS)
+        sizes = (2 ** rng.uniform(0, np.log2(most + 1), (*shape, 1))).astype(int)
+        self.channels = rng.random((*shape, sensors)).argsort(axis=2).argsort(axis=2) < sizes
+        quantiles = np.arange(1, 1 + max(1, FEATURES // (shape[0] * shape[1]))) * GOLDEN % 1
         biases = [
             np.quantile(np.concatenate([self._convolved(each, *pair) for each in sample], axis=1), quantiles, axis=1).T
-            for pair in zip(dilations, channels, strict=True)
+            for pair in zip(self.dilations, self.channels, strict=True)
         ]
         self.biases = np.stack(biases).astype(np.float32)
         return self

@@ -113,8 +113,7 @@ def sampled(
 def probabilities(estimator: Estimator, points: np.ndarray, classes: int) -> np.ndarray:
     """Probabilities float32 (n, classes); 0 for a class that the estimator was not fitted to."""
     shares = np.zeros((len(points), classes), dtype=np.float32)
-    if len(points):
-        shares[:, estimator.classes] = estimator.predict_proba(points)
+    shares[:, estimator.classes] = estimator.predict_proba(points)
     return shares
 
 
@@ -123,8 +122,8 @@ def log_shares(shares: Sequence[np.ndarray]) -> np.ndarray:
     return np.log(np.stack(shares) + FLOOR)
 
 
-def added(shares: Sequence[np.ndarray], weights: Sequence[float] = ()) -> np.ndarray:
+def added(shares: Sequence[np.ndarray], weights: Sequence[float]) -> np.ndarray:
     """Logits (B, classes) from the probabilities of one member or several: the weighted sum of their logarithms."""
     if len(shares) == 1:
         return np.log(np.maximum(shares[0], TINY))
-    return np.tensordot(np.array(weights or [1] * len(shares), dtype=np.float32), log_shares(shares), 1)
+    return np.tensordot(np.array(weights, dtype=np.float32), log_shares(shares), 1)

@@ -91,10 +91,8 @@ class SupportVectors(Kernel):
         spread = float(points.var()) * points.shape[1]
         kernel = self.centred(points, 1 / spread if spread else 1.0).kernel(points)
         machines = SVC(C=C, kernel="precomputed", cache_size=500).fit(kernel, labels)
-        self.classes, self.class_of = (
-            machines.classes_,
-            np.repeat(np.arange(len(machines.classes_)), machines.n_support_),
-        )
+        self.classes = machines.classes_
+        self.class_of = np.repeat(np.arange(len(self.classes)), machines.n_support_)
         self.points, self.half_squares = self.points[machines.support_], self.half_squares[machines.support_]
         self.weights = machines.dual_coef_.T.astype(np.float32, order="C")
         self.offsets = machines.intercept_.astype(np.float32)

@@ -5,18 +5,9 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+import tactile_viewgcn.sensors.features as features
 from tactile_viewgcn.sensors.convolutions import Convolutions, Ridge
 from tactile_viewgcn.sensors.estimators import FEWEST_TREES, TREES, Estimator, Forest
-from tactile_viewgcn.sensors.features import (
-    array_maps,
-    block_weights,
-    in_time,
-    in_windows,
-    is_array,
-    pressed,
-    unordered,
-    with_blocks,
-)
 from tactile_viewgcn.sensors.kernels import KernelRidge, NormalisedVectors, SupportVectors
 
 if TYPE_CHECKING:
@@ -56,15 +47,16 @@ class Representation:
     """
 
     def __init__(self, live: np.ndarray, centre: np.ndarray, spread: np.ndarray):
-        self.live, self.centre, self.spread, self.is_array = live, centre, spread, is_array(live)
-        self.blocks = block_weights(live) if self.is_array else np.zeros((int(live.sum()), 0), dtype=np.float32)
+        self.live, self.centre, self.spread, self.is_array = live, centre, spread, features.is_array(live)
+        if self.is_array:
+            self.blocks = features.block_weights(live)
         self.convolutions = Convolutions()
 
     @classmethod
     def of(cls, live: np.ndarray, sample: np.ndarray, unit: float) -> Self:
         """Measure the scale of channels on a sample of frames, counts (n, S); `unit` is that of an array."""
         centre, spread = sample.mean(axis=0, dtype=np.float64), sample.std(axis=0, dtype=np.float64)
-        if is_array(live):
+        if features.is_array(live):
             centre, spread = 0 * centre, np.full(len(spread), unit)
         return cls(live, centre.astype(np.float32), np.where(spread > 0, spread, 1).astype(np.float32))
 
@@ -75,11 +67,11 @@ class Representation:
 
     def of_frames(self, readings: np.ndarray) -> np.ndarray:
         """Points (n, F) of single frames' readings (n, S), for the member `kernel`."""
-        return with_blocks(pressed(readings), self.blocks) if self.is_array else readings
+        return features.with_blocks(features.pressed(readings), self.blocks) if self.is_array else readings
 
     def of_sets(self, member: str, readings: np.ndarray) -> np.ndarray:
         """Points (B, F) of view sets' readings (B, k, S), for `svm` and `pooled_kernel`; no order counts."""
-        return self._maps(member, readings) if self.is_array else unordered(readings.astype(np.float64))
+        return self._maps(member, readings) if self.is_array else features.unordered(readings.astype(np.float64))
 
     def of_recordings(self, member: str, readings: np.ndarray) -> np.ndarray:
         """A member's points (B, F) of whole recordings' readings (B, T, S), in the order of time."""
@@ -87,11 +79,11 @@ class Representation:
             return np.stack([self.convolutions.features(each) for each in readings])
         if self.is_array:
             return self._maps(member, readings)
-        return (in_time if member == "trees" else in_windows)(readings.astype(np.float64))
+        return (features.in_time if member == "trees" else features.in_windows)(readings.astype(np.float64))
 
     def _maps(self, member: str, readings: np.ndarray) -> np.ndarray:
         """Points of an array: `svm` also reads what lies in the others' dead zone, which may not be noise."""
-        return array_maps(FINER * readings if member == "svm" else readings, self.blocks)
+        return features.array_maps(FINER * readings if member == "svm" else readings, self.blocks)
 
     def estimator(self, member: str, *, quick: bool = False) -> Estimator:
         """The member's estimator, not fitted yet; a quick one has fewer trees or frames."""

@@ -10,7 +10,7 @@ import torch
 
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tests.glove_data import SHAPE, model_file, recording
+from tests.glove_data import SHAPE, answer_of, model_file, recording
 
 RAN = "the code in the file has run"
 ABSENT = object()
@@ -28,7 +28,6 @@ class Code:
 CASES = {
     "a pickle": ("trees", "weights", Code(), "UnpicklingError"),
     "a pickle as an array": ("trees", f"{ESTIMATOR}/left", Code(), "UnpicklingError"),
-    "an earlier version": ("trees", "format", 7, "format"),
     "a key missing": ("trees", "scale", ABSENT, "scale"),
     "a key too many": ("trees", "code", "x", "code"),
     "an array missing": ("trees", f"{ESTIMATOR}/roots", ABSENT, "roots"),
@@ -89,12 +88,12 @@ def test_absurd_numbers_are_refused_in_one_line_where_they_change_answers(tmp_pa
     """All arrays that its whole recordings are answered by, one after another; contact is not found by the examples."""
     path = tmp_path / "classifier.pt"
     places = places_of(torch.load(altered(path, system, "precision", "float32"), weights_only=True))
-    expected, wrong = Recogniser(path).answer(recording("cup", 81)).probabilities, []
+    expected, wrong = answer_of(Recogniser(path), recording("cup", 81)).probabilities, []
     for place in set(places) - {"/preprocessing/noise"}:
         for number, change in enumerate(ABSURD):
             altered(path, system, place.removeprefix("/"), change)
             try:
-                answer = Recogniser(path).answer(recording("cup", 81))
+                answer = answer_of(Recogniser(path), recording("cup", 81))
             except UserError as error:
                 assert len(str(error).splitlines()) == 1
             else:
@@ -121,8 +120,8 @@ def test_a_file_with_any_bit_flipped_is_refused(tmp_path):
 #: files that are no classifier of ours, with a digest where they are torch's, and what the line names
 OTHERS = {
     "a text": ("views: 8\n", "digest"),
-    "a backbone": ({"backbone": {"weight": torch.zeros(2)}, "classifier": {}}, "format"),
-    "a tensor": (torch.zeros(2), "format"),
+    "a backbone": ({"backbone": {"weight": torch.zeros(2)}, "classifier": {}}, "backbone"),
+    "a tensor": (torch.zeros(2), "mapping"),
 }
 
 

@@ -112,13 +112,6 @@ def test_a_member_that_errs_more_weighs_less_and_one_that_adds_nothing_is_left_o
     assert alike["svm"] == pytest.approx(alike["kernel"], rel=1e-3)
 
 
-def test_members_that_err_nowhere_are_all_right():
-    left = with_answers(kernel=[], svm=[3])
-    assert left.all_right(["kernel"]) and not left.all_right(["svm"])
-    left.answered[:] = False
-    assert left.all_right(["svm"])
-
-
 class Network:
     """A network whose trainings leave out the groups of as many folds as there is time for."""
 

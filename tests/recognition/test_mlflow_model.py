@@ -17,7 +17,7 @@ from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tests.glove_data import ROOT, recipe, table, trained
+from tests.glove_data import ROOT, answer_of, recipe, table, trained
 from tests.mlflow_stores import runs_of
 
 pytestmark = pytest.mark.filterwarnings("default")  # MLflow's own
@@ -65,7 +65,7 @@ def test_the_logged_model_gives_the_recogniser_s_answers_in_a_column_for_each_cl
     loaded, recogniser = mlflow.pyfunc.load_model(address), Recogniser(checkpoint)
     assert loaded.metadata.metadata == METADATA
     assert loaded.metadata.get_output_schema().input_names() == CLASSES
-    expected = [recogniser.answer(recording).probabilities for recording in RECORDINGS]
+    expected = [answer_of(recogniser, recording).probabilities for recording in RECORDINGS]
     lists = objects([recording.tolist() for recording in RECORDINGS])
     for numbers in (lists, objects(RECORDINGS), {"recordings": objects(RECORDINGS)}):
         table = loaded.predict(numbers)
@@ -102,7 +102,7 @@ def test_the_request_that_the_manual_posts_is_answered_as_it_shows(checkpoint, s
     response = scoring_server.invocations(text, content.removeprefix("Content-Type: "), model, schema)
     answer, example = json.loads(response.response), json.loads(shown)
     assert response.status == 200 and answer.keys() == example.keys() and words[-1].endswith("/invocations")
-    expected = Recogniser(checkpoint).answer(RECORDINGS[0]).probabilities
+    expected = answer_of(Recogniser(checkpoint), RECORDINGS[0]).probabilities
     assert [list(row) for row in answer["predictions"]] == [CLASSES]
     np.testing.assert_allclose(list(answer["predictions"][0].values()), expected, rtol=1e-4)
     counts = [RECORDINGS[0].tolist()]
@@ -138,6 +138,6 @@ def test_a_registered_model_answers_in_a_process_of_its_own(checkpoint, store, c
     words += ["-m", "models:/glove@best", "-i", "request.json", "-o", "answer.json"]
     subprocess.run(words, cwd=store, env=environment, check=True)
     rows = json.loads((store / "answer.json").read_text())["predictions"]
-    expected = [Recogniser(checkpoint).answer(recording).probabilities for recording in RECORDINGS]
+    expected = [answer_of(Recogniser(checkpoint), recording).probabilities for recording in RECORDINGS]
     assert [list(row) for row in rows] == [CLASSES, CLASSES]
     np.testing.assert_allclose([list(row.values()) for row in rows], expected, rtol=1e-4)

@@ -18,7 +18,7 @@ from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.tables.recordings import recordings_of
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.glove_data import CPU, HELD, SHAPE, empty_hand, recipe, recogniser, recording, table, write
+from tests.glove_data import CPU, HELD, SHAPE, answer_of, empty_hand, recipe, recogniser, recording, table, write
 
 
 def answered(model, path):
@@ -37,7 +37,7 @@ def best(answer):
     [("ball", HELD), ("cup", HELD), ("pen", HELD), ("pen", 3), ("", 0)],
 )
 def test_a_recording_is_answered_by_all_its_frames_in_contact(name, held):
-    answer = recogniser().answer(recording(name, 50, held=held))
+    answer = answer_of(recogniser(), recording(name, 50, held=held))
     assert (answer.contact, answer.probabilities.shape) == (held, (3,))
     assert answer.probabilities.sum() == pytest.approx(1, abs=1e-5)
     if held:
@@ -63,7 +63,7 @@ def test_frames_are_spread_evenly(count, views, expected):
 )
 def test_a_different_layout_or_type_and_numbers_that_are_not_finite_are_refused(counts, message):
     with pytest.raises(UserError, match=f"^{message}"):
-        recogniser().answer(counts)
+        answer_of(recogniser(), counts)
 
 
 @pytest.mark.parametrize(
@@ -157,7 +157,7 @@ def test_a_recording_without_an_open_hand_has_the_baseline_of_its_empty_hand_or_
     if "empty" not in rows:
         alone = {"held": recording("pen", 62, before=0, after=0)} | others
         for name, counts in alone.items():
-            np.testing.assert_array_equal(rows[name].probabilities, model.answer(counts + offset).probabilities)
+            np.testing.assert_array_equal(rows[name].probabilities, answer_of(model, counts + offset).probabilities)
 
 
 def test_a_session_with_many_baselines_has_their_mean():
