@@ -11,7 +11,7 @@ import torch
 from matplotlib.figure import Figure
 from torch.utils.benchmark import Timer
 
-from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.files import new_files
 from tactile_viewgcn.messages import program
 from tactile_viewgcn.params import Params, load
 
@@ -34,12 +34,8 @@ def benchmark(measure: Callable[[Params, bool], Result]) -> click.Command:
         with program():
             text, rows, picture = measure(load("params.yaml"), quick)
         click.echo(f"{text}\n\n{markdown(rows)}")
-        if quick and out is None:
-            return
-        write_table(out or folder, rows, text)
-        if picture is not None:
-            with atomic_write((out or folder) / "results.png") as part:
-                picture.savefig(part, format="png")
+        if out or not quick:
+            write_table(out or folder, rows, text, picture)
 
     return command
 
@@ -61,12 +57,13 @@ def median_ratio(seconds: np.ndarray, other: np.ndarray) -> float:
     return float(np.median(seconds / other))
 
 
-def write_table(folder: Path, rows: list[dict], text: str) -> None:
-    """`results.csv` of the rows, and `results.md` with a text above them."""
-    with atomic_write(folder / "results.csv") as part:
-        pd.DataFrame(rows, dtype=object).to_csv(part, index=False)
-    with atomic_write(folder / "results.md") as part:
-        part.write_text(f"{text.strip()}\n\n{markdown(rows)}\n")
+def write_table(folder: Path, rows: list[dict], text: str, picture: Figure | None = None) -> None:
+    """`results.csv` of the rows, `results.md` with a text above them, and a picture as `results.png`."""
+    with new_files(folder) as part:
+        pd.DataFrame(rows, dtype=object).to_csv(part / "results.csv", index=False)
+        (part / "results.md").write_text(f"{text.strip()}\n\n{markdown(rows)}\n")
+        if picture is not None:
+            picture.savefig(part / "results.png")
 
 
 def markdown(rows: list[dict]) -> str:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from stages import STARTED
 from stages.pipeline import code_of, params_of, stages
-from tactile_viewgcn.files import atomic_write, md5, readable
+from tactile_viewgcn.files import md5, new_files, readable, write_file
 from tactile_viewgcn.messages import Note, UserError, program
 from tactile_viewgcn.params import load
 from tactile_viewgcn.provenance import ROW, Record, changed_params, origin, peak_mb, run_name
@@ -61,15 +61,13 @@ class Job:
 
     def compute(self) -> "Compute":
         """Choose device, precision and number of threads for the rest of the stage, and keep them in the record."""
-        from torch import get_num_threads  # here, since a stage may do without torch
-
+        # here, since a stage may do without torch
         from tactile_viewgcn.device import keep_freed_memory, select_device, set_threads
 
         keep_freed_memory()
-        set_threads()
+        self.record.counts["threads"] = set_threads()
         compute = select_device(self.params.device, self.params.precision)
         self.record.origin |= {"device": str(compute.device), "precision": compute.precision}
-        self.record.counts["threads"] = get_num_threads()
         return compute
 
     def epoch(self, epoch: int, values: dict[str, float]) -> None:
@@ -79,9 +77,8 @@ class Job:
         self.run.log("log_metrics", values, epoch)
         if not sys.stderr.isatty():
             line = ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in values.items())
-            stage = self.record.stage
-            epochs = getattr(self.params, stage).epochs
-            print(f"{stage}: epoch {epoch}/{epochs}, {line}, {self.seconds:.0f} s", file=sys.stderr, flush=True)
+            place = f"{self.record.stage}: epoch {epoch}/{getattr(self.params, self.record.stage).epochs}"
+            print(f"{place}, {line}, {self.seconds:.0f} s", file=sys.stderr, flush=True)
 
     def checkpoint_key(self) -> str:
         """A hash of the parameters, the inputs, and the code that the stage's `deps` in dvc.yaml name."""
@@ -103,12 +100,14 @@ def run(work: Callable[..., str], *inputs: str) -> None:
     options = _options(work, [name for name in (*inputs, "out") if name != "source"])
     with program(debug=options["debug"]):
         job, paths = _begin(work.__name__, options, inputs)
-        with stage_run(job.record) if job.needed else nullcontext(Run()) as job.run:
-            text = work(job, **paths, out=options["out"])
+        out, record = options["out"], options["record"]
+        beside = record and record.parent == out  # then all are written together
+        logged = stage_run(job.record) if job.needed else nullcontext(Run())
+        with logged as job.run, new_files(out) if beside else nullcontext(out) as place:
+            text = work(job, **paths, out=place)
             job.record.seconds, job.record.peak_mb = job.seconds, peak_mb()
-            if options["record"]:
-                with atomic_write(options["record"]) as part:
-                    part.write_text(job.record.text)
+            if record:
+                write_file(place / record.name if beside else record, job.record.text)
         print(text, flush=True)
 
 

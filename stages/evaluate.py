@@ -6,7 +6,6 @@ from typing import Any
 from stages.command import Job, run
 from tactile_viewgcn.evaluation import results
 from tactile_viewgcn.evaluation.evaluate import Evaluation, evaluate_table
-from tactile_viewgcn.evaluation.trials import write_predictions
 from tactile_viewgcn.provenance import peak_mb
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.tables.frames import read_frames
@@ -18,7 +17,6 @@ def evaluate(job: Job, frames: Path, classifier: Path, records: Path, out: Path)
     evaluation = evaluate_table(model, table, job.params, job.compute())
     evaluation.metrics.update(results.new_session(earlier))
     timing = results.costs(evaluation, results.simulation(earlier) | earlier, job.seconds, peak_mb())
-    write_predictions(out / "predictions.npz", evaluation.predictions)
     results.write_results(out, evaluation, timing)
     for stage in earlier:
         job.record.inputs[stage] = {"path": str(records / f"{stage}.json")}
@@ -29,8 +27,7 @@ def evaluate(job: Job, frames: Path, classifier: Path, records: Path, out: Path)
     frame = {"shape": list(table.live.shape), "dtype": str(table.counts.dtype)}
     address = job.run.model(classifier, {"classes": table.classes, "views": model.views} | frame)
     lines = results.summary_lines(evaluation.metrics, timing)
-    if address:
-        lines.append(f"  in a program: mlflow.pyfunc.load_model({address!r})")
+    lines += [f"  in a program: mlflow.pyfunc.load_model({address!r})"] * bool(address)
     return "\n".join([*lines, f"  next: tactile-viewgcn report; tactile-viewgcn predict {classifier} NEW_RECORDINGS"])
 
 

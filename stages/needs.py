@@ -8,7 +8,7 @@ from pathlib import Path
 from shlex import quote
 
 from stages.command import Job, run
-from tactile_viewgcn.files import atomic_write, root
+from tactile_viewgcn.files import root, write_file
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import VIRTUAL, on_sensors
 
@@ -23,10 +23,9 @@ def needs(job: Job, out: Path) -> str:
         raise UserError(f"data.source is {source}: no such file or folder; expected {remedy}")
     system = job.params.model.system
     network = not on_sensors(system)
-    with atomic_write(out) as part:  # equal bytes for all systems with a backbone
-        part.write_text(json.dumps({"cluster": network, "pretrain": network}) + "\n")
-    with atomic_write(out.with_name("source.txt")) as part:  # equal bytes for all sources
-        part.write_text("data.source was there\n")
+    needed = json.dumps({"cluster": network, "pretrain": network})  # equal for all systems with a backbone
+    write_file(out, f"{needed}\n")
+    write_file(out.with_name("source.txt"), "data.source was there\n")  # equal for all sources
     return f"needs: {system} needs {'clusters and a' if network else 'no clusters and no'} pretrained backbone"
 
 

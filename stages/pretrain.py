@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from stages.command import Job, run
-from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.files import write_file
 from tactile_viewgcn.tables.frames import read_frames
 
 LEFT_OUT = "pretrain: left out, model.system does not need it"
@@ -11,8 +11,7 @@ LEFT_OUT = "pretrain: left out, model.system does not need it"
 
 def pretrain(job: Job, needs: Path, frames: Path, out: Path) -> str:
     if not job.needed:
-        with atomic_write(out) as part:
-            part.write_text(f"{LEFT_OUT}\n")
+        write_file(out, f"{LEFT_OUT}\n")
         return LEFT_OUT
     # here: a stage that is left out loads no torch
     from tactile_viewgcn.training.checkpoint import training_checkpoint, write_tensors

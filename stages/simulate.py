@@ -9,7 +9,7 @@ from filelock import FileLock
 from joblib import cpu_count
 
 from stages.command import Job, run
-from tactile_viewgcn.files import atomic_write, root
+from tactile_viewgcn.files import new_files, root
 from tactile_viewgcn.glove.simulation import VERSION, recipe_from_params
 from tactile_viewgcn.glove.simulation import simulate as write_recordings
 
@@ -21,11 +21,11 @@ def simulate(job: Job, out: Path) -> str:
     kept.parent.mkdir(exist_ok=True)
     with FileLock(f"{kept}.lock"):
         if not kept.exists():
-            with atomic_write(kept, folder=True) as part:
+            with new_files(kept) as part:
                 cost = write_recordings(recipe, part / "recordings", workers=cpu_count())
                 (part / "cost.json").write_text(json.dumps({"seconds": job.seconds, **cost}))
         cost = Counter(json.loads((kept / "cost.json").read_text()))
-        with atomic_write(out, folder=True) as part:
+        with new_files(out) as part:
             copytree(kept / "recordings", part, dirs_exist_ok=True)
     job.record.seconds = max(0.0, cost.pop("seconds") - job.seconds)
     recordings = len(recipe.recordings)

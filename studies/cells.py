@@ -10,7 +10,7 @@ from pathlib import Path
 from stages.pipeline import code_of, stages
 from studies.grid import COLUMNS, FOLDER, Cell
 from tactile_viewgcn.evaluation.trials import Predictions, read_predictions
-from tactile_viewgcn.files import atomic_write, md5
+from tactile_viewgcn.files import md5, new_files
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import VIRTUAL, load
 from tactile_viewgcn.schema import flatten
@@ -51,7 +51,7 @@ def code_of_stages() -> str:
 
 def store(key: str, contents: dict[str, bytes]) -> None:
     """Keep the files in `RESULTS` of a finished cell."""
-    with atomic_write(STORE / key, folder=True) as folder:
+    with new_files(STORE / key) as folder:
         for name in RESULTS:
             (folder / name).write_bytes(contents[name])
 

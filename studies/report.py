@@ -14,7 +14,7 @@ from studies.comparison import complete, power, rows_of
 from studies.grid import COLUMNS, Study
 from studies.pictures import error_curves, errors_by_cost
 from tactile_viewgcn.evaluation.trials import WHOLE
-from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.files import new_files
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import several
 from tactile_viewgcn.params import VIRTUAL, load
@@ -62,14 +62,12 @@ def write_report(study: Study, answers: list[Answers], folder: Path, on_top: tup
         text.append(f"Trainings that have not been run: {', '.join(absent)}.")
     text += [COMPARED] * bool(references)
     parts = [*map(_paragraph, text), *tables(rows, references, study.columns)]
-    with atomic_write(folder / "results.csv") as part:
-        rows.drop(columns={*COLUMNS} - {*study.columns}).to_csv(part, index=False)
-    with atomic_write(folder / "results.md") as part:
-        part.write_text("\n\n".join(parts) + "\n")
     title = f"{data}: {study.question}\nBars: 95 % interval over split groups"
-    for name, figure in pictures(study, rows, references, title).items():
-        with atomic_write(folder / name) as part:
-            figure.savefig(part, format="png", dpi=100)
+    with new_files(folder) as part:
+        rows.drop(columns={*COLUMNS} - {*study.columns}).to_csv(part / "results.csv", index=False)
+        (part / "results.md").write_text("\n\n".join(parts) + "\n")
+        for name, figure in pictures(study, rows, references, title).items():
+            figure.savefig(part / name, format="png", dpi=100)
     return (folder / "results.md").read_text()
 
 

@@ -68,8 +68,8 @@ def select_device(device: str = "auto", precision: str = "auto") -> Compute:
     return Compute(torch.device(device), precision)
 
 
-def set_threads() -> None:
-    """Take as many threads as there are idle cores, at least one, unless OMP_NUM_THREADS fixes the number.
+def set_threads() -> int:
+    """Take as many threads as there are idle cores, at least one, unless OMP_NUM_THREADS fixes the number; return it.
 
     A step of a small network splits hundreds of products among the threads, and each product waits for the last one:
     where a busy program uses the core of one thread, all others wait. What is idle is measured for 0.3 seconds, since
@@ -85,6 +85,7 @@ def set_threads() -> None:
         threads = max(1, round(min(torch.get_num_threads(), cpu_count(), idle)))
         torch.set_num_threads(threads)
         threadpool_limits(threads)
+    return torch.get_num_threads()
 
 
 def keep_freed_memory() -> None:

@@ -4,7 +4,7 @@ import errno
 import hashlib
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
@@ -23,43 +23,65 @@ def root() -> Path:
     return Path(os.environ.get("DVC_ROOT") or Path.cwd()).resolve()
 
 
-@contextmanager
-def atomic_write(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
-    """A temporary path beside `path`: it takes the place of `path` at the end of the block and is removed on an error.
-
-    The file is synced before it takes that place. What a killed run has left under that name is removed. A library that
-    hides a full disk's error, as torch.save does, has to write into memory.
+def write_file(path: str | Path, content: str | bytes, is_own: Callable[[str], bool] | None = None) -> None:
+    """Write a file, a text as UTF-8, whole or not at all; errors as in `new_files`.
 
     Args:
-        folder: the temporary path is an empty folder, else a file that the block writes.
-
-    Raises:
-        UserError: `path` is of another kind, such as a named pipe.
-        OSError: there is no room.
+        is_own: whether a file with this text may be replaced; without it any plain file may.
     """
     path = Path(path)
-    if not folder:
-        check_is_file(path)
-    elif path.exists() and (path.is_symlink() or not path.is_dir()):
-        raise UserError(f"{path}: exists and is no folder; remove it or name another")
-    part = path.with_name(path.name + PART)
-    remove = partial(shutil.rmtree, ignore_errors=True) if folder else partial(Path.unlink, missing_ok=True)
-    remove(part)
-    (part if folder else path.parent).mkdir(parents=True, exist_ok=not folder)
+    _check_place(path)
+    if is_own and path.exists() and not is_own(path.read_text("utf-8", errors="replace")):
+        raise UserError(f"{path}: a file that this command has not written; remove it or name another")
+    with new_files(path.parent, path.name) as part:
+        (part / path.name).write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+@contextmanager
+def new_files(folder: str | Path, name: str = "") -> Iterator[Path]:
+    """An empty folder whose files take their places in `folder` at the end of the block; after an error none does.
+
+    The files are synced first. All old ones of the same names go before the first new one comes, so that files of two
+    runs never lie side by side; others stay. What a killed run has left is removed. A library that hides a full disk's
+    error, as torch.save does, has to write into memory.
+
+    Args:
+        name: of the only file, so that several programs may write into the folder at once.
+
+    Raises:
+        UserError: where a file belongs is a link, folder, named pipe, socket or device.
+        OSError: there is no room, or `folder` is none.
+    """
+    folder = Path(folder)
+    is_new = not (name or folder.exists())
+    part = folder.with_name(folder.name + PART) if is_new else folder / f"{name}{PART}"
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir(parents=True)
     try:
         yield part
-        for file in filter(Path.is_file, part.rglob("*") if folder else [part]):
+        places = {file: folder / file.relative_to(part) for file in part.rglob("*") if file.is_file()}
+        for file, place in places.items():
+            _check_place(place)
             with file.open("rb+") as stream:
                 os.fsync(stream)  # some file systems learn only here that a disk is full
-        if folder:
-            remove(path)
-        part.replace(path)
+        for place in () if name else places.values():  # one file takes the old one's place at once
+            place.unlink(missing_ok=True)
+        for file, place in ({part: folder} if is_new else places).items():
+            place.parent.mkdir(parents=True, exist_ok=True)
+            file.rename(place)
     except OSError as error:
         if error.errno not in NO_ROOM:
             raise
-        raise OSError(error.errno, f"{error.strerror}; make room", str(path)) from error
+        raise OSError(error.errno, f"{error.strerror}; make room", str(folder / name)) from error
     finally:
-        remove(part)
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def _check_place(place: Path) -> None:
+    """Refuse to replace anything but a plain file."""
+    if place.is_symlink():
+        raise UserError(f"{place}: a link; expected a file or a new name")
+    check_is_file(place)
 
 
 def readable(path: object) -> AbstractContextManager[None]:

@@ -10,8 +10,9 @@ import unicodedata
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
-from typing import Any, Literal, TextIO
+from typing import Any, Literal
 
 EMPTY_HAND = "empty_hand"  # STAG's name of the class that holds nothing
 NEW_SESSION = "a new session (a person, a day, a new fitting)"
@@ -31,9 +32,10 @@ def _shown(letter: str) -> str:
     return letter if plain else letter.encode("unicode_escape").decode()
 
 
-def write_csv(file: TextIO, rows: Iterable[Iterable[Any]]) -> None:
-    """Write rows as CSV; a text is `shown`, with an apostrophe before it where a spreadsheet would run it."""
-    csv.writer(file).writerows([_cell(value) for value in row] for row in rows)
+def csv_text(rows: Iterable[Iterable[Any]]) -> str:
+    """Rows as CSV; a text is `shown`, with an apostrophe before it where a spreadsheet would run it."""
+    csv.writer(file := StringIO(newline="")).writerows([_cell(value) for value in row] for row in rows)
+    return file.getvalue()
 
 
 def _cell(value: Any) -> Any:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin
+from typing import Any
 
 import yaml
 from pydantic import AfterValidator, ConfigDict, TypeAdapter, ValidationError
@@ -68,22 +68,23 @@ def build(kind: Any, tree: dict[str, Any], name: str, changes: tuple[str, ...] =
     try:
         built = TypeAdapter(kind).validate_python(tree)
     except ValidationError as error:
-        mistakes += [_mistake(dict(_keys(kind)), one) for one in error.errors(include_url=False)]
+        mistakes += [_mistake(list(_keys(kind)), one) for one in error.errors(include_url=False)]
     if mistakes:
         raise UserError(f"{name}: " + "; ".join(mistakes))
     return built
 
 
-def _mistake(kinds: dict[str, Any], error: ErrorDetails) -> str:
-    """One of pydantic's errors with the key it is about, one of `kinds`, which has their types, and the value."""
+def _mistake(keys: list[str], error: ErrorDetails) -> str:
+    """One of pydantic's errors with the key it is about, one of `keys`, and the value."""
     key, text = ".".join(map(str, error["loc"])), error["msg"].removeprefix("Value error, ")
     if error["type"] == "unexpected_keyword_argument":
-        return f"unknown key {key}{nearest(key, kinds)}"
-    while key and key not in kinds:  # pydantic goes on into a list or to a branch of a union
+        return f"unknown key {key}{nearest(key, keys)}"
+    while key and key not in keys:  # pydantic goes on into a list or to a branch of a union
         key = key.rpartition(".")[0]
     if not key:
         return text
-    return f"{key}: {text} (got {repr(error['input'])[:MOST_SHOWN]}){nearest(error['input'], _choices(kinds[key]))}"
+    choices = re.findall("'(.*?)'", error.get("ctx", {}).get("expected", ""))
+    return f"{key}: {text} (got {repr(error['input'])[:MOST_SHOWN]}){nearest(error['input'], choices)}"
 
 
 def nearest(word: Any, words: Iterable[str]) -> str:
@@ -92,17 +93,10 @@ def nearest(word: Any, words: Iterable[str]) -> str:
     return f"; did you mean {near[0]}?" if near else ""
 
 
-def _choices(kind: Any) -> list[str]:
-    """The texts that a type allows by name."""
-    if get_origin(kind) is Literal:
-        return [choice for choice in get_args(kind) if isinstance(choice, str)]
-    return [choice for part in get_args(kind) for choice in _choices(part)]
-
-
-def _keys(kind: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """The dotted keys of a dataclass with their types, and those of its sections."""
+def _keys(kind: Any, prefix: str = "") -> Iterator[str]:
+    """The dotted keys of a dataclass and of its sections."""
     for field in fields(kind):
-        yield prefix + field.name, field.type
+        yield prefix + field.name
         if is_dataclass(field.type):
             yield from _keys(field.type, f"{prefix}{field.name}.")
 

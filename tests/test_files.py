@@ -3,92 +3,158 @@
 import errno
 import hashlib
 import os
-from functools import partial
+import socket
+import stat
+from contextlib import nullcontext
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.files import all_below, atomic_write, md5
+from tactile_viewgcn.files import all_below, md5, new_files, write_file
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.training.checkpoint import write_tensors
 from tests.full_disk import room_for
 
-KINDS = pytest.mark.parametrize("write", [atomic_write, partial(atomic_write, folder=True)], ids=["file", "folder"])
+
+def write_all(folder, texts):
+    for name, text in texts.items():
+        (folder / name).parent.mkdir(exist_ok=True, parents=True)
+        (folder / name).write_text(text)
 
 
-def put(part, text):
-    """A text in the file that is written, or in a file of the folder."""
-    (part / "a" if part.is_dir() else part).write_text(text)
+def texts_in(folder):
+    return {file.relative_to(folder).as_posix(): file.read_text() for file in folder.rglob("*") if file.is_file()}
 
 
-def content(path):
-    return (path / "a" if path.is_dir() else path).read_text()
-
-
-@KINDS
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
-def test_what_is_written_appears_when_the_block_ends_well_and_not_before(tmp_path, write, error):
-    path = tmp_path / "made" / "numbers"
-    for text, before in (("12", None), ("13", "12")):
-        with pytest.raises(error), write(path) as part:
-            put(part, "cut short")
-            raise error
-        assert content(path) == before if before else not path.exists()
-        with write(path) as part:
-            put(part, text)
-            assert part == path.with_name("numbers.unfinished")
-            assert content(path) == before if before else not path.exists()
-        assert content(path) == text and [file.name for file in path.parent.iterdir()] == ["numbers"]
+@pytest.mark.parametrize("before", [{}, {"made/a": "1", "made/c": "2", "made/b/d": "3"}])
+def test_files_take_their_places_when_the_block_ends_well_and_others_stay(tmp_path, before, error):
+    write_all(tmp_path, before)
+    for fails in (True, False):
+        with pytest.raises(error) if fails else nullcontext(), new_files(tmp_path / "made") as part:
+            write_all(part, {"a": "10", "b/e": "11"})
+            assert before.items() <= texts_in(tmp_path).items()
+            if fails:
+                raise error
+        assert texts_in(tmp_path) == before | ({} if fails else {"made/a": "10", "made/b/e": "11"})
 
 
-def test_a_folder_takes_the_place_of_the_old_one_whole(tmp_path):
-    for name in ("first", "second"):
-        with atomic_write(tmp_path / "folder", folder=True) as part:
-            (part / name).touch()
-    assert [file.name for file in (tmp_path / "folder").iterdir()] == ["second"]
+@pytest.mark.parametrize("moment", range(6))
+def test_a_run_that_ends_between_two_files_leaves_none_of_an_earlier_run_beside_its_own(tmp_path, monkeypatch, moment):
+    calls = iter(range(100))
+
+    def until_then(act):
+        def acting(*path, **options):
+            if next(calls) == moment:
+                raise SystemExit
+            return act(*path, **options)
+
+        return acting
+
+    write_all(tmp_path / "results", dict.fromkeys("abc", "first"))
+    with pytest.raises(SystemExit), new_files(tmp_path / "results") as part:
+        write_all(part, dict.fromkeys("abc", "second"))
+        for name in ("unlink", "rename"):
+            monkeypatch.setattr(Path, name, until_then(getattr(Path, name)))
+    assert len(set(texts_in(tmp_path / "results").values())) <= 1
 
 
 VALUES = np.random.default_rng(0).random((90, 100))
 
 
-def as_bytes(path):
-    with atomic_write(path) as part:
-        part.write_bytes(VALUES.tobytes())
+def as_folder(path):
+    with new_files(path) as part:
+        write_all(part, {"a": "the first of two files"})
+        (part / "b").write_bytes(VALUES.tobytes())
 
 
-@pytest.mark.parametrize("write", [as_bytes, lambda path: write_tensors(path, {"weights": torch.from_numpy(VALUES)})])
-def test_a_file_without_room_is_one_error_and_leaves_what_was_there(tmp_path, write):
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda path: write_file(path, VALUES.tobytes()),
+        lambda path: write_tensors(path, {"weights": torch.from_numpy(VALUES)}),
+        as_folder,
+    ],
+)
+def test_without_room_there_is_one_error_and_what_was_there_stays(tmp_path, write):
     write(path := tmp_path / "made")
-    before = path.read_bytes()
-    for size in (*(len(before) - 1024 * short for short in (1, 4, 16, 64)), len(before) - 1):
-        with pytest.raises(OSError, match="made") as caught, room_for(size):
+    file = path / "b" if path.is_dir() else path
+    before, size = md5(path), file.stat().st_size
+    for short in (1, 1024, 4096, 16384, 65536):
+        with pytest.raises(OSError, match="made") as caught, room_for(size - short):
             write(path)
-        assert caught.value.errno == errno.EFBIG and path.read_bytes() == before
+        assert caught.value.errno == errno.EFBIG and md5(path) == before
         assert list(tmp_path.iterdir()) == [path]
 
 
 def test_what_a_killed_run_has_left_is_overwritten_and_a_link_is_not_followed(tmp_path):
-    (tmp_path / "a.txt.unfinished").write_text("left by another run, and longer")
-    (tmp_path / "victim").write_text("mine")
-    (tmp_path / "page.html.unfinished").symlink_to(tmp_path / "victim")
-    for name in ("a.txt", "page.html"):
-        with atomic_write(tmp_path / name) as part:
-            part.write_text(name)
-        assert (tmp_path / name).read_text() == name and not part.exists()
-    assert (tmp_path / "victim").read_text() == "mine"
+    write_all(tmp_path, {"mine/a": "mine", "a.unfinished/b": "left by a run", "made.unfinished/b": "too"})
+    (tmp_path / "page.unfinished").symlink_to(tmp_path / "mine")
+    write_file(tmp_path / "a", "12")
+    with new_files(tmp_path / "made") as part:
+        write_all(part, {"c": "13"})
+    with pytest.raises(OSError, match="page"):
+        write_file(tmp_path / "page", "14")
+    (tmp_path / "page.unfinished").unlink()
+    assert texts_in(tmp_path) == {"mine/a": "mine", "a": "12", "made/c": "13"}
 
 
-@KINDS
-def test_only_a_file_is_replaced_by_a_file_and_a_folder_by_a_folder(tmp_path, write):
-    os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "file").write_text("content")
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "link").symlink_to(tmp_path / "folder")
-    for name in ("pipe", "link", "folder" if write is atomic_write else "file"):
-        with pytest.raises(UserError, match=f"{name}: "), write(tmp_path / name):
-            raise AssertionError("not reached")
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["file", "folder", "link", "pipe"]
+@pytest.fixture(params=["pipe", "socket", "device", "folder", "elsewhere/file", "nowhere", "/dev/null"])
+def no_file(request, tmp_path, monkeypatch):
+    """A path where something else than a file is; the last three are what a link leads to."""
+    monkeypatch.chdir(tmp_path)  # a socket's name has to be short
+    write_all(Path(), {"elsewhere/file": "mine"})
+    path = Path("there")
+    match request.param:
+        case "pipe":
+            os.mkfifo(path)
+        case "socket":
+            with socket.socket(socket.AF_UNIX) as made:
+                made.bind("there")
+        case "device":
+            if os.geteuid():
+                pytest.skip("only root makes a device")
+            os.mknod(path, stat.S_IFCHR | 0o666, os.makedev(1, 3))
+        case "folder":
+            path.mkdir()
+        case target:
+            path.symlink_to(target)
+    return path
+
+
+def test_nothing_but_a_file_is_replaced_by_a_file(no_file):
+    before = no_file.lstat()
+    with pytest.raises(UserError, match=r"^there: a "):
+        write_file(no_file, "12")
+    with pytest.raises(UserError, match=r"^there: a "), new_files(".") as part:
+        write_all(part, {"other": "12", "there": "13"})
+    if not no_file.is_dir():
+        with pytest.raises(OSError, match="there"), new_files(no_file) as part:
+            write_all(part, {"a": "14"})
+    assert no_file.lstat() == before and Path("elsewhere/file").read_text() == "mine"
+    assert sorted(map(str, Path().iterdir())) == ["elsewhere", "there"]
+
+
+def test_a_folder_that_a_link_leads_to_takes_the_files(tmp_path):
+    (tmp_path / "large_disk").mkdir()
+    (tmp_path / "link").symlink_to("large_disk")
+    write_file(tmp_path / "link" / "a", "12")
+    with new_files(tmp_path / "link") as part:
+        write_all(part, {"b": "13"})
+    assert texts_in(tmp_path / "large_disk") == {"a": "12", "b": "13"} and (tmp_path / "link").is_symlink()
+
+
+def test_a_file_that_is_not_the_writer_s_own_stays(tmp_path):
+    (path := tmp_path / "page").write_text("mine")
+    with pytest.raises(UserError, match=r"page: .*remove it or name another"):
+        write_file(path, "own 1", lambda text: text.startswith("own"))
+    assert texts_in(tmp_path) == {"page": "mine"}
+    path.unlink()
+    for text in ("own 1", "own 2"):
+        write_file(path, text, lambda text: text.startswith("own"))
+        assert texts_in(tmp_path) == {"page": text}
 
 
 def test_hidden_files_are_left_out(tmp_path):

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactile_viewgcn.messages import Note, UserError, shown, write_csv
+from tactile_viewgcn.messages import Note, UserError, csv_text, shown
 from tactile_viewgcn.pages.html import environment, svg
 from tactile_viewgcn.plots import confusions, mean_frames
 
@@ -59,7 +59,6 @@ FORMULAS = ["=1+1", "+1", "-1", "@SUM(A1)", "＝1"]
 
 @pytest.mark.parametrize("name", FORMULAS)
 def test_a_name_that_a_spreadsheet_would_run_is_a_text_in_csv_and_a_number_stays_one(name):
-    file = io.StringIO(newline="")
-    write_csv(file, [["object", "error"], [name, -0.5], ["mug=1", 3], [None, True], ["\t=1", NAME]])
-    rows = list(csv.reader(io.StringIO(file.getvalue(), newline="")))
+    text = csv_text([["object", "error"], [name, -0.5], ["mug=1", 3], [None, True], ["\t=1", NAME]])
+    rows = list(csv.reader(io.StringIO(text, newline="")))
     assert rows == [["object", "error"], [f"'{name}", "-0.5"], ["mug=1", "3"], ["", "True"], [r"\t=1", SHOWN]]

@@ -18,7 +18,7 @@ from sklearn.svm import SVC
 
 from benchmarks.command import markdown
 from tactile_viewgcn import TactileClassifier
-from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.files import write_file
 
 SEED, ERROR, SECONDS = 0, "{}, error, %", "{}, s"
 SIMPLE = {  # on statistics of a recording
@@ -43,8 +43,7 @@ def main(folders: tuple[Path, ...], folds: int, out: Path | None, only: str) -> 
     for folder in folders:
         rows[folder.name] = rows.get(folder.name, {}) | measured(folder, folds, only.split(","))
         if out:
-            with atomic_write(out) as part:
-                pd.DataFrame(rows.values(), columns=COLUMNS).to_csv(part, index=False, float_format="%.2f")
+            write_file(out, pd.DataFrame(rows.values(), columns=COLUMNS).to_csv(index=False, float_format="%.2f"))
     table = pd.DataFrame([rows[folder.name] for folder in folders], [folder.name for folder in folders], COLUMNS)
     click.echo(markdown(table.astype(object).where(table.notna(), "-").to_dict("records")))
     regret = (table[ERROR.format("ours")] - table[[ERROR.format(name) for name in SIMPLE]].min(axis=1)).dropna()

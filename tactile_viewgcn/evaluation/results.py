@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from tactile_viewgcn.evaluation.evaluate import Evaluation
-from tactile_viewgcn.evaluation.trials import ASKED, PROTOCOLS, WHOLE
-from tactile_viewgcn.files import atomic_write, readable
+from tactile_viewgcn.evaluation.trials import ASKED, PROTOCOLS, WHOLE, write_predictions
+from tactile_viewgcn.files import readable
 from tactile_viewgcn.intervals import percent_interval
-from tactile_viewgcn.messages import NEW_SESSION, several, write_csv
+from tactile_viewgcn.messages import NEW_SESSION, csv_text, several
 from tactile_viewgcn.params import VIRTUAL
 from tactile_viewgcn.provenance import EARLIER, Record
 from tactile_viewgcn.schema import flatten
@@ -75,15 +75,15 @@ def errors_by_frames(metrics: dict[str, Any]) -> dict[str, list[tuple[int, dict[
 
 
 def write_results(folder: Path, evaluation: Evaluation, timing: dict[str, Any]) -> None:
-    """Write metrics.json and the tables of trials, views, confusion and classes, and the costs in timing.json.
+    """Write predictions, metrics.json, tables of trials, views, confusion and classes, and the costs in timing.json.
 
     All but the costs are equal on every run with one seed. DVC shows summary.json, which has some of both.
     """
     predictions, metrics = evaluation.predictions, evaluation.metrics
     classes = predictions.classes.tolist()
+    write_predictions(folder / "predictions.npz", predictions)
     for name, tree in (("metrics", metrics), ("timing", timing), ("summary", summary(metrics, timing))):
-        with atomic_write(folder / f"{name}.json") as part:
-            part.write_text(json.dumps(tree, indent=2) + "\n")
+        (folder / f"{name}.json").write_text(json.dumps(tree, indent=2) + "\n")
     tables: dict[str, list[list]] = {
         "trials": [["protocol", "trial", "error"]],
         "views": [["protocol", "views", "error", "low", "high"]],
@@ -102,8 +102,7 @@ def write_results(folder: Path, evaluation: Evaluation, timing: dict[str, Any]) 
             if answers:
                 tables["per_class"].append([asked, name, answers, 1 - counts[label] / answers])
     for name, rows in tables.items():
-        with atomic_write(folder / f"{name}.csv") as part, part.open("w", newline="") as file:
-            write_csv(file, rows)
+        (folder / f"{name}.csv").write_text(csv_text(rows), "utf-8", newline="")
 
 
 def row_tags_parameters_metrics(

@@ -7,7 +7,6 @@ from typing import Any, BinaryIO
 import numpy as np
 from tqdm import tqdm
 
-from tactile_viewgcn.files import atomic_write
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.calibration import Classifier, recording_answers
@@ -127,8 +126,7 @@ def write_predictions(path: Path, predictions: Predictions) -> None:
     arrays: dict[str, Any] = {"classes": predictions.classes}
     for asked, trials in predictions.trials.items():
         arrays |= {f"{asked}.{name}": getattr(trials, name) for name in OF_TRIALS}
-    with atomic_write(path) as part, part.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+    np.savez_compressed(path, **arrays)
 
 
 def read_predictions(path: Path | BinaryIO) -> Predictions:

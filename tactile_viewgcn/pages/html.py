@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from tactile_viewgcn.files import atomic_write
+from tactile_viewgcn.files import write_file
 from tactile_viewgcn.messages import NEW_SESSION, several, shown
 from tactile_viewgcn.schema import as_change
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 GLOSSARY = "words.md"
+GENERATOR = '<meta name="generator" content="tactile-viewgcn">'  # marks the pages that may be replaced
 PIXELS = 96 / 72  # of a point
 
 
@@ -50,7 +51,7 @@ def environment() -> Environment:
     )
     glossary = loader.get_source(templates, GLOSSARY)[0]
     templates.globals["words"] = re.findall(r"^\| (.+) \| (.+) \|$", glossary, re.MULTILINE)[1:]
-    templates.globals |= {"as_change": as_change, "new_session": NEW_SESSION}
+    templates.globals |= {"as_change": as_change, "new_session": NEW_SESSION, "generator": Markup(GENERATOR)}
     templates.filters |= {"slug": _slug, "headings": _headings, "several": several, "percent": percent, "svg": svg}
     templates.filters |= {"duration": duration, "lines": _lines}
     return templates
@@ -58,8 +59,7 @@ def environment() -> Environment:
 
 def write(path: Path, text: str) -> str:
     """Write a page, and say so in a line."""
-    with atomic_write(path) as part:
-        part.write_text(text, encoding="utf-8")
+    write_file(path, text, lambda old: GENERATOR in old)
     return f"{path}: {len(text) / 1e6:.1f} MB; open it in a browser"
 
 

@@ -20,7 +20,7 @@ from pydantic.dataclasses import dataclass
 from torch import Tensor
 
 from tactile_viewgcn.device import select_device
-from tactile_viewgcn.files import atomic_write, in_one_line
+from tactile_viewgcn.files import in_one_line, write_file
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.nn.network import STAG_SHAPE, ViewNetwork, spread_frames
 from tactile_viewgcn.params import Model, PreprocessSection, default_params, on_sensors, preset_changes
@@ -155,8 +155,7 @@ class Content:
         """Write the file, and its digest at the end."""
         file = io.BytesIO()  # a file's name would be written into it
         torch.save(_converted(asdict(self), np.ndarray, torch.from_numpy), file)
-        with atomic_write(path) as part:
-            part.write_bytes(file.getvalue() + hashlib.sha256(file.getbuffer()).digest())
+        write_file(path, file.getvalue() + hashlib.sha256(file.getbuffer()).digest())
 
 
 def save_classifier(

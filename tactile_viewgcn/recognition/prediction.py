@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.files import atomic_write
-from tactile_viewgcn.messages import EMPTY_HAND, several, warnings_of, write_csv
+from tactile_viewgcn.files import write_file
+from tactile_viewgcn.messages import EMPTY_HAND, csv_text, several, warnings_of
 from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.recogniser import Answer, Recogniser
 from tactile_viewgcn.tables.recordings import recordings_of
@@ -45,8 +45,14 @@ def predict(model: str, source: str, form: Form, *, csv_path: Path | None, echo:
     if all(record["right"] is None for record in records):
         echo("how often it errs, on a new session too: `tactile-viewgcn report`")
     if csv_path:
-        with atomic_write(csv_path) as part, part.open("w", encoding="utf-8", newline="") as file:
-            write_csv(file, [records[0].keys(), *(record.values() for record in records)])
+        head = csv_text([records[0]])
+        content = head + csv_text(record.values() for record in records)
+        write_file(csv_path, content, lambda old: _has_answers(old, head.strip()))
+
+
+def _has_answers(text: str, head: str) -> bool:
+    """Whether a file has this first line, and as many cells in all others."""
+    return text.startswith(head) and all(line.count(",") >= head.count(",") for line in text.splitlines())
 
 
 def load_model(name: str) -> Recogniser:

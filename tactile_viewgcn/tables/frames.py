@@ -7,7 +7,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from tactile_viewgcn.files import atomic_write, readable
+from tactile_viewgcn.files import new_files, readable
 from tactile_viewgcn.tables.counts import Counts, Gathered, read_columns, read_counts, write_columns, write_counts
 
 TRAIN, VALIDATION, TEST = 0, 1, 2
@@ -145,7 +145,7 @@ def save_table(path: str | Path, table: Any) -> None:
     """Write a table, an object of a dataclass, as a folder, see `tables.counts`."""
     values = {field.name: getattr(table, field.name) for field in fields(table)}
     counts = values.pop("counts", None)
-    with atomic_write(path, folder=True) as part:
+    with new_files(path) as part:
         if counts is not None:
             blocks = (counts[start : start + BLOCK_FRAMES] for start in range(0, len(counts), BLOCK_FRAMES))
             write_counts(part, counts.shape, counts.dtype, blocks)

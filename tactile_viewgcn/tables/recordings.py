@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.files import atomic_write, readable
+from tactile_viewgcn.files import new_files, readable
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
 from tactile_viewgcn.readers.child import limit, run_apart, serve
 from tactile_viewgcn.readers.formats import TEXTS, files_of, open_source
@@ -31,7 +31,7 @@ def read_source(path: Path, out: Path, form: Form = AUTO) -> None:
     Raises:
         UserError: as `open_source` and `write_recordings`, or the child crashed; nothing is left behind.
     """
-    with atomic_write(out, folder=True) as part:
+    with new_files(out) as part:
         request = {"path": str(path), "out": str(part), "form": asdict(form)}
         run_apart("tactile_viewgcn.tables.recordings", request, path)
 

@@ -13,7 +13,7 @@ import torch
 from filelock import FileLock, Timeout
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.files import atomic_write, readable, root
+from tactile_viewgcn.files import readable, root, write_file
 
 
 @contextmanager
@@ -47,8 +47,7 @@ def write_tensors(path: Path, content: dict[str, Any]) -> None:
     """Write tensors and plain values to a file, whole or not at all, equal ones as equal bytes."""
     file = BytesIO()
     torch.save(content, file)
-    with atomic_write(path) as part:
-        part.write_bytes(file.getbuffer())
+    write_file(path, file.getvalue())
 
 
 def restore(path: Path, parts: Iterable[Any]) -> dict[str, Any]:

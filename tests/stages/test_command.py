@@ -45,14 +45,18 @@ def test_what_a_user_can_mend_ends_in_one_line(place, error, says):
     assert "Traceback" in failing(error, place, "--debug").stderr
 
 
-def test_a_stage_whose_record_has_no_room_does_not_say_that_it_is_done(place):
+@pytest.mark.parametrize("record", ["record.json", "y/record.json"])
+def test_a_stage_whose_record_has_no_room_does_not_say_that_it_is_done_and_leaves_no_files_beside_it(place, record):
     def needs(job, out):
+        if record.startswith("y"):
+            (out / "results").write_text("12")
         return "needs: done"
 
     for size, (code, said) in {10: (1, ""), 2**20: (0, "needs: done\n")}.items():
         with room_for(size):
-            result = captured(lambda: run(needs), "--out", "y", "--record", "record.json", cwd=place)
-        assert (result.returncode, result.stdout) == (code, said) and len(left(place)) == (not code)
+            result = captured(lambda: run(needs), "--out", "y", "--record", record, cwd=place)
+        assert (result.returncode, result.stdout) == (code, said)
+        assert left(place) == (set() if code else {record.partition("/")[0]})
 
 
 @pytest.mark.parametrize("error", [ValueError("shapes"), RuntimeError("CUDA error: an illegal memory access")])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactile_viewgcn.files import atomic_write, md5
+from tactile_viewgcn.files import md5, new_files
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.source import COLUMNS, Form, storage_type
 from tactile_viewgcn.tables import recordings as module
@@ -94,7 +94,7 @@ def test_a_source_that_fails_halfway_leaves_the_old_table(tmp_path):
     before = md5(path)
     recording[33] = -1
     line = r"recording of frame 33 is -1; expected .* 0 to 0"
-    with pytest.raises(UserError, match=line), atomic_write(path, folder=True) as part:
+    with pytest.raises(UserError, match=line), new_files(path) as part:
         write_recordings(part, source(COUNTS, cuts=(10, 30), recording=recording))
     assert md5(path) == before
     assert list(tmp_path.iterdir()) == [path]
