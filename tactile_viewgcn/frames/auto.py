@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from tactile_viewgcn.frames.baseline import (
     Baseline,
@@ -15,8 +16,8 @@ from tactile_viewgcn.frames.baseline import (
 )
 from tactile_viewgcn.frames.columns import column_notes
 from tactile_viewgcn.frames.filter import flagged, sensors_in_contact
-from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_note, quietest_are_contact
-from tactile_viewgcn.frames.open_hand import HandStates, hand_states
+from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_note
+from tactile_viewgcn.frames.open_hand import MIN_FRAMES, HandStates, hand_states
 from tactile_viewgcn.frames.split import has_published_split
 from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, MAX_NUMBER, PreprocessSection
@@ -78,28 +79,18 @@ def choose(recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, g
     as_they_are = asked.baseline == "auto" and not (empty_hand or is_array(training.live))
     moments = session_moments(training)
     states = hand_states(training, sensors, moments, all_contact=as_they_are)
-    if not as_they_are and quietest_are_contact(training, states, sensors):
-        states = states.as_contact()
+    if not (as_they_are or empty_hand or _shows_open_hand(training, states)):
+        states = replace(states, contact=np.ones_like(states.contact), open=np.zeros_like(states.open))
 
-    kinds, reason, zero = [asked.baseline], "", asked.zero
+    kind, zero = asked.baseline, asked.zero
     if asked.baseline == "auto":
-        kinds, reason = _baselines(training, states, empty_hand=empty_hand, published=published)
-        zero = smallest_reading(training)
-    tried = list[tuple[float, Any, Baseline, QuickError | None]]()
-    for kind in kinds:
-        baseline = measure_baseline(training, replace(asked, baseline=kind, zero=zero), moments, states)
-        leak = check_leak(training, baseline, states, group[rows])
-        tried.append((leak.error if leak else 0.0, kind, baseline, leak))
-        if not (leak and leak.beats_chance):
-            break
-    else:
-        _, kind, baseline, leak = max(tried, key=lambda one: one[0])
-    if asked.baseline == "auto":
-        if len(tried) > 1:
-            reason = f"of {' and '.join(kinds)} the one above which the object is recognised less without contact"
+        kind, reason = _baseline(training, states, empty_hand=empty_hand, published=published)
         chosen["baseline"] = kind, reason
         if kind == "none":
+            zero = smallest_reading(training)
             chosen["zero"] = zero, "what sensors without contact read" + ": about 0" * (not zero)
+    baseline = measure_baseline(training, replace(asked, baseline=kind, zero=zero), moments, states)
+    leak = check_leak(training, baseline, states, group[rows])
 
     if asked.filter == "auto":
         chosen["filter"] = _filter(training, states, kind)
@@ -107,26 +98,27 @@ def choose(recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, g
         chosen["scale"] = _scale(contact_readings(training, states, baseline))
     params = replace(asked, **{key: value for key, (value, _) in chosen.items()})
     notes = [Note(text, "choice", key, f"preprocess.{key}", value) for key, (value, text) in chosen.items()]
-    if kind == "grasp" and states.all_contact:
-        text = "even the quietest frames are contact, so grasp subtracts signal: set preprocess.baseline to auto"
-        notes.append(Note(text, "warning", "baseline", "preprocess.baseline", "auto"))
-    notes += [leak_note(training, states, leak, advised="grasp" not in kinds), *column_notes(training)]
+    notes += [leak_note(training, states, leak, advised=kind != "grasp"), *column_notes(training)]
     return Choice(params, states, baseline, leak, notes)
 
 
-def _baselines(training: Recordings, states: HandStates, *, empty_hand: bool, published: bool) -> tuple[list[Any], str]:
-    """The baselines to try, the second only if the first leaks, and why.
+def _shows_open_hand(recordings: Recordings, states: HandStates) -> bool:
+    """Whether most recordings have enough frames of the open hand for a baseline, and some in contact."""
+    masks = pd.DataFrame({"open": states.open, "contact": states.contact})
+    frames = masks.groupby(recordings.columns["recording"]).sum().median()
+    return bool(frames["open"] >= MIN_FRAMES and frames["contact"] > 0)
 
-    Recordings like the paper's have the paper's baseline, and those without a known open hand `none`.
-    """
+
+def _baseline(training: Recordings, states: HandStates, *, empty_hand: bool, published: bool) -> tuple[Any, str]:
+    """The baseline and the reason: recordings like the paper's have the paper's, those without an open hand `none`."""
     array = is_array(training.live)
     if empty_hand and (published or not array):
-        return ["empty_hand"], "recorded in every session" + ", and the split is published" * published
+        return "empty_hand", "recorded in every session" + ", and the split is published" * published
     if not array:
-        return ["none"], "few sensors, which may read anything without contact: they are taken as they are"
+        return "none", "few sensors, which may read anything without contact: they are taken as they are"
     if states.all_contact:
-        return ["none"], "even the quietest frames are contact: recordings are taken as they are"
-    return ["grasp", "empty_hand"][: 1 + empty_hand], "of the open hand before each grasp: it may drift"
+        return "none", "even the quietest frames are contact: recordings are taken as they are"
+    return "grasp", "of the open hand before each grasp: it may drift"
 
 
 def smallest_reading(recordings: Recordings) -> float:

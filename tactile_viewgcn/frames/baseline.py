@@ -244,5 +244,4 @@ def _step(counts: np.ndarray) -> float:
         return 1.0
     last_digit = float(np.spacing(np.abs(counts).max()))
     gaps = np.diff(np.unique(counts).astype(np.float64))
-    gaps = gaps[gaps > 8 * last_digit]
-    return float(gaps.min()) if len(gaps) else last_digit
+    return float(min(gaps[gaps > 8 * last_digit], default=last_digit))

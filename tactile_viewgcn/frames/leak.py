@@ -9,16 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline, has_empty_hand
+from tactile_viewgcn.frames.baseline import Baseline
 from tactile_viewgcn.frames.folds import left_out
 from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.frames.split import SPLIT_SEED
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.messages import Note, several
-from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.counts import evenly
-from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
+from tactile_viewgcn.tables.recordings import Recordings
 
 TOPIC = "leak check"
 MAX_FRAMES = 2000  # in all; of each pair of an object and a group equally many
@@ -128,32 +127,6 @@ def check_leak(recordings: Recordings, baseline: Baseline, states: HandStates, g
 
     untouched = states.open & ~recordings.empty_hand
     return quick_error(excess, untouched, recordings.columns["object"], group)
-
-
-def quietest_are_contact(recordings: Recordings, states: HandStates, contact_sensors: int) -> bool:
-    """Whether even the quietest frames are contact, so that there is no open hand to take a baseline from.
-
-    False if every session has an empty hand. True if few frames are quiet or none presses more, or if the quietest
-    frames of recordings differ by as much as contact and predict the objects. Drift alone does not predict them:
-    sessions are held out where possible, since no drift comes twice.
-    """
-    if has_empty_hand(recordings):
-        return False
-    recorded = frames_by_recording(recordings)
-    opened, contact = ([mask[index].sum() for index in recorded] for mask in (states.open, states.contact))
-    if np.median(opened) < MIN_FRAMES or np.median(contact) == 0:
-        return True
-    first = np.array([index[0] for index in recorded])
-    label, session = recordings.columns["object"][first], recordings.columns["session"][first]
-    difference = states.quiet - pd.DataFrame(states.quiet).groupby(session).transform("median").to_numpy()
-    pressed = (np.abs(difference) > CONTACT_SIGMAS * states.noise[session]).sum(axis=1)
-    if np.median(pressed) < contact_sensors:
-        return False
-    of_object = ~recordings.empty_hand[first]
-    for group in (session, np.arange(len(label))):
-        if error := quick_error(difference.__getitem__, of_object, label, group):
-            return error.beats_chance
-    return False
 
 
 def leak_note(recordings: Recordings, states: HandStates, leak: QuickError | None, *, advised: bool) -> Note:

@@ -16,7 +16,7 @@ It fails, and nothing says so,
 A flag of the source that an object is held always counts as contact.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import minimum_filter1d
@@ -60,10 +60,6 @@ class HandStates:
     def all_contact(self) -> bool:
         """Whether even the quietest frames are contact, so that no open hand gives a baseline."""
         return bool(self.contact.all())
-
-    def as_contact(self) -> "HandStates":
-        """The same with every frame in contact."""
-        return replace(self, contact=np.ones_like(self.contact), open=np.zeros_like(self.open))
 
 
 def hand_states(

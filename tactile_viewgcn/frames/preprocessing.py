@@ -112,8 +112,6 @@ def _measure(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> 
         moments = session_moments(part)
         if choice.params.baseline == "grasp":
             states = hand_states(part, int(choice.params.contact_sensors), moments)
-            if choice.states.all_contact:  # the training's hand was never seen open: neither is this one's
-                states = states.as_contact()
         parts.append((frames, rows, measure_baseline(part, choice.params, moments, states)))
     return choice, _joined(parts, len(recordings))
 

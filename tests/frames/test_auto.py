@@ -7,13 +7,10 @@ from tactile_viewgcn.frames import auto as module
 from tactile_viewgcn.frames.auto import smallest_reading
 from tactile_viewgcn.frames.baseline import MIN_FRAMES
 from tactile_viewgcn.frames.filter import sensors_in_contact
-from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
-from tactile_viewgcn.messages import UserError, warnings_of
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import load
-from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.tables.recordings import Recordings, write_recordings
-from tests.glove_data import FILE, all_contact, drifting, written
+from tests.glove_data import FILE, drifting, written
 
 BY_RECORDING = ("split.by=recording", "split.folds=2")
 
@@ -35,33 +32,6 @@ def values(choice):
 def glove(tmp_path_factory):
     """The empty hand and four objects, two recordings of two grasps each, in one session."""
     return drifting(recordings=2, grasps=2).table(tmp_path_factory.mktemp("glove") / "t")
-
-
-def leak_of(error):
-    """A leak check with this error, of which chance is 0.9."""
-    return QuickError(error, 0.0, error, 0.9, 9, 100)
-
-
-@pytest.mark.parametrize(
-    ("grasp", "empty_hand", "expected"),
-    [
-        (None, None, "grasp"),  # not checked
-        (0.9, 0.1, "grasp"),
-        (0.5, 0.9, "empty_hand"),
-        (0.5, 0.4, "grasp"),  # the one that leaks least
-        (0.4, 0.5, "empty_hand"),
-        (0.5, None, "empty_hand"),
-    ],
-)
-def test_an_array_has_the_baseline_of_each_grasp_unless_the_empty_hand_s_leaks_less(
-    tmp_path, monkeypatch, grasp, empty_hand, expected
-):
-    leaks = {of_grasps: leak_of(error) if error else None for of_grasps, error in ((True, grasp), (False, empty_hand))}
-    monkeypatch.setattr(module, "check_leak", lambda _, baseline, *rest: leaks[len(baseline.mean) > 1])
-    recordings = drifting(recordings=2, grasps=2, shape=(8, 9)).table(tmp_path / "t")
-    choice = chosen(recordings, *BY_RECORDING)
-    assert choice.params.baseline == values(choice)["baseline"] == expected
-    assert choice.leak is leaks[expected == "grasp"]
 
 
 #: Frames of the empty hand, form of the array, whether the split is published, and the baseline.
@@ -96,19 +66,6 @@ def test_what_is_set_is_kept(glove, baseline, kept):
     assert (choice.params.baseline, choice.params.filter, choice.params.scale) == (baseline, kept, 100.0)
     if baseline == "none":
         assert choice.baseline.mean.tolist() == [[[500.0] * 8] * 5]
-
-
-@pytest.mark.parametrize("of_object", [True, False])
-def test_recordings_are_all_contact_if_their_quietest_frames_predict_the_objects(tmp_path, of_object):
-    """A firm grasp, then a light, quietest one: of the object, or of the recording."""
-    rng, label, light = np.random.default_rng(0), np.repeat(np.arange(4), 6), np.arange(80) >= 40
-    firm = (rng.random((4, 8, 8)) < 0.4)[label]
-    gentle = firm if of_object else rng.random((24, 8, 8)) < 0.4
-    force = np.where(light[:, None, None], 60.0 * gentle[:, None], 160.0 * firm[:, None])
-    counts = np.rint(100 + force + rng.normal(0, 2, (24, 80, 8, 8))).astype(np.int16).reshape(-1, 8, 8)
-    columns = {"object": np.repeat(label, 80), "recording": np.repeat(np.arange(24), 80), "grasp": np.tile(light, 24)}
-    recordings = written(tmp_path / "t", counts, **columns, objects=["mug", "pen", "ball", "coin"])
-    assert chosen(recordings, "split.by=recording").states.all_contact == of_object
 
 
 @pytest.mark.parametrize(
@@ -159,9 +116,3 @@ def test_the_smallest_reading_is_0_within_a_twentieth_of_the_range_and_not_that_
     counts = np.where(np.arange(2000)[:, None, None] % 2, high, low) + np.zeros((3, 4), dtype=np.int16)
     counts[:2, 0, 0] = -30_000, 30_000
     assert smallest_reading(written(tmp_path / "t", counts.astype(np.int16))) == smallest
-
-
-def test_a_baseline_made_of_frames_in_contact_is_warned_of(tmp_path):
-    write_recordings(tmp_path / "t", open_source(all_contact(tmp_path / "glove")))
-    choice = chosen(Recordings(tmp_path / "t"), "preprocess.baseline=grasp", *BY_RECORDING)
-    assert [(note.key, note.value) for note in warnings_of(choice.notes)] == [("preprocess.baseline", "auto")]

@@ -25,8 +25,7 @@ NO_SENSORS = {
     "milliseconds since 1970": 1.7e12 + (STARTED + N) * 33, "clock that jitters": STARTED + N + tremble(0.15),
     "clock of two days": OF_DAY + N, "clock with a gap in each": STARTED + N + 90 * (N > 17),
     "clock that restarts in some": STARTED + N - 5000 * ((R % 5 == 2) & (N > 30)),
-    "clock in bursts": STARTED + 8 * (N // 8), "seconds": (STARTED + N) // 30,
-    "battery": 4200 - 2 * R + tremble(),
+    "clock in bursts": STARTED + 8 * (N // 8), "seconds": (STARTED + N) // 30, "minutes": (STARTED + N) // 1800,
 }  # fmt: skip
 SENSORS = {
     "bent": 40 * OBJECT + 9 * tremble()[:, :1] + tremble(), "bent, of eight levels": (60 * OBJECT + tremble(20)) // 60,
