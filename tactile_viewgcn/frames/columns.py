@@ -1,4 +1,4 @@
-"""Columns that are no sensor, as a clock or the number of a recording, by what their readings predict."""
+"""Columns that are no sensor, as a clock or the number of a recording, by how they move and what they predict."""
 
 import numpy as np
 import pandas as pd
@@ -9,39 +9,44 @@ from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 UNEVEN = 0.1  # of a clock's steps at most: its gaps, restarts and jitter
+WIDE = 100  # times the range of the median column
 ALIKE = 1.1  # times the lowest frame rate, below which all are alike
 
 
 def column_notes(recordings: Recordings) -> list[Note]:
-    """Warnings of columns, and of frame rates, that predict the objects of held-out recordings without any touch.
+    """Warnings of columns that move as no sensor does, and of frame rates that predict the objects.
 
-    How such a column begins predicts the object. And it is constant within every recording where others vary, as the
-    number of a person; or moves by even steps, and less within a recording than its beginnings differ, as a clock. A
-    finger that stays bent trembles, and one that closes evenly begins about alike in all recordings: neither is such a
-    column.
+    Such a column is constant within every recording where others vary, as the number of a person, or rises by even
+    steps, as a clock. And its beginnings, which differ by more than it goes within a recording, predict the objects of
+    held-out recordings; or its range is far wider than the others'. A finger that stays bent trembles, and one that
+    closes evenly begins about alike in all recordings: neither is such a column.
     """
     of_recording = np.array([index[0] for index in frames_by_recording(recordings)])
     label, usable = recordings.columns["object"][of_recording], ~recordings.empty_hand[of_recording]
-    moves, even, first = _motions(recordings)
 
-    def error(values: np.ndarray) -> QuickError | None:
-        return quick_error(values[:, None].__getitem__, usable, label, np.arange(len(label)), nearest=True)
+    def predicting(values: np.ndarray) -> QuickError | None:
+        """The error of the objects by values (R,), if it is below chance."""
+        error = quick_error(values[:, None].__getitem__, usable, label, np.arange(len(label)), nearest=True)
+        return error if error and error.beats_chance else None
 
-    texts, notes, sensors = list[str](), list[Note](), recordings.sensor_names(recordings.live)
-    for column in np.flatnonzero(even):
-        if (begins := error(first[:, column])) and begins.beats_chance:
-            kind = "with even steps" if moves[column] else "constant in each recording"
-            texts.append(f"{sensors[column]}, {kind} ({100 * begins.error:.1f} %, chance {100 * begins.chance:.1f})")
-    if texts:
-        text = (
-            f"How it begins alone predicts the object, and it moves as no sensor does: {listed(texts, '; ')}. In "
-            "brackets is the error by its beginning. Remove a clock, a number or a name, or call it `time`, "
-            "`recording`, `session` or `object`: then it is left out."
-        )
-        notes.append(Note(text, "warning", "columns"))
+    notes, odd, names = list[Note](), dict[str, str](), recordings.sensor_names(recordings.live)
+    moves, times, differs, first = _motions(recordings)
+    for column in np.flatnonzero(differs | (times > WIDE)):
+        error = predicting(first[:, column]) if differs[column] else None
+        if error or times[column] > WIDE:
+            reason = f"its range is {times[column]:.2g} times the others'"
+            if error:
+                reason = f"error by its beginning alone {100 * error.error:.1f} %, chance {100 * error.chance:.1f} %"
+            kind = "rises by even steps" if moves[column] else "is constant in each recording"
+            odd[names[column]] = f"{names[column]} {kind} ({reason})"
+    if odd:
+        left_out = [f"leave_out:{name}" for name in odd if name in recordings.channel_names]
+        remedy = f"set data.columns to [{', '.join(left_out)}]" if left_out else "remove it from the files"
+        text = f"A clock, a number or a label is no sensor: {listed([*odd.values()], '; ')}. Leave it out: {remedy}."
+        notes.append(Note(text, "warning", "columns", "data.columns" if left_out else "", left_out or None))
     rates = np.array([*frame_rates(recordings.columns["time"], recordings.columns["recording"]).values()])
-    by_rate = error(rates) if len(rates) == len(label) and rates.max() > ALIKE * rates.min() else None
-    if by_rate and by_rate.beats_chance:
+    by_rate = predicting(rates) if len(rates) == len(label) and rates.max() > ALIKE * rates.min() else None
+    if by_rate:
         text = (
             f"{rates.min():.4g} to {rates.max():.4g} frames a second: by these alone the objects are recognised with "
             f"an error of {100 * by_rate.error:.1f} %, chance {100 * by_rate.chance:.1f} %. Record all at one rate."
@@ -54,9 +59,10 @@ def _motions(recordings: Recordings) -> tuple[np.ndarray, ...]:
     """How the S live sensors move within the R recordings.
 
     Returns:
-        The number of steps that are not 0, (S,); whether almost all of these are like the usual one of their recording,
-        and the mean of none goes far from its beginning beside what the beginnings differ by, bool (S,), False for all
-        where all move so; the first reading, (R, S).
+        The number of steps that are not 0, (S,); by how many times the range exceeds that of the median sensor, (S,),
+        and whether beginnings differ by more than a recording's mean from its beginning, bool (S,): both 0 unless
+        almost all steps are like the usual one of their recording, and where all sensors move so; the first reading
+        (R, S).
     """
     live, readings = recordings.live_counts(), list[np.ndarray]()
     moves, uneven = np.zeros((2, int(recordings.live.sum())), dtype=np.int64)
@@ -67,7 +73,10 @@ def _motions(recordings: Recordings) -> tuple[np.ndarray, ...]:
         usual = pd.DataFrame(np.where(steps, steps, np.nan)).median().abs().to_numpy()  # a clock rises; NaN: no step
         moves[columns] += np.count_nonzero(steps, axis=0)
         uneven[columns] += ((np.abs(steps - usual) > usual / 2) & (steps != 0)).sum(axis=0)
-        readings.append(np.stack([counts[0], counts.mean(axis=0)]))
-    first, mean = np.stack(readings, axis=1)
-    even = (uneven <= UNEVEN * moves) & (np.median(np.abs(mean - first), axis=0) <= first.std(axis=0))
-    return moves, even & (not even.all()), first
+        readings.append(np.stack([counts[0], counts.mean(axis=0), counts.min(axis=0), counts.max(axis=0)]))
+    first, mean, low, high = np.stack(readings, axis=1)
+    even = uneven <= UNEVEN * moves
+    even &= not even.all()
+    width = high.max(axis=0) - low.min(axis=0)
+    differs = np.median(np.abs(mean - first), axis=0) <= first.std(axis=0)
+    return moves, even * width / np.quantile(width, 0.5, method="lower"), even & differs, first

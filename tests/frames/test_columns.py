@@ -42,7 +42,7 @@ def test_a_column_is_named_where_it_predicts_the_object_without_touch_and_moves_
     recordings = ArrayRecordings([*X], [*"abcd"], OBJECT[:, 0], np.zeros(24, dtype=int))
     recordings.channel_names = ["it", "s1", "s2", "s3"]
     texts = [note.text for note in column_notes(recordings) if note.level == "warning"]
-    assert [": it, " in text and "s1" not in text for text in texts] == [True] * (name in NO_SENSORS)
+    assert [": it " in text and "s1" not in text for text in texts] == [True] * (name in NO_SENSORS)
 
 
 def test_recordings_of_one_frame_and_sensors_that_all_stand_still_have_no_odd_column():
