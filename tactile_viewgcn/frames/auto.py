@@ -7,19 +7,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tactile_viewgcn.frames.baseline import (
-    Baseline,
-    has_empty_hand,
-    measure_baseline,
-    require_empty_hand,
-    session_moments,
-)
+from tactile_viewgcn.frames.baseline import Baseline, measure_baseline, session_moments, without_empty_hand
 from tactile_viewgcn.frames.columns import column_notes
 from tactile_viewgcn.frames.filter import flagged, sensors_in_contact
 from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_note
 from tactile_viewgcn.frames.open_hand import MIN_FRAMES, HandStates, hand_states
 from tactile_viewgcn.frames.split import has_published_split
-from tactile_viewgcn.messages import Note, UserError, several
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, MAX_NUMBER, PreprocessSection
 from tactile_viewgcn.sensors.features import is_array
 from tactile_viewgcn.tables.counts import evenly
@@ -73,18 +67,21 @@ def choose(recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, g
     if sensors == "auto":
         sensors = sensors_in_contact(live)
         chosen["contact_sensors"] = sensors, f"a fortieth of {several(live, 'sensor')}, 14 at most"
-    empty_hand, published = has_empty_hand(recordings), has_published_split(recordings)
-    if asked.baseline == "empty_hand":
-        require_empty_hand(recordings)
-    as_they_are = asked.baseline == "auto" and not (empty_hand or is_array(training.live))
+    lacking, published = without_empty_hand(recordings), has_published_split(recordings)
+    if asked.baseline == "empty_hand" and lacking:
+        raise UserError(
+            f"fewer than {MIN_FRAMES} frames of {EMPTY_HAND!r} in {listed(lacking)}; expected some in each session. "
+            "Record them, as preprocess.baseline empty_hand needs, or set preprocess.baseline to auto"
+        )
+    as_they_are = asked.baseline == "auto" and bool(lacking) and not is_array(training.live)
     moments = session_moments(training)
     states = hand_states(training, sensors, moments, all_contact=as_they_are)
-    if not (as_they_are or empty_hand or _shows_open_hand(training, states)):
+    if lacking and not (as_they_are or _shows_open_hand(training, states)):
         states = replace(states, contact=np.ones_like(states.contact), open=np.zeros_like(states.open))
 
     kind, zero = asked.baseline, asked.zero
     if asked.baseline == "auto":
-        kind, reason = _baseline(training, states, empty_hand=empty_hand, published=published)
+        kind, reason = _baseline(training, states, empty_hand=not lacking, published=published)
         chosen["baseline"] = kind, reason
         if kind == "none":
             zero = smallest_reading(training)
@@ -98,7 +95,8 @@ def choose(recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, g
         chosen["scale"] = _scale(contact_readings(training, states, baseline))
     params = replace(asked, **{key: value for key, (value, _) in chosen.items()})
     notes = [Note(text, "choice", key, f"preprocess.{key}", value) for key, (value, text) in chosen.items()]
-    notes += [leak_note(training, states, leak, advised=kind != "grasp"), *column_notes(training)]
+    notes += [leak_note(leak, advised=kind != "grasp")] if leak else []
+    notes += column_notes(training)
     return Choice(params, states, baseline, leak, notes)
 
 
@@ -130,10 +128,7 @@ def smallest_reading(recordings: Recordings) -> float:
 
 def contact_readings(recordings: Recordings, states: HandStates, baseline: Baseline) -> np.ndarray:
     """Counts (n,) above the baseline of the sensors in contact, in about 2,000 frames of contact."""
-    usable = states.contact & ~recordings.empty_hand
-    recorded = frames_by_recording(recordings)
-    most = max(1, SAMPLE // len(recorded))
-    sample = np.concatenate([evenly(index[usable[index]], most) for index in recorded])
+    sample = evenly(np.flatnonzero(states.contact & ~recordings.empty_hand), SAMPLE)
     excess = states.counts[sample] - baseline.mean[baseline.of_frame[sample]][:, recordings.live]
     return excess[excess > CONTACT_SIGMAS * states.noise[recordings.columns["session"][sample]]].astype(np.float64)
 

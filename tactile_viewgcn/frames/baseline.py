@@ -9,7 +9,7 @@ from functools import cache, partial
 import numpy as np
 
 from tactile_viewgcn.frames.open_hand import MIN_FRAMES, HandStates, Moments
-from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, several
+from tactile_viewgcn.messages import Note, listed, several
 from tactile_viewgcn.params import PreprocessSection
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
@@ -96,7 +96,7 @@ def measure_baseline(
     maps[0], maps[1] = recordings.counts[np.zeros(1, dtype=int)], 1.0  # cells without a sensor never change
     maps[..., recordings.live] = means, noises
     total = several(len(np.unique(recording)), "recording")
-    texts = [f"{len(names)} of {total}: it is from {kind}: {listed(names)}" for kind, names in replaced.items()]
+    texts = (f"{len(names)} of {total}: it is from {kind}: {listed(names)}" for kind, names in replaced.items())
     return Baseline(maps[0], maps[1], of_frame, [Note(text, topic="baseline") for text in texts])
 
 
@@ -157,20 +157,10 @@ def sessions_with_empty_hand(recordings: Recordings) -> np.ndarray:
     return np.bincount(frames, minlength=len(recordings.sessions)) >= MIN_FRAMES
 
 
-def has_empty_hand(recordings: Recordings) -> bool:
-    """Whether every session that has frames has enough of the empty hand for a baseline."""
-    return bool(sessions_with_empty_hand(recordings)[recordings.columns["session"]].all())
-
-
-def require_empty_hand(recordings: Recordings) -> None:
-    """Raise a UserError if a session that has frames has too few of the empty hand for a baseline."""
-    session, enough = recordings.columns["session"], sessions_with_empty_hand(recordings)
-    for number in np.unique(session[~enough[session]])[:1]:
-        frames = several(int(recordings.empty_hand[session == number].sum()), "frame")
-        raise UserError(
-            f"session {recordings.sessions[number]!r} has {frames} of {EMPTY_HAND!r}; preprocess.baseline empty_hand "
-            f"needs {MIN_FRAMES} or more: record the empty hand, or set preprocess.baseline to auto"
-        )
+def without_empty_hand(recordings: Recordings) -> list[str]:
+    """Names of the sessions that have frames, but too few of the empty hand for a baseline."""
+    enough, recorded = sessions_with_empty_hand(recordings), np.unique(recordings.columns["session"])
+    return [recordings.sessions[number] for number in recorded if not enough[number]]
 
 
 def session_moments(

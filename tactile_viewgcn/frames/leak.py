@@ -3,6 +3,7 @@
 If they do, a low error of a system says little about touch.
 """
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -103,7 +104,8 @@ def _answers(means: np.ndarray, label: np.ndarray, group: np.ndarray, *, nearest
     answer = np.full(len(label), -1)
     classifier = KNeighborsClassifier(1) if nearest else RidgeClassifier(PENALTY * means.shape[1])
     model = make_pipeline(StandardScaler(), classifier)
-    with threadpool_limits(1):  # so that no choice depends on their number; more are no faster here
+    with threadpool_limits(1), warnings.catch_warnings():  # threads: no choice depends on their number
+        warnings.filterwarnings("ignore", "The number of unique classes")  # many objects of two groups each
         for test in left_out(group, label, FOLDS):
             answer[test] = model.fit(means[~test], label[~test]).predict(means[test])
     return answer
@@ -129,16 +131,12 @@ def check_leak(recordings: Recordings, baseline: Baseline, states: HandStates, g
     return quick_error(excess, untouched, recordings.columns["object"], group)
 
 
-def leak_note(recordings: Recordings, states: HandStates, leak: QuickError | None, *, advised: bool) -> Note:
-    """A leak check in one line, or why there is none; a warning with a remedy where the objects are recognised.
+def leak_note(leak: QuickError, *, advised: bool) -> Note:
+    """A leak check in one line; a warning with a remedy where the objects are recognised.
 
     Args:
         advised: to set the baseline to `grasp` is a remedy.
     """
-    if leak is None:
-        frames = int((states.open & ~recordings.empty_hand).sum())
-        text = f"not checked: {several(frames, 'frame')} without contact, not of two objects in two groups each"
-        return Note(text, topic=TOPIC)
     text = (
         f"frames without contact predict the object with an error of {100 * leak.error:.1f} % "
         f"({100 * leak.low:.1f} to {100 * leak.high:.1f}), chance {100 * leak.chance:.1f} %; "

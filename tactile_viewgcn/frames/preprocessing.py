@@ -132,10 +132,7 @@ def frame_counts(frames: Frames) -> dict[str, int]:
     counts: dict[str, int] = {}
     for code, name in enumerate(SIDES):
         on = frames.side == code
-        counts |= {
-            f"frames.{name}": int(on.sum()),
-            f"anchors.{name}": int((on & frames.anchor).sum()),
-            f"groups.{name}": len(np.unique(frames.group[on])),
-            f"recordings.{name}": len(np.unique(frames.recording[on])),
-        }
+        counts |= {f"frames.{name}": int(on.sum()), f"anchors.{name}": int((on & frames.anchor).sum())}
+        for each in ("group", "recording"):
+            counts[f"{each}s.{name}"] = len(np.unique(getattr(frames, each)[on]))
     return counts

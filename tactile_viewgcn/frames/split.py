@@ -94,8 +94,8 @@ def one_class(name: str, where: str = "the recordings have") -> str:
 def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:
     """Split group int64 (T,) of each frame from its columns (T,), numbered in the order of the recordings.
 
-    A recording of several objects is a group per object; recordings that
-    belong together are one group. With `source` the recordings are the groups.
+    A recording of several objects is a group per object; recordings that belong together are one group. With `source`
+    the recordings are the groups.
 
     Raises:
         UserError: `grasp` or `source`, and the recordings have no such column.
@@ -106,9 +106,8 @@ def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:
         raise UserError(f"the recordings have no column {column!r}: {remedy}")
     if by == "session":
         return columns["session"].astype(np.int64)
-    keys = [columns.get("take", columns["recording"]), columns["object"]] + (
-        [columns["grasp"]] if by == "grasp" else []
-    )
+    keys = [columns.get("take", columns["recording"]), columns["object"]]
+    keys += [columns["grasp"]] if by == "grasp" else []
     return np.unique(np.stack(keys, axis=1), axis=0, return_inverse=True)[1].ravel()
 
 

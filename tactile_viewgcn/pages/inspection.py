@@ -172,7 +172,7 @@ def command_lines(overview: Overview, *, new_sessions: bool = False) -> list[str
         return []
     form, settings, defaults = overview.form, [*overview.remarks, *overview.settings], flatten(default_params())
     advised = {note.key: note.value for note in settings if note.key and not note.key.startswith("preprocess.")}
-    preset = advised.pop("preset", None)
+    preset, left_out = advised.pop("preset", None), advised.pop("data.columns", [])
     if new_sessions:
         advised |= {"split.by": "session", "split.folds": min(MOST_FOLDS, len(np.unique(overview.session)))}
     always = ["split.by", "split.folds", "split.fold", "views", *([] if preset else ["model.system"])]
@@ -181,7 +181,7 @@ def command_lines(overview: Overview, *, new_sessions: bool = False) -> list[str
         "data.source": str(everywhere(overview.recordings.path)),
         "data.shape": form.shape if isinstance(form.shape, str) else list(form.shape),
         "data.layout": form.layout,
-        "data.columns": [f"{kind}:{name}" for kind, name in form.columns.items()],
+        "data.columns": [*(f"{kind}:{name}" for kind, name in form.columns.items()), *left_out],
     }
     values |= advised
     sections = groupby(sorted(values), lambda key: key if key == "data.source" else key.partition(".")[0])

@@ -27,34 +27,46 @@ NO_SENSORS = {
     "clock that restarts in some": STARTED + N - 5000 * ((R % 5 == 2) & (N > 30)),
     "clock in bursts": STARTED + 8 * (N // 8), "seconds": (STARTED + N) // 30, "minutes": (STARTED + N) // 1800,
 }  # fmt: skip
+MIXED = 100.0 * np.random.default_rng(1).permutation(24)[:, None]
+WIDE = {"clock of mixed objects": MIXED + N, "number of mixed objects": MIXED + 0 * N}
 SENSORS = {
     "bent": 40 * OBJECT + 9 * tremble()[:, :1] + tremble(), "bent, of eight levels": (60 * OBJECT + tremble(20)) // 60,
     "closes evenly": (1 + OBJECT) * N / 9.0, "closes evenly from about the same": 2 * N + tremble(3)[:, :1],
     "closes by strain": 30 * OBJECT + (2 + tremble()[:, :1]) * N + tremble(2), "trembles": tremble() * (1 + OBJECT),
-    "restarts in each": N + 0 * R, "switch": 1.0 * (N > 30 - 7 * OBJECT), "counter of a byte": (STARTED + N) % 256,
+    "restarts in each": N + 0 * R,
+    "of another unit": 1000 * tremble(), "switch": 1.0 * (N > 30 - 7 * OBJECT), "counter of a byte": (STARTED + N) % 256,
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", [*NO_SENSORS, *SENSORS])
-def test_a_column_is_named_where_it_predicts_the_object_without_touch_and_moves_as_no_sensor(name):
-    column = (NO_SENSORS | SENSORS)[name]
-    X = np.stack([column, *(tremble() for _ in range(3))], axis=-1)[:, :, None]
+def recordings_of(*columns, names):
+    """24 recordings of these columns (24, frames)."""
+    X = np.stack(columns, axis=-1)[:, :, None].astype(float)
     recordings = ArrayRecordings([*X], [*"abcd"], OBJECT[:, 0], np.zeros(24, dtype=int))
-    recordings.channel_names = ["it", "s1", "s2", "s3"]
-    texts = [note.text for note in column_notes(recordings) if note.level == "warning"]
-    assert [": it " in text and "s1" not in text for text in texts] == [True] * (name in NO_SENSORS)
+    recordings.channel_names = names
+    return recordings
+
+
+@pytest.mark.parametrize("names", [["it", "s1", "s2", "s3"], []], ids=["named", "without names"])
+@pytest.mark.parametrize("name", [*NO_SENSORS, *WIDE, *SENSORS])
+def test_a_column_that_moves_as_no_sensor_is_warned_of_where_it_predicts_the_object_or_is_wide(name, names):
+    column = (NO_SENSORS | WIDE | SENSORS)[name]
+    notes = column_notes(recordings_of(column, *(tremble() for _ in range(3)), names=names))
+    remedy = ("data.columns", ["leave_out:it"]) if names else ("", None)
+    assert [(note.level, note.key, note.value) for note in notes] == [("warning", *remedy)] * (name not in SENSORS)
+    for note in notes:
+        assert (names or ["row 1, column 1"])[0] + " " in note.text and "s1" not in note.text
+        assert ("range" in note.text, "beginning" in note.text) == (name in WIDE, name in NO_SENSORS)
 
 
 def test_recordings_of_one_frame_and_sensors_that_all_stand_still_have_no_odd_column():
     for frames in (1, 5):
-        X = np.repeat(40 * OBJECT[..., None] + DRAWN.normal(0, 9, (24, 1, 4)), frames, axis=1)[:, :, None]
-        recordings = ArrayRecordings([*X], [*"abcd"], OBJECT[:, 0], np.zeros(24, dtype=int))
-        assert column_notes(recordings) == []
+        still = [np.repeat(40 * OBJECT + tremble(9)[:, :1], frames, axis=1) for _ in range(4)]
+        assert column_notes(recordings_of(*still, names=[])) == []
 
 
 @pytest.mark.parametrize(("rate", "warned"), [(20 + 10 * OBJECT, 1), (20 + 0.1 * OBJECT, 0), (20 + 30 * (R % 2), 0)])
 def test_objects_recorded_at_different_rates_are_warned_of(rate, warned):
-    recordings = ArrayRecordings([*tremble()[..., None, None]], [*"abcd"], OBJECT[:, 0], np.zeros(24, dtype=int))
+    recordings = recordings_of(tremble(), names=[])
     recordings.columns["time"] = (N / rate).ravel()
     notes = column_notes(recordings)
     assert [(note.topic, "20 to 50" in note.text) for note in notes] == [("frame rate", True)] * warned

@@ -12,35 +12,34 @@ from tests.glove_data import drifting, states_of
 
 
 def checked(recordings, *, by="grasp", baseline="empty_hand", zero=0.0):
-    """The leak check of recordings, and its notes; contact is of five sensors."""
+    """The leak check of recordings; contact is of five sensors."""
     states = states_of(recordings)
     measured = measure_baseline(
         recordings, PreprocessSection(baseline=baseline, zero=zero), session_moments(recordings), states
     )
-    leak = check_leak(recordings, measured, states, split_groups(recordings.columns, by))
-    return leak, leak_note(recordings, states, leak, advised=True)
+    return check_leak(recordings, measured, states, split_groups(recordings.columns, by))
 
 
 @pytest.mark.parametrize("offset", [1.5, 60.0], ids=["of one count and a half", "of twice the signal"])
 def test_drift_between_recordings_predicts_their_objects_but_not_above_the_baseline_of_each_grasp(tmp_path, offset):
     recordings = drifting(objects=6, between=offset, same=True).table(tmp_path / "t")  # touch predicts nothing
-    leak, _ = checked(recordings)
+    leak = checked(recordings)
     assert (leak.error, leak.chance, leak.groups) == (0, pytest.approx(5 / 6), 36)
     assert leak.high < 0.12 and leak.beats_chance
-    mended, _ = checked(recordings, baseline="grasp")
+    mended = checked(recordings, baseline="grasp")
     assert mended.error > 0.7 and not mended.beats_chance
 
 
 def test_a_drift_during_the_grasp_is_visible_above_the_baseline_before_it(tmp_path):
     """Each recording drifts by 2 counts a grasp; above the baseline after the grasp an open hand would show nothing."""
-    leak, _ = checked(drifting(objects=6, within=12.0, same=True).table(tmp_path / "t"), baseline="grasp")
+    leak = checked(drifting(objects=6, within=12.0, same=True).table(tmp_path / "t"), baseline="grasp")
     assert leak.error < 0.2 and leak.beats_chance
 
 
 @pytest.mark.parametrize("by", ["recording", "grasp"])
 def test_what_drifts_alike_for_all_objects_is_no_leak_of_recordings(tmp_path, by):
     glove = drifting(objects=5, recordings=6, grasps=2, between=3.0, within=3.0)
-    leak, _ = checked(glove.table(tmp_path / "t"), by=by)
+    leak = checked(glove.table(tmp_path / "t"), by=by)
     assert leak.beats_chance == (by == "grasp")  # grasps of one recording share its baseline
     if by == "recording":
         assert leak.low <= leak.chance <= leak.high + 1e-9
@@ -54,7 +53,7 @@ def test_sessions_are_held_out_for_all_objects_at_once(tmp_path):
     rng, shift = np.random.default_rng(1), np.zeros((2, 5, 5, 8))
     shift[0, 1:, :2], shift[1, :4, 2:] = rng.normal(0, 4, (4, 2, 8)), rng.normal(0, 4, (4, 3, 8))
     glove.counts[:] = np.rint(glove.counts + shift[0, label] + shift[1, session])
-    leak, _ = checked(glove.table(tmp_path / "t", session=session), by="session", baseline="none", zero=514.0)
+    leak = checked(glove.table(tmp_path / "t", session=session), by="session", baseline="none", zero=514.0)
     assert (leak.error, leak.groups) == (0, 4)
 
 
@@ -62,10 +61,8 @@ def test_sessions_are_held_out_for_all_objects_at_once(tmp_path):
     ("high", "advised", "warning"),
     [(0.08, True, [("preprocess.baseline", "grasp")]), (0.08, False, [("", None)]), (0.97, True, [])],
 )
-def test_a_leak_is_a_warning_whose_remedy_is_the_baseline_of_each_grasp(tmp_path, high, advised, warning):
-    recordings = drifting().table(tmp_path / "t")
-    leak = QuickError(0.05, 0.02, high, 0.96, 1, 2000)
-    note = leak_note(recordings, states_of(recordings), leak, advised=advised)
+def test_a_leak_is_a_warning_whose_remedy_is_the_baseline_of_each_grasp(high, advised, warning):
+    note = leak_note(QuickError(0.05, 0.02, high, 0.96, 1, 2000), advised=advised)
     assert f"(2.0 to {100 * high:.1f}), chance 96.0 %; 2,000 frames in 1 group" in note.text
     assert [(note.key, note.value) for note in warnings_of([note])] == warning
 

@@ -158,7 +158,7 @@ NO_EMPTY = ("preprocess.empty_hand_class=false",)
 LATE = (SESSION == 1) & (OBJECT == 0)  # the empty hand of the second session
 FOUR_LATE = np.where(LATE & (np.cumsum(LATE) > 4), 2, OBJECT)
 REFUSED = {
-    "four frames of the empty hand in a session": ((), COLUMNS | {"object": FOUR_LATE}, "'session1' has 4 frames"),
+    "four frames of the empty hand in a session": ((), COLUMNS | {"object": FOUR_LATE}, "fewer than 5 .* in session1;"),
     "no flags": ((), without("valid"), r"glove\.h5: .*preprocess\.filter flags"),
     "no published split": ((), without("split"), "no column 'split': set split"),
     "no grasps": (("split.by=grasp",), without("grasp"), "no column 'grasp': set split"),
