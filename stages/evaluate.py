@@ -6,6 +6,7 @@ from typing import Any
 from stages.command import Job, run
 from tactile_viewgcn.evaluation import results
 from tactile_viewgcn.evaluation.evaluate import Evaluation, evaluate_table
+from tactile_viewgcn.evaluation.trials import WHOLE
 from tactile_viewgcn.provenance import peak_mb
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.tables.frames import read_frames
@@ -48,11 +49,10 @@ def log_row(row: Run, evaluation: Evaluation, timing: dict[str, Any], records: r
         for frames, error in errors:
             row.log("log_metrics", {f"views.error.{protocol}": error["mean"]}, frames)
     if row.id:
-        from tactile_viewgcn.plots import confusions  # here, since it loads Matplotlib
+        from tactile_viewgcn.plots import confusion  # here, since it loads Matplotlib
 
-        classes, answers = predictions.classes.tolist(), predictions.trials
-        counts = {title: answers[name].confusion(len(classes)) for name, title in results.ASKED.items()}
-        row.log("log_figure", confusions(counts, classes), "confusion.png")
+        classes = predictions.classes.tolist()
+        row.log("log_figure", confusion(predictions.trials[WHOLE].confusion(len(classes)), classes), "confusion.png")
 
 
 if __name__ == "__main__":

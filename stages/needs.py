@@ -17,10 +17,11 @@ def needs(job: Job, out: Path) -> str:
     source = Path(job.params.data.source)
     if not source.exists() and source != Path(VIRTUAL):
         here = root() / source  # a temporary workspace lacks what neither git nor DVC tracks
-        remedy = (
-            f"-S {quote(f'data.source={here}')}" if here.exists() else "a path that `tactile-viewgcn inspect` reads"
+        change = quote(f"data.source={here if here.exists() else 'PATH'}")
+        raise UserError(
+            f"data.source in params.yaml is {source}: no such file or folder; name another by `dvc exp run -S {change}`"
+            ", or go back by `git checkout params.yaml`"
         )
-        raise UserError(f"data.source is {source}: no such file or folder; expected {remedy}")
     system = job.params.model.system
     network = not on_sensors(system)
     needed = json.dumps({"cluster": network, "pretrain": network})  # equal for all systems with a backbone

@@ -10,7 +10,7 @@ import click
 
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.messages import UserError, program, shown
-from tactile_viewgcn.params import MAX_SIDE, default_params, preset_changes
+from tactile_viewgcn.params import MAX_SIDE, PreprocessSection, default_params, preset_changes
 
 if TYPE_CHECKING:
     from tactile_viewgcn.readers.source import Form
@@ -44,8 +44,8 @@ def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None, chan
     from tactile_viewgcn.pages.inspection import inspection_lines, inspection_page
     from tactile_viewgcn.pages.source_inspection import inspect_source
 
-    form = _form(changes)
-    inspection = inspect_source(source, replace(form, shape=shape) if shape else form)
+    form, preprocess = _form(changes, "preprocess")
+    inspection = inspect_source(source, replace(form, shape=shape) if shape else form, preprocess)
     _say(*inspection_lines(inspection))
     if page:
         _say(write(page, inspection_page(inspection)))
@@ -75,7 +75,7 @@ def predict(changes: tuple[str, ...], **options: Any) -> None:
     """
     from tactile_viewgcn.recognition import prediction
 
-    prediction.predict(echo=_say, form=_form(changes), **options)
+    prediction.predict(echo=_say, form=_form(changes)[0], **options)
 
 
 @cli.command()
@@ -84,20 +84,24 @@ def predict(changes: tuple[str, ...], **options: Any) -> None:
 def report(run: str, out: Path) -> None:
     """Write one HTML page of the workspace's last run, or of RUN: a DVC experiment's name, or an MLflow run's id."""
     from tactile_viewgcn.pages.html import write
-    from tactile_viewgcn.pages.run_page import read_run, run_page
+    from tactile_viewgcn.pages.run_page import read_run, report_lines, run_page
 
     with readable(f"{run or 'the workspace'}: a file of runs/ or results/"):
-        page = run_page(read_run(run))
-    _say(write(out, page))
+        finished = read_run(run)
+        page, lines = run_page(finished), report_lines(finished)
+    _say(write(out, page), *lines)
 
 
-def _form(changes: tuple[str, ...]) -> "Form":
+def _form(changes: tuple[str, ...], *other: str) -> tuple["Form", PreprocessSection]:
+    """The form of a source, and settings of `preprocess`, by `--set` of `data` and of other sections of params.yaml."""
     from tactile_viewgcn.readers.source import Form
 
-    if other := [change for change in changes if not change.startswith("data.")]:
-        raise UserError(f"--set {other[0]}: expected data.shape, data.layout or data.columns")
-    data = default_params(changes, "--set").data
-    return Form(data.shape, data.layout, data.names)
+    sections = ("data", *other)
+    if wrong := [change for change in changes if change.partition(".")[0] not in sections]:
+        expected = " or ".join(f"{name}.KEY=VALUE" for name in sections)
+        raise UserError(f"--set {wrong[0]}: expected {expected}; all else is for `dvc exp run -S {wrong[0]}`")
+    params = default_params(changes, "--set")
+    return Form(params.data.shape, params.data.layout, params.data.names), params.preprocess
 
 
 def _say(*lines: str) -> None:

@@ -10,6 +10,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 GLOSSARY = "words.md"
 GENERATOR = '<meta name="generator" content="tactile-viewgcn">'  # marks the pages that may be replaced
-PIXELS = 96 / 72  # of a point
+NO_SENSOR = "#c9d1d5"
 
 
 class Verdict(NamedTuple):
@@ -52,8 +53,7 @@ def environment() -> Environment:
     glossary = loader.get_source(templates, GLOSSARY)[0]
     templates.globals["words"] = re.findall(r"^\| (.+) \| (.+) \|$", glossary, re.MULTILINE)[1:]
     templates.globals |= {"as_change": as_change, "new_session": NEW_SESSION, "generator": Markup(GENERATOR)}
-    templates.filters |= {"slug": _slug, "headings": _headings, "several": several, "percent": percent, "svg": svg}
-    templates.filters |= {"duration": duration, "lines": _lines}
+    templates.filters |= {"several": several, "percent": percent, "svg": svg, "duration": duration}
     return templates
 
 
@@ -63,16 +63,28 @@ def write(path: Path, text: str) -> str:
     return f"{path}: {len(text) / 1e6:.1f} MB; open it in a browser"
 
 
-def svg(figure: "Figure") -> tuple[str, int]:
-    """A figure as the address of an SVG, and its width in pixels."""
+def svg(figure: "Figure") -> str:
+    """A figure as the address of an SVG."""
     from matplotlib import rc_context
 
     buffer = BytesIO()
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "page"}), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph")  # the browser has the letters that matplotlib's font lacks
         figure.savefig(buffer, format="svg", bbox_inches="tight", pad_inches=0.05, metadata={"Date": None})
-    width = PIXELS * float(re.findall(rb'width="([\d.]+)pt"', buffer.getvalue())[0])
-    return f"data:image/svg+xml;base64,{base64.b64encode(buffer.getvalue()).decode()}", round(width)
+    return _address("image/svg+xml", buffer)
+
+
+def heat_map(frame: np.ndarray, top: float) -> str:
+    """A frame (H, W) as the address of a PNG of a pixel a sensor, dark at 0 and bright at `top`; NaN is grey."""
+    from matplotlib import colormaps, image
+
+    buffer, colours = BytesIO(), colormaps["viridis"].with_extremes(bad=NO_SENSOR)
+    image.imsave(buffer, frame, vmin=0, vmax=top or 1, cmap=colours)
+    return _address("image/png", buffer)
+
+
+def _address(kind: str, buffer: BytesIO) -> str:
+    return f"data:{kind};base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 
 def percent(share: float) -> str:
@@ -86,18 +98,3 @@ def duration(seconds: float) -> str:
         return f"{seconds:.1f} s"
     minutes, left = divmod(round(seconds), 60)
     return f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{minutes} min {left} s"
-
-
-def _lines(commands: str) -> Markup:
-    """Commands, one a line."""
-    return Markup("\n").join(map(shown, commands.split("\n")))
-
-
-def _slug(name: str) -> str:
-    """A title as the address of its section."""
-    return re.sub(r"\W+", "-", name.lower()).strip("-")
-
-
-def _headings(body: Markup) -> list[tuple[str, Markup]]:
-    """Slug and title of each section of a page's body."""
-    return [(slug, Markup(title)) for slug, title in re.findall(r'<section id="(.+?)">\s*<h2>(.+?)</h2>', body)]

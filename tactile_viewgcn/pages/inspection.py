@@ -3,8 +3,8 @@
 import shlex
 import textwrap
 from collections.abc import Iterable
+from dataclasses import asdict
 from itertools import groupby
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -19,13 +19,8 @@ from tactile_viewgcn.params import VIRTUAL, default_params, everywhere, unlike_t
 from tactile_viewgcn.schema import as_change, flatten
 from tactile_viewgcn.tables.counts import evenly
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 WIDTH = 80
-MOST_OBJECTS = 48  # whose mean frames are drawn
 NAME = 24  # letters of an object's or session's name
-MANY_GAPS = 0.01  # of the frames
 TWICE = "Record each object at least twice, better five times in two sessions."
 FIRMLY = "Record more of each, held firmly; or are sessions taken for objects? See the table of objects."
 
@@ -34,9 +29,9 @@ def inspection_lines(overview: Overview) -> list[str]:
     """The inspection, the command to use, and the reason of each setting."""
     lines = [str(overview.recordings.path), *_wrapped(f"{figure} {text}" for figure, text in facts(overview))]
     lines += _wrapped(note.text for note in overview.remarks if note.level == "info")
-    for title, (table, remark) in tables(overview).items():
+    for title, table in tables(overview).items():
         rows = table.rename(index=lambda name: name if len(name) <= NAME else f"{name[: NAME - 1]}…").to_string()
-        lines += [title, *textwrap.indent(rows, "  ").splitlines(), *_wrapped([remark])]
+        lines += [title, *textwrap.indent(rows, "  ").splitlines()]
     warned = warnings(overview)
     judged = verdict(overview, warned)
     lines += ["Can they be used?", *_wrapped([" ".join([judged.answer, *judged.reasons])])]
@@ -85,32 +80,25 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
             f"of the frames count as contact: {pressed}",
         ),
         (f"{table.live.sum():,}", f"of {several(table.live.size, 'sensor')} vary"),
-        ("no times", "of frames in the recordings, so no frame rate"),
     ]
     if rates := sorted(overview.rates.values()):
         alike = rates[-1] < rates[0] * ALIKE
         rate = f"{np.median(rates):.4g}" if alike else f"{rates[0]:.4g} to {rates[-1]:.4g}"
-        rows[-1] = (f"{rate} Hz", "is the frame rate")
+        rows.append((f"{rate} Hz", "is the frame rate"))
     kind, leak = overview.choice.params.baseline, overview.choice.leak
-    rows += _error(overview.error, f"on a new recording, in contact above the baseline {kind}")
+    rows += _error(overview.error, f"on a new recording, in contact above the baseline {kind}; `best` mostly errs less")
     rows += _error(overview.session_error, f"on {NEW_SESSION}") + _error(leak, "without contact")
     return rows
 
 
-def tables(overview: Overview) -> dict[str, tuple[pd.DataFrame, str]]:
-    """Tables of texts by title, of a row for each object and for each session, and what their columns are."""
-    table, numbers = overview.recordings, np.unique(overview.session)
-    objects = pd.DataFrame(overview.counts).groupby(overview.label).sum().map("{:,}".format)
-    objects.index = pd.Index([table.objects[one] for one in objects.index])
-    noise = [f"{np.median(overview.states.noise[one]):.3g}" for one in numbers]
-    columns = {"recordings": overview.session, "empty hand": table.columns["session"][table.empty_hand]}
-    counts = {name: [f"{(column == one).sum():,}" for one in numbers] for name, column in columns.items()}
-    sessions = pd.DataFrame(counts | {"noise": noise}, [table.sessions[one] for one in numbers])
-    flagged = "; flagged: by the recordings themselves" * ("flagged" in overview.counts)
-    return {
-        "Objects": (objects, f"Frames of each kind{flagged}."),
-        "Sessions": (sessions, "Frames of the empty hand; noise of the median sensor, in the unit of its readings."),
-    }
+def tables(overview: Overview) -> dict[str, pd.DataFrame]:
+    """Numbers of recordings and of frames of each kind, as texts: a row for each object, and for each session."""
+    recordings, counts, tables = overview.recordings, pd.DataFrame(overview.counts), dict[str, pd.DataFrame]()
+    of = {"Objects": (recordings.objects, overview.label), "Sessions": (recordings.sessions, overview.session)}
+    for title, (names, index) in of.items():
+        table = counts.groupby(index).sum().map("{:,}".format)
+        tables[title] = table.set_axis([names[one] for one in table.index])
+    return tables
 
 
 def _error(error: QuickError | None, where: str) -> list[tuple[str, str]]:
@@ -126,7 +114,6 @@ def warnings(overview: Overview) -> list[Note]:
     by = overview.setting("split.by")
     contact = np.bincount(overview.label, overview.counts["in contact"], len(overview.recordings.objects))
     untouched, single = _names(overview, contact == 0), _names(overview, overview.groups[by] == 1)
-    gaps = overview.gaps > MANY_GAPS * overview.counts["frames"].sum()
     error, session = overview.error, overview.session_error
     guessing = error and not error.beats_chance
     texts = {
@@ -138,7 +125,6 @@ def warnings(overview: Overview) -> list[Note]:
         and f"On {NEW_SESSION} a quick classifier errs by {100 * session.error:.1f} %, on a new recording by "
         f"{100 * error.error:.1f} %. Test both, and record more sessions.",
         "split": single and f"One {by} alone: {single}. Nothing is left to test with. {TWICE}",
-        "time": gaps and f"Frames are missing at {several(overview.gaps, 'place')}. Look at the cable and the logger.",
     }
     return warnings_of(overview.remarks) + [Note(text, "warning", topic) for topic, text in texts.items() if text]
 
@@ -172,11 +158,13 @@ def command_lines(overview: Overview, *, new_sessions: bool = False) -> list[str
         return []
     form, settings, defaults = overview.form, [*overview.remarks, *overview.settings], flatten(default_params())
     advised = {note.key: note.value for note in settings if note.key and not note.key.startswith("preprocess.")}
-    preset, left_out = advised.pop("preset", None), advised.pop("data.columns", [])
+    preset, left_out = advised.pop("preset"), advised.pop("data.columns", [])
     if new_sessions:
         advised |= {"split.by": "session", "split.folds": min(MOST_FOLDS, len(np.unique(overview.session)))}
-    always = ["split.by", "split.folds", "split.fold", "views", *([] if preset else ["model.system"])]
+    always = ["split.by", "split.folds", "split.fold", "views"]
     values = unlike_the_file({key: defaults[key] for key in defaults if key.startswith(("split.", "preprocess."))})
+    asked = {f"preprocess.{key}": value for key, value in asdict(overview.asked).items()}
+    values |= {key: value for key, value in asked.items() if value != defaults[key]}
     values |= {key: defaults[key] for key in always} | {
         "data.source": str(everywhere(overview.recordings.path)),
         "data.shape": form.shape if isinstance(form.shape, str) else list(form.shape),
@@ -186,7 +174,7 @@ def command_lines(overview: Overview, *, new_sessions: bool = False) -> list[str
     values |= advised
     sections = groupby(sorted(values), lambda key: key if key == "data.source" else key.partition(".")[0])
     options = [" ".join(f"-S {shlex.quote(as_change(key, values[key]))}" for key in keys) for _, keys in sections]
-    lines = [f"dvc exp run $(tactile-viewgcn preset {preset})" if preset else "dvc exp run", *options]
+    lines = [f"dvc exp run $(tactile-viewgcn preset {preset})", *options]
     return " \\\n  ".join(lines).split("\n")
 
 
@@ -210,15 +198,12 @@ def _wrapped(texts: Iterable[str]) -> list[str]:
     return [line for text in texts for line in wrapper.wrap(text)]
 
 
-def _mean_frames(overview: Overview) -> "Figure":
-    """Mean frame of each object with frames in contact; an empty one where there is none."""
-    from tactile_viewgcn import plots  # here, since it loads Matplotlib
-
-    recordings, label = overview.recordings, overview.recordings.columns["object"]
-    drawn = np.unique(label[overview.in_contact])[:MOST_OBJECTS]
-    frames = np.zeros((max(1, len(drawn)), *recordings.shape))
-    for frame, one in zip(frames, drawn, strict=False):
+def _mean_frames(overview: Overview) -> dict[str, str]:
+    """By object with frames in contact, the picture of their mean; one scale for all, sensors that do not vary grey."""
+    recordings, label, means = overview.recordings, overview.recordings.columns["object"], dict[str, np.ndarray]()
+    for one in np.unique(label[overview.in_contact]):
         sample = evenly(np.flatnonzero(overview.in_contact & (label == one)), SAMPLE)
+        means[recordings.objects[one]] = frame = np.full(recordings.shape, np.nan)
         frame[recordings.live] = overview.excess(sample).mean(axis=0)
-    names = [recordings.objects[one] for one in drawn] or ["no contact"]
-    return plots.mean_frames(frames, recordings.live, names, "reading above baseline")
+    top = np.nanpercentile([*means.values()], 99.5) if means else 1
+    return {name: html.heat_map(frame, top) for name, frame in means.items()}

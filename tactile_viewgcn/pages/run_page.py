@@ -65,8 +65,9 @@ class FinishedRun:
 
     @property
     def repeated(self) -> dict[str, Any]:
-        """Parameters of a line that repeats the run: the changed ones, and those unlike params.yaml here."""
-        return self.changed | unlike_the_file(self.params)
+        """Parameters of a line that repeats the run: the changed ones, those unlike params.yaml here, the source."""
+        source = str(everywhere(Path(self.params["data.source"])))
+        return self.changed | unlike_the_file(self.params) | {"data.source": source}
 
     def notes(self, level: str) -> list[Note]:
         """The stages' notes of that level, in the order of the stages."""
@@ -158,8 +159,6 @@ def next_steps(outcome: Outcome) -> list[Step]:
         steps.append(Step("Mend the causes of the warnings, and run again.", command))
     if outcome.uncertain:
         others = {key: value for key, value in changed.items() if key != "split.fold"}
-        if (source := str(everywhere(Path(params["data.source"])))) != params["data.source"]:
-            others["data.source"] = source
         folds = ",".join(map(str, range(params["split.folds"])))
         sweep = again(others, f"dvc exp run --queue -S split.fold={folds}")
         command = "" if params["split.by"] == "source" else f"{sweep}\ndvc queue start\ndvc exp show --only-changed"
@@ -168,16 +167,18 @@ def next_steps(outcome: Outcome) -> list[Step]:
         folds = min(params["split.folds"], run.records["ingest"].counts["sessions"])
         command = again({**changed, "split.by": "session", "split.folds": folds, "split.fold": 0})
         steps.append(Step(f"Test it on {NEW_SESSION}.", command))
+    form = {key: params[key] for key in ("data.shape", "data.layout", "data.columns")}
+    form = {key: value for key, value in form.items() if value not in ("auto", [])}
     if outcome.guesses:
-        form = {key: params[key] for key in ("data.shape", "data.layout", "data.columns")}
-        form = {key: value for key, value in form.items() if value not in ("auto", [])}
         command = again(form, f"tactile-viewgcn inspect {shlex.quote(params['data.source'])}", "--set")
         what = "See whether the recordings can tell the objects apart."
         steps.append(Step(what, f"{command} --html inspection.html"))
     else:
         run_id = run.records["evaluate"].run_id if run.name else ""  # its model is in MLflow, or in the workspace
         fetch = f"dvc exp apply {shlex.quote(run.name)}\n" if run.name and not run_id else ""
-        command = f"{fetch}tactile-viewgcn predict {run_id or 'models/classifier.pt'} NEW_RECORDINGS"
+        command = again(
+            form, f"{fetch}tactile-viewgcn predict {run_id or 'models/classifier.pt'} NEW_RECORDINGS", "--set"
+        )
         steps.append(Step("Ask the classifier about new recordings of the same glove, which need no label.", command))
     return steps
 
@@ -185,6 +186,17 @@ def next_steps(outcome: Outcome) -> list[Step]:
 def again(changes: dict[str, Any], command: str = "dvc exp run", option: str = "-S") -> str:
     """A command with changed parameters, by dotted key, each after an option such as `-S` of `dvc exp run`."""
     return " ".join([command, *(f"{option} {shlex.quote(change)}" for change in starmap(as_change, changes.items()))])
+
+
+def report_lines(run: FinishedRun) -> list[str]:
+    """Lines for a terminal: the errors with their intervals, whether that is good, and what to do first."""
+    outcome, metrics = Outcome(run), run.metrics
+    errors = {NEW_SESSION if metrics["new_sessions"] else "a new recording": metrics[WHOLE]["error"]}
+    errors |= {NEW_SESSION: metrics["new_session"]["error"]} if "new_session" in metrics else {}
+    lines = [f"error for {each}: {percent_interval(e['mean'], e['low'], e['high'])} %" for each, e in errors.items()]
+    step = next_steps(outcome)[0]
+    lines[0] += f"; guessing: {percent(outcome.chance)}"
+    return [*lines, outcome.verdict().answer, f"next: {step.what}", *filter(None, step.command.split("\n"))]
 
 
 def run_page(run: FinishedRun) -> str:
@@ -205,10 +217,9 @@ def run_page(run: FinishedRun) -> str:
         asked=SCORED,
         interval=percent_interval,
         by_frames=plots.errors_by_frames(by_frames, outcome.chance),
-        confusion=plots.confusions({ASKED[WHOLE]: outcome.counts}, run.predictions.classes.tolist()),
+        confusion=plots.confusion(outcome.counts, run.predictions.classes.tolist()),
         without_network=on_sensors(run.params["model.system"]),
         remarks=[note for note in run.notes("info") if note.topic != "members"],
-        choices=run.notes("choice"),
         again=again(run.repeated),
         changed=list(starmap(as_change, run.changed.items())),
         versions=[f"{name} {text}" for name, text in origin.items() if name in ("python", *PACKAGES)],

@@ -9,21 +9,26 @@ import numpy as np
 import pandas as pd
 
 from tactile_viewgcn.frames.auto import Choice, choose
-from tactile_viewgcn.frames.leak import QuickError, quick_error
-from tactile_viewgcn.frames.split import has_published_split, published_test, split_groups
-from tactile_viewgcn.intervals import FEW
+from tactile_viewgcn.frames.leak import QuickError
+from tactile_viewgcn.frames.split import SPLIT_SEED, published_test, split_groups
+from tactile_viewgcn.intervals import FEW, proportion_interval
 from tactile_viewgcn.messages import Note, UserError, warnings_of
-from tactile_viewgcn.params import CONTACT_SIGMAS, PreprocessSection
+from tactile_viewgcn.params import PreprocessSection
+from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.formats import other_order
 from tactile_viewgcn.readers.source import AUTO, Form, setting
+from tactile_viewgcn.recognition.left_out import LeftOut
+from tactile_viewgcn.sensors.examples import Examples
+from tactile_viewgcn.sensors.features import every_few
+from tactile_viewgcn.sensors.representation import Representation, contact_unit
+from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.recordings import Recordings, recordings_of
 from tactile_viewgcn.tables.remarks import originals, remarks
 
 SAMPLE = 2000  # frames, of all for the variation of a sensor, of an object for its mean
-GAP = 2.5  # median steps of a recording: frames are missing
 MOST_FOLDS = 5
-FEW_FRAMES = 50_000  # of contact
+ASKED = PreprocessSection()  # nothing: all `auto`
 
 
 class Overview:
@@ -32,7 +37,7 @@ class Overview:
     Args:
         recordings: the table of raw counts; its frames stay mapped after its file is gone.
         form: as which the source was read.
-        asked: settings of `preprocess`; `auto` where the inspection chooses as `preprocess` does.
+        asked: settings of `preprocess`, kept; `auto` where the inspection chooses as `preprocess` does.
 
     Attributes:
         remarks: notes on the source and its table, see `tables.remarks`, and the warnings of `choice`.
@@ -45,13 +50,13 @@ class Overview:
         label, session: (R,) index of each recording's object and session.
     """
 
-    def __init__(self, recordings: Recordings, form: Form = AUTO, asked: PreprocessSection | None = None):
+    def __init__(self, recordings: Recordings, form: Form = AUTO, asked: PreprocessSection = ASKED):
         columns, original = recordings.columns, originals(recordings)
         self.recordings, self.form, self.remarks = recordings, form, remarks(recordings, original)
         self.groups = _groups(recordings, original)
         split, everything = split_settings(self.groups), np.arange(len(recordings))
         self._group = split_groups(columns, str(split[0].value))
-        self.choice = choose(recordings, everything, asked or PreprocessSection(), self._group)
+        self.asked, self.choice = asked, choose(recordings, everything, asked, self._group)
         self.states = self.choice.states
         self.in_contact = self.states.contact & ~recordings.empty_hand
         self.rates = frame_rates(columns["time"], columns["recording"])
@@ -82,19 +87,33 @@ class Overview:
         return self.quick_error(group=self.recordings.columns["session"])
 
     def quick_error(self, of: str = "object", group: np.ndarray | None = None) -> QuickError | None:
-        """Error of telling objects apart, or sessions, by log(1 + excess) in units of the weakest contact.
+        """Error of telling objects apart, or sessions, by whole recordings' frames in contact.
+
+        One quick member of the preset `best` answers them, a fifth of the groups left out at a time. None unless
+        recordings of two objects can be left out.
 
         Args:
             of: the column with what is told apart.
-            group: (T,) what is held out; None for the groups of the recommended split.
+            group: (T,) what is left out; None for the groups of the recommended split.
         """
-        weakest = CONTACT_SIGMAS * float(np.median(self.states.noise[np.unique(self.session)]))
-
-        def readings(index: np.ndarray) -> np.ndarray:
-            return np.log1p(np.maximum(self.excess(index) / weakest, 0))
-
+        columns, live, contact = self.recordings.columns, self.recordings.live, np.flatnonzero(self.in_contact)
         group = self._group if group is None else group
-        return quick_error(readings, self.in_contact, self.recordings.columns[of], group)
+        keys = pd.DataFrame({"label": columns[of], "group": group, "recording": columns["recording"]}).iloc[contact]
+        parts = keys.groupby(list(keys)).indices
+        if not parts:
+            return None
+        labels, groups, _ = np.array(list(parts), dtype=np.int64).T
+        index, sample = [contact[at] for at in parts.values()], self.excess(evenly(contact, SAMPLE))
+        read = Representation.of(live, sample, contact_unit(sample, float(np.median(self.states.noise))))
+        classes = int(labels.max()) + 1
+        examples = Examples(lambda at: self.excess(every_few(index[at])), labels, read, (1,), classes, SPLIT_SEED)
+        left = LeftOut(examples, groups, SPLIT_SEED)
+        if len(np.unique(labels[left.answered])) < 2:
+            return None
+        wrong = left.wrong({"pooled_kernel": 1})
+        low, high = proportion_interval(wrong, np.arange(len(wrong)), stream(SPLIT_SEED, "quick error")) or (0.0, 1.0)
+        chance = 1 - np.bincount(labels[left.answered]).max() / left.answered.sum()
+        return QuickError(float(wrong.mean()), low, high, float(chance), len(wrong), len(contact))
 
     @cached_property
     def counts(self) -> dict[str, np.ndarray]:
@@ -109,15 +128,8 @@ class Overview:
         counts = pd.DataFrame(kinds).groupby(columns["recording"]).sum()
         return {"recordings": np.ones(len(counts), dtype=np.int64)} | {name: counts[name].to_numpy() for name in counts}
 
-    @cached_property
-    def gaps(self) -> int:
-        """Number of steps of more than 2.5 times the median step of their recording."""
-        recording = pd.Series(self.recordings.columns["recording"])
-        steps = pd.Series(self.recordings.columns["time"]).groupby(recording).diff()
-        return int((steps * recording.map(self.rates) > GAP).sum())
 
-
-def inspect_source(path: str | Path, form: Form = AUTO) -> Overview:
+def inspect_source(path: str | Path, form: Form = AUTO, asked: PreprocessSection = ASKED) -> Overview:
     """Inspect a source in any form that `ingest` reads, see `open_source`.
 
     Folders that may be in two orders are read in the other one if readings tell sessions apart and not objects.
@@ -127,7 +139,7 @@ def inspect_source(path: str | Path, form: Form = AUTO) -> Overview:
         FileNotFoundError: nothing at that path.
     """
     with recordings_of(path, form) as recordings:
-        overview = Overview(recordings, form)
+        overview = Overview(recordings, form, asked)
     note = next((note for note in overview.remarks if note.key == "data.layout"), None)
     if not note:
         return overview
@@ -137,7 +149,7 @@ def inspect_source(path: str | Path, form: Form = AUTO) -> Overview:
     if objects and not sessions:
         overview.remarks[overview.remarks.index(note)] = replace(note, level="info")
     elif sessions and not objects:
-        overview = inspect_source(path, replace(form, layout=other_order(str(note.value))))
+        overview = inspect_source(path, replace(form, layout=other_order(str(note.value))), asked)
         text = f"folders are taken in the order {overview.form.layout}: readings tell the outer ones apart, not the "
         text += f"inner ones. If that is wrong, {setting(f'data.layout={note.value}')}"
         overview.remarks.append(replace(note, text=text, value=overview.form.layout))
@@ -181,12 +193,8 @@ def split_settings(groups: dict[str, np.ndarray]) -> list[Note]:
 
 
 def preprocess_settings(recordings: Recordings, choice: Choice) -> list[Note]:
-    """What `auto` becomes, number of views and preset, but no setting that the preset does not read."""
-    settings = [note for note in choice.notes if note.level == "choice"]
+    """What `auto` becomes, but for the scale, which networks alone read, number of views, and preset."""
+    settings = [note for note in choice.notes if note.level == "choice" and note.key != "preprocess.scale"]
     if len(np.unique(recordings.columns["recording"])) == len(recordings):
         settings.append(_choice("views", 1, "every recording is one frame"))
-    like_stag = has_published_split(recordings) and choice.states.contact.sum() > FEW_FRAMES
-    if not like_stag:
-        settings = [note for note in settings if note.key != "preprocess.scale"]  # networks alone read it
-        settings.append(_choice("preset", "best", "it weighs classifiers on your training recordings"))
-    return settings
+    return [*settings, _choice("preset", "best", "it weighs classifiers on your training recordings")]

@@ -101,10 +101,15 @@ def test_verdict_and_steps_follow_from_error_interval_and_split(
     assert ("predict" in commands) == (kind != "bad")
 
 
-def test_a_warning_comes_first_with_the_remedies_that_are_values():
+def test_a_warning_comes_first_with_the_remedies_that_are_values(elsewhere):
+    source = f"'data.source=\"{elsewhere}/my glove\"'"
     other = Note("the table is damaged", "warning", "objects", stage="preprocess")
     done = replace(LEAK, key="views", value=4)  # the run has the remedy already
-    for note, command in (LEAK, "dvc exp run -S views=4 -S preprocess.baseline=grasp"), (other, ""), (done, ""):
+    for note, command in (
+        (LEAK, f"dvc exp run -S views=4 -S {source} -S preprocess.baseline=grasp"),
+        (other, ""),
+        (done, ""),
+    ):
         judged, steps, lines = advice(finished(RIGHT, notes=[note, Note("remark", stage="preprocess")], views=4))
         assert judged.kind == "unsure" and "1 warning below puts it in doubt." in judged.reasons
         assert steps[0].startswith("Mend") and lines.split("\n")[0] == command

@@ -88,7 +88,7 @@ def test_dvc_simulates_where_the_source_is_what_the_glove_writes_and_nowhere_els
     assert sorted(repro(place)[0]) == ["ingest", "needs", "simulate"]  # DVC fixes no order of the first two
     before = md5(place / "runs")
     set_params(place, "data", source="mistyped")
-    with pytest.raises(AssertionError, match=r"Error: data\.source is mistyped: no such file or folder; expected"):
+    with pytest.raises(AssertionError, match=r"Error: data\.source in params\.yaml is mistyped: no such file"):
         repro(place)
     assert md5(place / "runs") == before  # the last run's, for `report`
 
