@@ -102,11 +102,11 @@ def test_verdict_and_steps_follow_from_error_interval_and_split(
 
 
 def test_a_warning_comes_first_with_the_remedies_that_are_values(elsewhere):
-    source = f"'data.source=\"{elsewhere}/my glove\"'"
+    line = f"dvc exp run -S views=4 -S 'data.source=\"{elsewhere}/my glove\"' -S preprocess.baseline=grasp"
     other = Note("the table is damaged", "warning", "objects", stage="preprocess")
     done = replace(LEAK, key="views", value=4)  # the run has the remedy already
     for note, command in (
-        (LEAK, f"dvc exp run -S views=4 -S {source} -S preprocess.baseline=grasp"),
+        (LEAK, line),
         (other, ""),
         (done, ""),
     ):
