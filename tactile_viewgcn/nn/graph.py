@@ -48,6 +48,11 @@ def furthest_points(positions: Tensor, count: int) -> Tensor:
     return torch.stack(picks, dim=-1)
 
 
+def first_places(viewpoints: Tensor, count: int) -> Tensor:
+    """All viewpoints (V, 3) in their order, or the `count` that furthest point sampling chooses first, (count, 3)."""
+    return viewpoints if count == len(viewpoints) else viewpoints[furthest_points(viewpoints, count)]
+
+
 def gather_nodes(values: Tensor, index: Tensor) -> Tensor:
     """values (B, N, C), index (B, ...) -> (B, ..., C)."""
     batch, nodes, features = values.shape

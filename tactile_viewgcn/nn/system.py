@@ -26,11 +26,6 @@ class Sizes:
     classes: int
 
     @property
-    def views(self) -> int:
-        """V."""
-        return len(self.viewpoints)
-
-    @property
     def features(self) -> int:
         """C."""
         return self.feature_shape[0]

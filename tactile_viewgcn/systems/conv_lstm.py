@@ -29,11 +29,8 @@ class ConvLSTM(ViewSystem):
         cell = torch.zeros_like(hidden, dtype=self.classifier.weight.dtype)
         with torch.autocast(views.device.type, torch.bfloat16, enabled=views.dtype == torch.bfloat16):
             for view in views.unbind(dim=1):
-                hidden, cell = self.step(view, hidden, cell)
+                gates = self.gates(torch.cat([view, hidden], dim=1)).chunk(4, dim=1)
+                input_gate, forget_gate, output_gate, candidate = gates
+                cell = forget_gate.sigmoid() * cell + input_gate.sigmoid() * candidate.tanh()
+                hidden = (output_gate.sigmoid() * cell.tanh()).to(view.dtype)
         return self.classifier(hidden.to(cell.dtype).mean(dim=(2, 3))), []
-
-    def step(self, view: Tensor, hidden: Tensor, cell: Tensor) -> tuple[Tensor, Tensor]:
-        """Next hidden and cell states of a view's maps and the states before, (B, C, H, W) each."""
-        input_gate, forget_gate, output_gate, candidate = self.gates(torch.cat([view, hidden], dim=1)).chunk(4, dim=1)
-        cell = forget_gate.sigmoid() * cell + input_gate.sigmoid() * candidate.tanh()
-        return (output_gate.sigmoid() * cell.tanh()).to(view.dtype), cell

@@ -6,7 +6,7 @@ Kipf and Welling, "Semi-supervised classification with graph convolutional netwo
 import torch
 from torch import Tensor, nn
 
-from tactile_viewgcn.nn.graph import furthest_points, nearest
+from tactile_viewgcn.nn.graph import first_places, nearest
 from tactile_viewgcn.nn.system import Sizes, ViewSystem, shape_classifier
 from tactile_viewgcn.params import Model
 
@@ -20,19 +20,16 @@ class GCN(ViewSystem):
 
     takes_fewer = True
     viewpoints: Tensor
-    order: Tensor
 
     def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
         self.register_buffer("viewpoints", sizes.viewpoints.float(), persistent=False)
-        self.register_buffer("order", furthest_points(self.viewpoints, sizes.views), persistent=False)
         self.neighbours = model.neighbours[0] if isinstance(model.neighbours, list) else model.neighbours
         self.layers = nn.ModuleList(nn.Linear(sizes.features, sizes.features) for _ in range(2))
         self.classifier = shape_classifier(sizes.features, sizes.features, sizes.classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
-        count = views.shape[1]
-        positions = self.viewpoints if count == len(self.viewpoints) else self.viewpoints[self.order[:count]]
+        positions = first_places(self.viewpoints, views.shape[1])
         adjacency, nodes = normalised_adjacency(positions, self.neighbours), views
         for layer in self.layers:
             nodes = torch.relu(adjacency @ layer(nodes))

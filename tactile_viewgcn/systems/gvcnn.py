@@ -25,19 +25,15 @@ class GVCNN(ViewSystem):
 
     def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
-        self.groups = sizes.views
+        self.groups = len(sizes.viewpoints)
         self.score = nn.Linear(math.prod(sizes.feature_shape), 1)
         self.classifier = shape_classifier(sizes.features, sizes.features, sizes.classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         views = views.to(self.score.weight.dtype)
-        scores = squash(self.score(views.flatten(2)).squeeze(-1))
+        size = self.score(views.flatten(2)).squeeze(-1).abs()
+        scores = size / (1 + size)  # sigma(log size), which needs no logarithm of 0; NaN where it is not finite
         return self.classifier(grouped_mean(views.mean(dim=(3, 4)), scores, self.groups)), []
-
-
-def squash(x: Tensor) -> Tensor:
-    """sigma(log |x|), computed as |x| / (1 + |x|), which needs no logarithm of 0; NaN where x is not finite."""
-    return x.abs() / (1 + x.abs())
 
 
 def grouped_mean(features: Tensor, scores: Tensor, groups: int) -> Tensor:

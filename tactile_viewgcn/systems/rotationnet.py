@@ -23,7 +23,7 @@ class RotationNet(ViewSystem):
 
     def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
-        self.views, self.classes = sizes.views, sizes.classes
+        self.views, self.classes = len(sizes.viewpoints), sizes.classes
         self.classifier = nn.Linear(sizes.features, self.views * (self.classes + 1))
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:

@@ -16,7 +16,7 @@ class STAGNet(ViewSystem):
 
     def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
-        self.join = nn.Linear(sizes.views * sizes.features, sizes.features)
+        self.join = nn.Linear(len(sizes.viewpoints) * sizes.features, sizes.features)
         self.classifier = nn.Linear(sizes.features, sizes.classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:

@@ -11,7 +11,7 @@ import torch
 import torch.nn.functional as functional
 from torch import Tensor, nn
 
-from tactile_viewgcn.nn.graph import edge_geometry, furthest_points, nearest
+from tactile_viewgcn.nn.graph import edge_geometry, first_places, nearest
 from tactile_viewgcn.nn.message_passing import SLOPE, NonLocalMessagePassing
 from tactile_viewgcn.nn.system import Sizes, ViewSystem, shape_classifier
 from tactile_viewgcn.nn.view_selection import SelectiveViewSampling
@@ -71,16 +71,14 @@ class ViewGCN(ViewSystem):
 
     takes_fewer = True
     viewpoints: Tensor
-    order: Tensor
 
     def __init__(self, sizes: Sizes, model: Model):
         super().__init__()
         self.view_loss, features = model.view_loss, sizes.features
         self.takes_fewer = model.selector != "joint"  # its weights are for V views
-        levels = level_sizes(sizes.views)
+        levels = level_sizes(len(sizes.viewpoints))
         neighbours = model.neighbours if isinstance(model.neighbours, list) else [model.neighbours] * len(levels)
         self.register_buffer("viewpoints", sizes.viewpoints.float(), persistent=False)
-        self.register_buffer("order", furthest_points(self.viewpoints, sizes.views), persistent=False)
         self.convolutions = nn.ModuleList(
             LocalGraphConvolution(features, count, model.edge_distance)
             for count, _ in zip(neighbours, levels, strict=False)
@@ -101,37 +99,28 @@ class ViewGCN(ViewSystem):
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         """views (B, k, C) -> logits (B, classes), and each sampler's logits (B, m, K, classes) for the view loss."""
         count = views.shape[1]
-        places = self.viewpoints if count == len(self.order) else self.viewpoints[self.order[:count]]
-        with torch.autocast(views.device.type, enabled=False):
-            nodes, positions = views.to(self.viewpoints.dtype), places[None]  # (1, k, 3): common to all view sets
-            descriptors, view_logits = list[Tensor](), list[Tensor]()
-            for level, convolution in enumerate(self.convolutions):
-                nodes = convolution(nodes, positions)
-                descriptors.append(nodes.amax(dim=1))
-                if level < len(self.samplers):
-                    kept = max(1, count >> (level + 1))
-                    nodes, positions, logits = self.samplers[level](self.messages[level](nodes), positions, kept)
-                    view_logits.append(logits)
-            return self.classifier(torch.cat(descriptors or [nodes[:, 0]], dim=-1)), view_logits
+        places = first_places(self.viewpoints, count)
+        nodes, positions = views.to(self.viewpoints.dtype), places[None]  # (1, k, 3): common to all view sets
+        descriptors, view_logits = list[Tensor](), list[Tensor]()
+        for level, convolution in enumerate(self.convolutions):
+            nodes = convolution(nodes, positions)
+            descriptors.append(nodes.amax(dim=1))
+            if level < len(self.samplers):
+                kept = max(1, count >> (level + 1))
+                nodes, positions, logits = self.samplers[level](self.messages[level](nodes), positions, kept)
+                view_logits.append(logits)
+        return self.classifier(torch.cat(descriptors or [nodes[:, 0]], dim=-1)), view_logits
 
     def loss(self, logits: Tensor, aux: list[Tensor], labels: Tensor) -> Tensor:
-        """Equation 6."""
-        return shape_and_view_loss(logits, aux, labels, self.view_loss)
+        """Equation 6: cross-entropy of the logits plus that of the samplers' logits, mean over the batch.
 
-
-def shape_and_view_loss(logits: Tensor, view_logits: list[Tensor], labels: Tensor, view_loss: str = "sum") -> Tensor:
-    """Equation 6: cross-entropy of the view set's logits plus that of the samplers' logits, mean over the batch.
-
-    Args:
-        logits: (B, classes).
-        view_logits: of each sampler, (B, M, K, classes), see `SelectiveViewSampling`.
-        labels: (B,) classes.
-        view_loss: `sum` over the outputs of a view set as the paper has it, or their `mean` (released code).
-    """
-    loss = functional.cross_entropy(logits, labels)
-    if not view_logits:
-        return loss
-    outputs = torch.cat([out.flatten(1, 2) for out in view_logits], dim=1)  # (B, outputs, classes)
-    count = outputs.shape[1]
-    mean = functional.cross_entropy(outputs.flatten(0, 1), labels.repeat_interleave(count))
-    return loss + mean * (count if view_loss == "sum" else 1)
+        With `model.view_loss: sum` the samplers' part is the sum over their outputs of a view set as the paper has it,
+        else their mean (released code).
+        """
+        loss = functional.cross_entropy(logits, labels)
+        if not aux:
+            return loss
+        outputs = torch.cat([out.flatten(1, 2) for out in aux], dim=1)  # (B, outputs, classes)
+        count = outputs.shape[1]
+        mean = functional.cross_entropy(outputs.flatten(0, 1), labels.repeat_interleave(count))
+        return loss + mean * (count if self.view_loss == "sum" else 1)

@@ -131,7 +131,6 @@ def _average_moments(
     norms = [layer for layer in module.modules() if isinstance(layer, nn.modules.batchnorm._BatchNorm)]
     if not norms:
         return
-    momenta = [norm.momentum for norm in norms]
     module.train()
     for layer in module.modules():
         if isinstance(layer, nn.modules.dropout._DropoutNd):
@@ -139,7 +138,5 @@ def _average_moments(
     batches = torch.randperm(count, generator=order).tensor_split(num_batches(count, INFERENCE_BATCH))
     for number, index in enumerate(batches, start=1):
         for norm in norms:
-            norm.momentum = 1 / number  # so that the moments are the mean over the batches so far
+            norm.momentum = 1 / number  # the moments are the mean over the batches so far; no training follows
         module(batch_of(index))
-    for norm, momentum in zip(norms, momenta, strict=True):
-        norm.momentum = momentum

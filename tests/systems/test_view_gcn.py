@@ -1,80 +1,129 @@
-"""Equations 1, 2 and 6, worked by hand on a graph of four nodes, and the network that all six make."""
+"""The network that equations 1 to 6 make, against plain loops over nodes, and equation 6 by hand."""
 
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
-import torch.nn.functional as functional
 
-from tactile_viewgcn.nn.message_passing import SLOPE, NonLocalMessagePassing
+from tactile_viewgcn.nn.message_passing import NonLocalMessagePassing
 from tactile_viewgcn.params import load, preset_changes
 from tactile_viewgcn.recognition.model_file import build_classifier
-from tactile_viewgcn.systems.view_gcn import LocalGraphConvolution, ViewGCN, shape_and_view_loss
+from tactile_viewgcn.systems.view_gcn import LocalGraphConvolution, ViewGCN
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.nn.four_nodes import NODES, POSITIONS, fill, plain_norm
 from tests.systems.small_systems import head_of
 from tests.trained_network import without_dropout
 
 ROOT = Path(__file__).parents[2]
+PLACES = np.random.default_rng(0).normal(size=(9, 3)).astype(np.float32).astype(float)  # no two distances alike
 
 
-def test_equations_1_and_2_by_hand():
-    convolution = plain_norm(LocalGraphConvolution(1, neighbours=2, edge_distance="squared"))
-    with torch.no_grad():  # S_ij = squared distance + 1
-        for weight in convolution.relation.parameters():
-            weight.zero_()
-        for layer, column in ((0, 9), (2, 0), (4, 0)):
-            convolution.relation[layer].weight[0, column] = 1
-        convolution.relation[4].bias[0] = 1
-    fill(convolution.linear.weight, [2])
-    fill(convolution.linear.bias, [-10])
-    # node 0: 1*1 + 2*2 = 5; node 1: 1*2 + 2*1 = 4; node 2: 1*3 + 5*1 = 8; node 3: 1*4 + 10*1 = 14
-    expected = torch.tensor([0.0, 0.2 * -2, 6, 18])
-    torch.testing.assert_close(convolution(NODES, POSITIONS).flatten(), expected)
+def leaky(x):
+    return np.where(x > 0, x, 0.2 * x)
 
 
-def test_equation_6_by_hand():
-    label, ln = torch.tensor([0]), math.log
-    view_logits = [torch.tensor([[[[0.0, 0], [ln(3), 0]]]])]
-    shape = torch.zeros(1, 2)
-    assert shape_and_view_loss(shape, [], label).item() == pytest.approx(ln(2))
-    assert shape_and_view_loss(shape, view_logits, label).item() == pytest.approx(ln(2) + ln(2) + ln(4 / 3))
-    mean = shape_and_view_loss(shape, view_logits, label, "mean")
-    assert mean.item() == pytest.approx(ln(2) + (ln(2) + ln(4 / 3)) / 2)
+def dense(layer, x):
+    return x @ layer.weight.numpy().T + layer.bias.numpy()
 
 
-def test_local_convolution_equals_the_plain_loop():
+def normed(layer, x):
+    scale = layer.weight.numpy() / np.sqrt(layer.running_var.numpy() + layer.eps)
+    return leaky((x - layer.running_mean.numpy()) * scale + layer.bias.numpy())
+
+
+def nearest(places, i, count):
+    return np.argsort(((places - places[i]) ** 2).sum(axis=1))[:count]
+
+
+def furthest(places, count):
+    chosen = [0]
+    while len(chosen) < count:
+        chosen.append(int(np.argmax([min(((place - places[j]) ** 2).sum() for j in chosen) for place in places])))
+    return chosen
+
+
+def convolved(layer, nodes, places, count, power):
+    """Equations 1 and 2: the sum over a node's nearest, itself among them, weighted by an MLP of the edge."""
+    sums = np.zeros_like(nodes)
+    for i, here in enumerate(places):
+        for j in nearest(places, i, count):
+            step = here - places[j]
+            edge = np.concatenate([here, places[j], step, [(step @ step) ** power]])
+            hidden = leaky(dense(layer.relation[2], leaky(dense(layer.relation[0], edge))))
+            sums[i] += dense(layer.relation[4], hidden) * nodes[j]
+    return normed(layer.norm, dense(layer.linear, sums))
+
+
+def exchanged(layer, nodes):
+    """Equations 3 and 4: a message from each node to each, itself among them, and what a node makes of their sum."""
+    received = [sum(leaky(dense(layer.message, np.concatenate([sender, node]))) for sender in nodes) for node in nodes]
+    return normed(layer.norm, dense(layer.fusion, np.hstack([nodes, received])))
+
+
+def selected(sampler, nodes, places, kept):
+    """Equation 5: the surest of the four nearest of each sampled node, and the logits (kept, K, classes) of all."""
+    near = np.array([nearest(places, i, 4) for i in furthest(places, kept)])
+    if sampler.joint:
+        logits = np.stack([dense(sampler.classifier, nodes[each].ravel()).reshape(kept, -1) for each in near.T], axis=1)
+    else:
+        weights = zip(sampler.classifier.weight.numpy(), sampler.classifier.bias.numpy(), near, strict=False)
+        logits = np.stack([nodes[each] @ weight.T + bias for weight, bias, each in weights])
+    odds = np.exp(logits)
+    confidence = (odds / odds.sum(axis=0 if sampler.joint else 2, keepdims=True)).max(axis=2)
+    return near[np.arange(kept), confidence.argmax(axis=1)], logits
+
+
+@pytest.mark.parametrize(
+    ("count", "distance", "neighbours", "selector"),
+    [
+        (9, "squared", [4, 4, 4], "per_view"),
+        (9, "plain", [4, 3, 2], "joint"),
+        (5, "plain", [2, 4, 1], "per_view"),
+        (2, "squared", [4, 3, 2], "per_view"),
+    ],
+)
+def test_the_network_is_equations_1_to_5_of_all_views_and_of_the_furthest_few(count, distance, neighbours, selector):
     torch.manual_seed(0)
-    convolution = LocalGraphConvolution(4, neighbours=3, edge_distance="squared").eval()
-    nodes, positions = torch.randn(2, 6, 4), torch.randn(2, 6, 3)
-    out = convolution(nodes, positions)
-    for b in range(2):
-        for i in range(6):
-            gaps = [(positions[b, i] - positions[b, j]).square().sum().item() for j in range(6)]
-            total = torch.zeros(4)
-            for j in sorted(range(6), key=gaps.__getitem__)[:3]:
-                here, there = positions[b, i], positions[b, j]
-                edge = torch.cat([here, there, here - there, torch.tensor([gaps[j]])])
-                total += convolution.relation(edge) * nodes[b, j]
-            row = functional.leaky_relu(convolution.norm(convolution.linear(total)[None]), SLOPE)[0]
-            torch.testing.assert_close(out[b, i], row, rtol=1e-4, atol=1e-6)
+    changes = f"edge_distance={distance}", f"neighbours={neighbours}", f"selector={selector}"
+    changes = [f"model.{change}" for change in changes]
+    head = head_of(ViewGCN, *changes, places=PLACES, features=6, classes=3).double().eval().requires_grad_(False)
+    for name, values in (*head.named_buffers(), *head.named_parameters()):
+        if "norm" in name and values.is_floating_point():
+            values.uniform_(0.5, 1.5)
+    views, expected, outputs = np.random.default_rng(1).normal(size=(2, count, 6)), [], []
+    for nodes in views:
+        places, descriptors = PLACES if count == 9 else PLACES[furthest(PLACES, count)], []
+        for level, near in enumerate(neighbours):
+            nodes = convolved(head.convolutions[level], nodes, places, near, 1 if distance == "squared" else 0.5)
+            descriptors.append(nodes.max(axis=0))
+            if level < 2:
+                nodes = exchanged(head.messages[level], nodes)
+                chosen, each = selected(head.samplers[level], nodes, places, max(1, count >> level + 1))
+                nodes, places = nodes[chosen], places[chosen]
+                outputs.append(each)
+        hidden = leaky(dense(head.classifier[0], np.concatenate(descriptors)))
+        expected.append(dense(head.classifier[3], hidden))
+    logits, aux = head(torch.from_numpy(views))
+    np.testing.assert_allclose(logits, expected)
+    for level, each in enumerate(aux):
+        np.testing.assert_allclose(each, outputs[level::2])
+
+
+@pytest.mark.parametrize(("view_loss", "share"), [("sum", 1), ("mean", 1 / 3)])
+def test_equation_6_by_hand(view_loss, share):
+    """Two view sets alike; samplers of two candidates and of one, with probabilities of 1/2, 3/4 and 1/2."""
+    outputs = share * math.log(2 * 4 / 3 * 2)
+    head, zero, label = head_of(ViewGCN, f"model.view_loss={view_loss}"), torch.zeros(2, 2), torch.tensor([0, 0])
+    aux = [torch.tensor([[0.0, 0], [math.log(3), 0]]).expand(2, 1, 2, 2), torch.zeros(2, 1, 1, 2)]
+    assert head.loss(zero, [], label).item() == pytest.approx(math.log(2))
+    assert head.loss(zero, aux, label).item() == pytest.approx(math.log(2) + outputs)
 
 
 def test_the_released_preset_has_the_released_number_of_weights():
     params = load(ROOT / "params.yaml", tuple(preset_changes("released")))
     head = build_classifier(torch.from_numpy(viewpoints(8)), 27, params.model).head
     assert sum(weight.numel() for weight in head.parameters()) == 305_138
-
-
-def test_the_head_computes_in_float32_under_autocast():
-    head = head_of(ViewGCN, places=viewpoints(4)).eval()
-    features = torch.randn(2, 4, 16)
-    plain = head(features)[0]
-    with torch.autocast("cpu", torch.bfloat16):
-        under = head(features)[0]
-    assert under.dtype == torch.float32
-    assert torch.equal(plain, under)
 
 
 @pytest.mark.stability("gradients")
