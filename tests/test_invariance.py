@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks.stability.rows import max_rel_error, share_different
 from tactile_viewgcn.evaluation.trials import PROTOCOLS, answer_recordings, run_trials
 from tactile_viewgcn.tables.frames import TEST
+from tests.glove_data import fewer_anchors
 from tests.trained_network import SINGLE, Subject
 
 MOST = 200  # test frames
@@ -79,14 +80,9 @@ def only(count: int) -> Iterator[None]:
 
 
 def evaluated(subject: Subject, precision: str) -> tuple[torch.Tensor, np.ndarray]:
-    """Logits of some view sets, and the answers of two trials of both protocols, clustering included.
-
-    The anchors are at most MOST of those on the test side, evenly.
-    """
+    """Logits of some view sets, and the answers of two trials of both protocols, clustering included."""
     index, classifier = subject.table.on(TEST), subject.classifier
-    anchors, chosen = index[subject.table.anchor[index]], np.zeros_like(subject.table.anchor)
-    chosen[anchors[np.linspace(0, len(anchors) - 1, min(MOST, len(anchors))).astype(int)]] = True
-    table = replace(subject.table, anchor=chosen)
+    table = fewer_anchors(subject.table, 1 + int(subject.table.anchor[index].sum()) // MOST)
     inputs = table.inputs(index)
     nodes = subject.features(inputs, precision)
     params = replace(subject.params, evaluate=replace(subject.params.evaluate, trials=2, side="test"))

@@ -125,6 +125,14 @@ def test_anchors_number_the_smallest_class_or_the_minimum_or_all_there_are(sizes
         assert [(frames & anchor).sum() for frames in of_class] == [min(size, count) for size in kept]
 
 
+def test_every_frame_is_as_often_an_anchor(monkeypatch):
+    monkeypatch.setattr(module, "MINIMUM", 5)
+    side, keep, rng = np.full(22, TRAIN), np.ones(22, bool), np.random.default_rng(0)
+    columns = {"object": np.repeat([0, 1], [20, 2])}
+    share = np.mean([draw_anchors(columns, side, keep, rng, published=False) for _ in range(1000)], axis=0)
+    np.testing.assert_allclose(share, np.repeat([0.25, 1], [20, 2]), atol=0.06)
+
+
 def test_surplus_groups_are_those_after_the_first_of_each_class_on_the_training_side():
     side = np.array([TRAIN] * 8 + [VALIDATION] * 2 + [TEST] * 2)
     groups = np.array([4, 4, 2, 9, 9, 5, 7, 8, 1, 3, 0, 6])

@@ -1,19 +1,23 @@
 """A training that was interrupted ends as one that was not."""
 
 import re
+import shutil
 
 import pytest
 import torch
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.tables.frames import save_table
 from tactile_viewgcn.training import loop
 from tactile_viewgcn.training.checkpoint import restore, save, training_checkpoint
-from tests.glove_data import CPU
+from tests import glove_data
+from tests.glove_data import CPU, FILE, SMALL, recipe, table, views_of
+from tests.stages.running import FILES, changed, run_stage
 from tests.training.small_trainings import equal_weights, finetune, pretrain
 
 
-class Interrupted(Exception):
+class Interrupted(KeyboardInterrupt):
     """What a kill is here."""
 
 
@@ -64,6 +68,27 @@ def test_an_interrupted_training_ends_as_one_that_was_not(tmp_path, monkeypatch,
     assert again.epoch == progress.epoch == 4 and progress.resumed == (0, 0.0)
     assert [re.findall(r"\d+ ", str(each)) for each in (progress, again)] == [["4 "], ["4 ", f"{after} "]]  # epochs
     assert again.resumed[0] == after and again.seconds >= again.resumed[1] > 0
+
+
+@pytest.mark.parametrize("stage", ["pretrain", "finetune"])
+def test_a_stage_that_was_interrupted_goes_on_and_ends_as_one_that_was_not(tmp_path, monkeypatch, stage):
+    shutil.copy(FILE, tmp_path)
+    save_table(tmp_path / "data" / "frames", table())
+    save_table(tmp_path / "data" / "views", views_of(table(), recipe()))
+    (tmp_path / "data" / "needs.json").write_text('{"pretrain": true}')
+    (tmp_path / "models").mkdir()
+    torch.save(glove_data.pretrained(), tmp_path / "models" / "backbone.pt")
+    words = FILES[stage].split() + changed(*SMALL, "precision=float32", "finetune.epochs=2")
+    out = tmp_path / FILES[stage].split()[-1]
+    assert "before an interruption" not in run_stage(stage, *words, cwd=tmp_path).stdout
+    whole = out.read_bytes()
+    out.unlink()
+    with monkeypatch.context() as patch, pytest.raises(Interrupted):
+        interrupt(patch, 1)
+        run_stage(stage, *words, cwd=tmp_path)
+    assert not out.exists() and len(list(tmp_path.glob(f"checkpoints/{stage}-*.pt"))) == 1
+    assert "1 of them before an interruption" in run_stage(stage, *words, cwd=tmp_path).stdout
+    assert out.read_bytes() == whole and not list(tmp_path.glob("checkpoints/*.pt"))
 
 
 def test_a_continued_training_has_as_many_threads_as_before(tmp_path):

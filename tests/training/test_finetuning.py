@@ -5,7 +5,8 @@ import pytest
 import torch
 
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION
-from tactile_viewgcn.training.view_sets import SideViewSets
+from tactile_viewgcn.training import finetuning
+from tactile_viewgcn.training.view_sets import SetLoss, SideViewSets
 from tactile_viewgcn.views.sampling import ViewSets
 from tests.glove_data import CPU, fewer_anchors, recipe, table, views_of
 from tests.training.small_trainings import finetune
@@ -28,6 +29,30 @@ def test_view_sets_are_redrawn_every_epoch_and_the_validation_side_s_stay_the_sa
     draws.clear()
     finetune("finetune.epochs=3", "finetune.resample_views=never", running, every=12)
     assert len(draws) == 1
+
+
+@pytest.mark.parametrize("draw", ["clusters", "random"])
+def test_random_draws_are_of_the_training_side_alone(monkeypatch, draw):
+    sides = {}
+
+    class Watched(SideViewSets):
+        def __init__(self, side, table, views, *further):
+            sides[side] = views.clustered
+            super().__init__(side, table, views, *further)
+
+    monkeypatch.setattr(finetuning, "SideViewSets", Watched)
+    finetune(f"finetune.draw={draw}", VALIDATED, "finetune.moments=running", every=12)
+    assert sides == {TRAIN: draw == "clusters", VALIDATION: True}
+
+
+@pytest.mark.parametrize(
+    ("reuse", "views", "filled"), [(1, 4, 0), (2, 4, 1), (2, 1, 0)], ids=["no reuse", "reuse", "one view"]
+)
+def test_the_bank_is_filled_once_a_training_where_features_are_reused(monkeypatch, reuse, views, filled):
+    fills, fill = [], SetLoss.fill_bank
+    monkeypatch.setattr(SetLoss, "fill_bank", lambda *arguments: fills.append(fill(*arguments)))
+    finetune("finetune.epochs=2", f"finetune.feature_reuse={reuse}", f"views={views}", every=12)
+    assert len(fills) == filled
 
 
 def test_a_side_draws_one_set_around_each_of_its_anchors():

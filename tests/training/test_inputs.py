@@ -31,13 +31,15 @@ def test_a_batch_is_the_network_input_of_its_frames_in_the_order_that_convolutio
     np.testing.assert_array_equal(torch.cat(parts)[:, 0], expected)
 
 
-@pytest.mark.parametrize("noise", [0.015, 0.3])
-def test_noise_is_white_of_the_stated_share_of_full_scale(noise):
+@pytest.mark.parametrize(("share", "transform", "full_scale"), [(0.015, "clip", 1), (0.3, "clip", 1), (0.3, "log", 2)])
+def test_noise_is_white_of_the_stated_share_of_full_scale(share, transform, full_scale):
+    """Full scale of the logarithm is log(1 + e² - 1)."""
     index, everyone = np.arange(200), torch.arange(200)
-    frames = FrameInputs(table(), index, CPU, noise=noise, rng=torch.Generator().manual_seed(1))
+    read, noise = replace(table(), transform=transform, scale=np.e**2 - 1), share * full_scale
+    frames = FrameInputs(read, index, CPU, noise=share, rng=torch.Generator().manual_seed(1))
     added = frames.noisy(everyone) - frames[everyone]
     assert float(added.std()) == pytest.approx(noise, rel=0.02)
     assert abs(float(added.mean())) < 4 * noise / len(added.flatten()) ** 0.5
     neighbours = torch.stack([added[..., 1:].flatten(), added[..., :-1].flatten()])
     assert abs(float(torch.corrcoef(neighbours)[0, 1])) < 0.03
-    assert torch.equal(FrameInputs(table(), index, CPU).noisy(everyone), frames[everyone])
+    assert torch.equal(FrameInputs(read, index, CPU).noisy(everyone), frames[everyone])

@@ -1,4 +1,4 @@
-"""Both trainings learn, one seed gives one result, and the recipe reaches the optimiser."""
+"""Both trainings learn, and the recipe reaches the optimiser."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from tactile_viewgcn.tables.frames import TRAIN
 from tactile_viewgcn.training import finetuning, pretraining
 from tactile_viewgcn.training.loop import Progress
 from tests.glove_data import fewer_anchors, table
-from tests.training.small_trainings import equal_weights, finetune, pretrain
+from tests.training.small_trainings import finetune, pretrain
 
 
 @pytest.mark.parametrize(
@@ -25,12 +25,6 @@ def test_it_learns_to_recognise_the_objects(train, changes, epochs):
     assert curves["validation_error"][-1] < 0.3  # of new recordings; chance: 0.75
     assert curves["loss"][-1] < 0.7 * curves["loss"][0]
     assert list(train("pretrain.epochs=1", every=12)[1].curves) == ["loss"]  # without a validation side
-
-
-@pytest.mark.parametrize("train", [pretrain, finetune])
-def test_one_seed_gives_one_set_of_weights(train):
-    first, again, other = (train("pretrain.epochs=1", f"seed={seed}", every=6)[0] for seed in (1, 1, 2))
-    assert equal_weights(first, again) and not equal_weights(first, other)
 
 
 @pytest.fixture
