@@ -85,10 +85,9 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
         alike = rates[-1] < rates[0] * ALIKE
         rate = f"{np.median(rates):.4g}" if alike else f"{rates[0]:.4g} to {rates[-1]:.4g}"
         rows.append((f"{rate} Hz", "is the frame rate"))
-    kind, leak = overview.choice.params.baseline, overview.choice.leak
-    rows += _error(overview.error, f"on a new recording, in contact above the baseline {kind}; `best` mostly errs less")
-    rows += _error(overview.session_error, f"on {NEW_SESSION}") + _error(leak, "without contact")
-    return rows
+    rows += _error(overview.error, "is a first guess of the error on a new recording, by one quick classifier")
+    rows += _error(overview.session_error, f"is that guess for {NEW_SESSION}")
+    return rows + _error(overview.choice.leak, "is its error without contact: the nearer to guessing, the better")
 
 
 def tables(overview: Overview) -> dict[str, pd.DataFrame]:
@@ -101,12 +100,12 @@ def tables(overview: Overview) -> dict[str, pd.DataFrame]:
     return tables
 
 
-def _error(error: QuickError | None, where: str) -> list[tuple[str, str]]:
+def _error(error: QuickError | None, text: str) -> list[tuple[str, str]]:
     """A pair for `facts`, where that error was measured."""
     if not error:
         return []
     interval, chance = f"{100 * error.low:.1f} to {100 * error.high:.1f}", f"{100 * error.chance:.1f}"
-    return [(f"{100 * error.error:.1f} %", f"is a quick classifier's error {where} ({interval}; guessing: {chance})")]
+    return [(f"{100 * error.error:.1f} %", f"{text} ({interval}; guessing: {chance})")]
 
 
 def warnings(overview: Overview) -> list[Note]:

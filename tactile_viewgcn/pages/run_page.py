@@ -13,7 +13,7 @@ from hashlib import md5
 from io import BytesIO
 from itertools import starmap
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -142,44 +142,37 @@ class Outcome:
         return Verdict("good", "Yes: it is better than guessing, and no stage gave a warning.", [below])
 
 
-class Step(NamedTuple):
-    """A piece of advice: what to do, and the command, which may be empty."""
-
-    what: str
-    command: str = ""
-
-
-def next_steps(outcome: Outcome) -> list[Step]:
-    """Steps: mend what stages warned of, test more, on new sessions too, and use the classifier or inspect."""
-    run, params, changed, steps = outcome.run, outcome.run.params, outcome.run.repeated, list[Step]()
+def next_steps(outcome: Outcome) -> list[tuple[str, str]]:
+    """What to do next, each with its command or "": mend what stages warned of, test more, use or inspect."""
+    run, params, changed, steps = outcome.run, outcome.run.params, outcome.run.repeated, list[tuple[str, str]]()
     if outcome.warnings:
         unheeded = (note for note in outcome.warnings if note.key in params)
         remedies = {note.key: note.value for note in unheeded if note.value not in (None, params[note.key])}
         command = again(changed | remedies) if remedies else ""
-        steps.append(Step("Mend the causes of the warnings, and run again.", command))
+        steps.append(("Mend the causes of the warnings, and run again.", command))
     if outcome.uncertain:
         others = {key: value for key, value in changed.items() if key != "split.fold"}
         folds = ",".join(map(str, range(params["split.folds"])))
         sweep = again(others, f"dvc exp run --queue -S split.fold={folds}")
         command = "" if params["split.by"] == "source" else f"{sweep}\ndvc queue start\ndvc exp show --only-changed"
-        steps.append(Step(f"Record more of each object in more sessions, and test every fold once. {FOLDS}", command))
+        steps.append((f"Record more of each object in more sessions, and test every fold once. {FOLDS}", command))
     if any(note.topic == "new session" for note in run.notes("info")):
         folds = min(params["split.folds"], run.records["ingest"].counts["sessions"])
         command = again({**changed, "split.by": "session", "split.folds": folds, "split.fold": 0})
-        steps.append(Step(f"Test it on {NEW_SESSION}.", command))
+        steps.append((f"Test it on {NEW_SESSION}.", command))
     form = {key: params[key] for key in ("data.shape", "data.layout", "data.columns")}
     form = {key: value for key, value in form.items() if value not in ("auto", [])}
     if outcome.guesses:
         command = again(form, f"tactile-viewgcn inspect {shlex.quote(params['data.source'])}", "--set")
         what = "See whether the recordings can tell the objects apart."
-        steps.append(Step(what, f"{command} --html inspection.html"))
+        steps.append((what, f"{command} --html inspection.html"))
     else:
         run_id = run.records["evaluate"].run_id if run.name else ""  # its model is in MLflow, or in the workspace
         fetch = f"dvc exp apply {shlex.quote(run.name)}\n" if run.name and not run_id else ""
         command = again(
             form, f"{fetch}tactile-viewgcn predict {run_id or 'models/classifier.pt'} NEW_RECORDINGS", "--set"
         )
-        steps.append(Step("Ask the classifier about new recordings of the same glove, which need no label.", command))
+        steps.append(("Ask the classifier about new recordings of the same glove, which need no label.", command))
     return steps
 
 
@@ -194,9 +187,9 @@ def report_lines(run: FinishedRun) -> list[str]:
     errors = {NEW_SESSION if metrics["new_sessions"] else "a new recording": metrics[WHOLE]["error"]}
     errors |= {NEW_SESSION: metrics["new_session"]["error"]} if "new_session" in metrics else {}
     lines = [f"error for {each}: {percent_interval(e['mean'], e['low'], e['high'])} %" for each, e in errors.items()]
-    step = next_steps(outcome)[0]
+    what, command = next_steps(outcome)[0]
     lines[0] += f"; guessing: {percent(outcome.chance)}"
-    return [*lines, outcome.verdict().answer, f"next: {step.what}", *filter(None, step.command.split("\n"))]
+    return [*lines, outcome.verdict().answer, f"next: {what}", *filter(None, command.split("\n"))]
 
 
 def run_page(run: FinishedRun) -> str:

@@ -9,7 +9,6 @@ import pytest
 from matplotlib.figure import Figure
 
 from tactile_viewgcn.pages.html import Verdict, duration, environment, svg
-from tactile_viewgcn.pages.run_page import Step
 
 NASTY = '<script>alert("x")</script> & "Öl" 気'
 EMPTY = {"meta", "img", "br"}  # elements without an end
@@ -65,7 +64,7 @@ def drawn(title="a"):
 
 
 def page_of(text):
-    content = {"verdict": Verdict("bad", text, [text]), "step": Step(text, text), "figure": drawn()}
+    content = {"verdict": Verdict("bad", text, [text]), "step": (text, text), "figure": drawn()}
     return environment().from_string(PAGE).render(title=text, text=text, **content)
 
 

@@ -52,7 +52,7 @@ def finished(answers, *, notes=(), **changes):
 def advice(run):
     """The verdict, what to do, and the commands."""
     steps = next_steps(Outcome(run))
-    return Outcome(run).verdict(), [step.what for step in steps], "\n".join(step.command for step in steps)
+    return Outcome(run).verdict(), [what for what, _ in steps], "\n".join(command for _, command in steps)
 
 
 def test_a_line_names_what_params_yaml_now_has_otherwise(elsewhere):
