@@ -5,7 +5,7 @@ import hashlib
 import os
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -84,23 +84,16 @@ def _check_place(place: Path) -> None:
     check_is_file(place)
 
 
-def readable(path: object) -> AbstractContextManager[None]:
-    """Context for reading a file of an earlier stage.
-
-    Raises:
-        UserError: the file is damaged, or of another version of the project.
-    """
-    return in_one_line(path, "damaged, or not written by this version", "delete it and repeat the command")
-
-
 @contextmanager
-def in_one_line(path: object, what: str, remedy: str) -> Iterator[None]:
-    """Turn any exception of a library that reads a file into a UserError of one line.
-
-    Args:
-        what: what is wrong with the file.
+def readable(
+    path: object,
+    fault: str = "damaged, or not written by this version",
+    remedy: str = "delete it and repeat the command",
+) -> Iterator[None]:
+    """Context for reading a file, by default of an earlier stage.
 
     Raises:
+        UserError: one line with `fault` and `remedy`, for any exception of a library that reads it.
         MemoryError: names the path.
         OSError: a different program holds a lock on the file.
     """
@@ -114,7 +107,7 @@ def in_one_line(path: object, what: str, remedy: str) -> Iterator[None]:
         raise MemoryError(f"{path}: {error}") from error
     except Exception as error:  # a damaged file fails in many ways
         reason = f"{type(error).__name__}: {' '.join(str(error).split()).partition('. ')[0]}"
-        raise UserError(f"{path}: {what} ({reason}); {remedy}") from error
+        raise UserError(f"{path}: {fault} ({reason}); {remedy}") from error
 
 
 def all_below(path: Path) -> list[Path]:

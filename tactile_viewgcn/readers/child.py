@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
 
-from tactile_viewgcn.files import check_is_file, in_one_line
+from tactile_viewgcn.files import check_is_file, readable
 from tactile_viewgcn.messages import UserError
 
 MEMORY, MEMORY_TIMES = 2**30, 20  # bytes on top of the program's own; and on top of these, times the source's size
@@ -118,5 +118,5 @@ def reading(file: Path) -> Iterator[None]:
     for parent in _parents:
         print(json.dumps({"file": str(file)}), file=parent, flush=True)
     check_is_file(file)
-    with in_one_line(file, "damaged, cut short or of another form", "record, save or download it again"):
+    with readable(file, "damaged, cut short or of another form", "record, save or download it again"):
         yield

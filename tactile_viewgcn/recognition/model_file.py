@@ -20,7 +20,7 @@ from pydantic.dataclasses import dataclass
 from torch import Tensor
 
 from tactile_viewgcn.device import select_device
-from tactile_viewgcn.files import in_one_line, write_file
+from tactile_viewgcn.files import readable, write_file
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.nn.network import STAG_SHAPE, ViewNetwork, spread_frames
 from tactile_viewgcn.params import Model, PreprocessSection, default_params, on_sensors, preset_changes
@@ -238,7 +238,7 @@ def load_classifier(path: str | Path) -> tuple[Classifier, Content]:
         OSError: it cannot be opened.
     """
     stored = Path(path).read_bytes()
-    with in_one_line(path, "no classifier of this version, damaged or altered", REMEDY):
+    with readable(path, "no classifier of this version, damaged or altered", REMEDY):
         if hashlib.sha256(stored[:-DIGEST]).digest() != stored[-DIGEST:]:
             raise ValueError("its bytes and its digest differ")
         values = torch.load(io.BytesIO(stored), map_location="cpu", weights_only=True)
