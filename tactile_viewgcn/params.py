@@ -5,7 +5,6 @@ The root's params.yaml lists the same values, with whose choice each is.
 
 from contextlib import suppress
 from dataclasses import field
-from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -16,7 +15,7 @@ from pydantic.dataclasses import dataclass
 from pydantic.functional_validators import AfterValidator, model_validator
 
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.schema import SECTION, Unique, as_change, build, flatten, read_yaml
+from tactile_viewgcn.schema import SECTION, Unique, as_change, build, flatten, nearest, read_yaml
 
 PRESETS = Path(str(files("tactile_viewgcn"))) / "presets"
 VIRTUAL = "data/virtual/recordings"  # the `data.source` that the virtual glove writes
@@ -271,7 +270,5 @@ def preset_changes(name: str) -> list[str]:
         UserError: there is no preset of that name; the message has the nearest name, or all.
     """
     if name not in (names := presets()):
-        (near,) = get_close_matches(str(name), names, n=1) or ["best"]
-        one_of = ", ".join(names)
-        raise UserError(f"preset is {name!r}; expected one of {one_of}; did you mean `tactile-viewgcn preset {near}`?")
+        raise UserError(f"preset is {name!r}; expected one of {', '.join(names)}{nearest(name, names)}")
     return [as_change(key, value) for key, value in read_yaml(PRESETS / f"{name}.yaml").items()]

@@ -10,8 +10,7 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.glove.collision import collisions
-from tactile_viewgcn.glove.contact import GRAVITY, Drive
+from tactile_viewgcn.glove.contact import GRAVITY, Drive, collisions
 from tactile_viewgcn.glove.hand import Hands
 from tactile_viewgcn.glove.objects import GraspObject
 from tactile_viewgcn.glove.shapes import Solids

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from benchmarks.solver.scenes import hessian
-from tactile_viewgcn.glove.collision import collisions
+from tactile_viewgcn.glove.contact import collisions
 from tactile_viewgcn.glove.hand import LINK_PATCHES, stag_hand
 from tactile_viewgcn.glove.shapes import sphere
 from tests.glove.scenes import GRIPPED, LAYER, bed, gripping_hands, points, scene

@@ -4,8 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tactile_viewgcn.glove import scene
-from tactile_viewgcn.glove.collision import collisions
-from tactile_viewgcn.glove.contact import GRAVITY
+from tactile_viewgcn.glove.contact import GRAVITY, collisions
 from tactile_viewgcn.glove.hand import LINK_PATCHES, Hands, stag_hand
 from tactile_viewgcn.glove.scene import closure, plan, schedule
 from tactile_viewgcn.glove.shapes import Solids

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.glove import integrator
-from tactile_viewgcn.glove.integrator import ImplicitIntegrator
+from tactile_viewgcn.glove.integrator import SAMPLE_DISTANCE, ImplicitIntegrator, tunnels
 from tactile_viewgcn.glove.shapes import sphere
-from tactile_viewgcn.glove.tunnelling import SAMPLE_DISTANCE, tunnels
 from tests.glove.scenes import bed, rod, scene
 
 FRAME, RADIUS, MM = 0.1, 0.05, 1e-3  # s, m, m
