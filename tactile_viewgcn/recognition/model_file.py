@@ -29,8 +29,12 @@ from tactile_viewgcn.sensors.representation import NETWORK
 from tactile_viewgcn.systems import load_system, system_class
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TRAIN, Frames, frame_rates, network_input
+from tactile_viewgcn.views.sampling import powers_of_two
 
-REMEDY = "name a file such as models/classifier.pt, or train again by the line that `tactile-viewgcn inspect` prints"
+UNFIT = (
+    "no classifier of this version, damaged or altered",
+    "name a file such as models/classifier.pt, or train again by the line that `tactile-viewgcn inspect` prints",
+)
 EXAMPLES, EXAMPLE_FRAMES = 3, 8  # stored recordings, and frames of each
 CLOSE = {"float32": 1e-3, "bfloat16": 0.1}  # by precision, difference of probabilities between two processors
 STRONG_SHARE = 0.01  # of the readings are above a recording's strong reading
@@ -111,7 +115,8 @@ class Content:
 
     Attributes:
         examples: counts (R, T, H, W) of frames in contact of a few training recordings.
-        answers: (R, classes) class probabilities of the examples, above the training's mean baseline.
+        answers: (R, S, classes) class probabilities of one frame of the examples, of two and so on up to V, and of all
+            frames, above the training's mean baseline.
     """
 
     learnt: dict[str, Any]
@@ -128,15 +133,16 @@ class Content:
 
     def answer(self, classifier: Classifier, excess: np.ndarray) -> np.ndarray:
         """`recording_answer` of frames in contact, counts (n, H, W) above baseline, in the order of time."""
-        values = classifier.frame_values(network_input(excess, self.transform, self.scale))
-        return recording_answer(classifier, self.temperature, values)
+        with np.errstate(all="ignore"):  # whether it is finite is for the caller to check
+            values = classifier.frame_values(network_input(excess, self.transform, self.scale))
+            return recording_answer(classifier, self.temperature, values)
 
     def answers_now(self, classifier: Classifier) -> np.ndarray:
-        """The classifier's `answers` to the examples, whose frames are repeated until they are a whole recording."""
+        """The classifier's `answers` now. The frames of an example are repeated until they are a whole recording."""
         count = max(EXAMPLE_FRAMES, int(np.ceil(getattr(classifier, "short", 0))))
-        frames = self.examples[:, spread_frames(EXAMPLE_FRAMES, count)]
-        excess = frames - self.preprocessing.mean_baseline()
-        return np.exp([self.answer(classifier, each) for each in excess])
+        parts = [spread_frames(EXAMPLE_FRAMES, size) for size in (*powers_of_two(classifier.views), count)]
+        excess = self.examples - self.preprocessing.mean_baseline()
+        return np.exp([[self.answer(classifier, each[part]) for part in parts] for each in excess])
 
     def classifier(self) -> Classifier:
         """The classifier with what it has learnt, ready for answers; any exception for parts that do not fit."""
@@ -238,7 +244,7 @@ def load_classifier(path: str | Path) -> tuple[Classifier, Content]:
         OSError: it cannot be opened.
     """
     stored = Path(path).read_bytes()
-    with readable(path, "no classifier of this version, damaged or altered", REMEDY):
+    with readable(path, *UNFIT):
         if hashlib.sha256(stored[:-DIGEST]).digest() != stored[-DIGEST:]:
             raise ValueError("its bytes and its digest differ")
         values = torch.load(io.BytesIO(stored), map_location="cpu", weights_only=True)

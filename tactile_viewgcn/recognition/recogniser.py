@@ -1,17 +1,19 @@
 """The trained recogniser: the object in the hand, from the raw counts of one recording or of a table of recordings."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tactile_viewgcn.files import readable
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.readers.source import AUTO, MAX_PRESSURE, UNLABELLED, Recording, check_shape, storage_type
 from tactile_viewgcn.readers.text import table_of
-from tactile_viewgcn.recognition.model_file import load_classifier
+from tactile_viewgcn.recognition.model_file import UNFIT, load_classifier
 from tactile_viewgcn.recognition.raw_counts import Layout, check_layout, fault_of, find_contact, rate_notes
 from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings, frames_by_recording
 
@@ -55,6 +57,8 @@ class Recogniser:
         self.system = " + ".join(model.members) if on_sensors(model.system) else model.system
         self.shape = self.preprocessing.live.shape
         self._layout = self.shape, self.preprocessing.channel_names
+        with readable(path, *UNFIT), suppress(UserError), np.errstate(all="ignore"):
+            self.answer_recordings([recording_of(each, "example") for each in self.content.examples])
 
     def answer_recordings(self, recordings: Sequence[Recording]) -> tuple[list[Answer], list[Note]]:
         """The answers to recordings of `recording_of`, each from its frames alone; see `answer_table`."""
@@ -85,11 +89,17 @@ class Recogniser:
             names = {recordings.objects[number] for number in columns["object"][index]}
             label = names.pop() if len(names) == 1 else UNLABELLED
             in_contact = contact[index] & (label != EMPTY_HAND)
-            if fault := fault_of(fitted, recordings.counts[index], in_contact, excess):
-                faults[str(path if path.is_file() and len(index_of) == 1 else path / name)] = fault
+            fault = fault_of(fitted, recordings.counts[index], in_contact, excess)
             shares = empty if empty.any() else np.full(len(empty), 1 / len(empty), dtype=np.float32)
             if len(excess):
                 shares = np.exp(self.content.answer(self.classifier, excess), dtype=np.float32)
+            if not np.isfinite(shares).all():
+                fault = (
+                    fault
+                    or "the model's answer is not finite: was its file altered? expected probabilities; train it again"
+                )
+            if fault:
+                faults[str(path if path.is_file() and len(index_of) == 1 else path / name)] = fault
             answers.append(Answer(shares, len(excess), len(index), name, label))
         if faults:
             place, fault = next(iter(faults.items()))
