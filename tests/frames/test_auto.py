@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames import auto as module
-from tactile_viewgcn.frames.auto import smallest_reading
-from tactile_viewgcn.frames.baseline import MIN_FRAMES
+from tactile_viewgcn.frames.auto import contact_readings, smallest_reading
+from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline
 from tactile_viewgcn.frames.filter import sensors_in_contact
+from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import load
@@ -100,6 +101,21 @@ def test_the_released_scale_is_kept_at_one_to_ten_times_the_readings_and_none_is
     else:
         with pytest.raises(UserError, match="rescale"):
             chosen(glove, *BY_RECORDING)
+
+
+def test_the_scale_is_of_all_sensors_in_contact_and_all_frames_of_contact_but_the_empty_hand_s(tmp_path):
+    """Readings of 10 to 50 above the baseline, in a fifth of 6,000 frames each; two sensors are in the noise."""
+    frame, counts = np.arange(6000), np.zeros((6000, 2, 3), dtype=np.int16)
+    counts[:, 0] = 500 + (10 * (1 + frame // 1200))[:, None]
+    counts[:, 1], counts[::2, 1, 2] = 504, 590
+    recordings = written(tmp_path / "t", counts, object=(frame // 10) % 3, recording=frame // 10)
+    sensors = int(recordings.live.sum())
+    opened = (frame % 2 == 0) | (frame // 10 % 3 == 0)  # not in contact: a frame in two, which alone reads 590
+    states = HandStates(recordings.live_counts(), np.ones((1, sensors)), ~opened, opened, np.zeros((600, sensors)))
+    baseline = Baseline(np.full((1, 2, 3), 500.0), np.ones((1, 2, 3)), np.zeros(6000, dtype=int))
+    reading, number = np.unique(contact_readings(recordings, states, baseline), return_counts=True)
+    assert reading.tolist() == [10, 20, 30, 40, 50]
+    np.testing.assert_allclose(number / number.sum(), 0.2, atol=0.01)
 
 
 def test_the_fewest_sensors_in_contact_are_a_fortieth_of_the_array(glove):

@@ -94,16 +94,42 @@ def test_every_group_is_on_one_side_and_is_tested_in_exactly_one_fold(
     assert (times == ~alone).all()  # an object of one group is trained on
 
 
+@pytest.mark.parametrize("across", [False, True])
 @pytest.mark.parametrize(
-    ("groups_of_class", "share", "count"),
-    [(10, 0.3, 3), (10, 0.01, 1), (10, 0.99, 9), (2, 0.9, 1), (1, 0.9, 0), (4, 0.0, 0)],
+    ("trained", "tested", "share", "count"),
+    [
+        (10, 0, 0.3, 3),
+        (10, 0, 0.01, 1),
+        (10, 0, 0.99, 9),
+        (2, 0, 0.9, 1),
+        (1, 5, 0.9, 0),
+        (4, 0, 0.0, 0),
+        (6, 14, 0.5, 3),
+    ],
 )
-def test_the_share_of_validation_groups_is_drawn_and_a_last_group_is_trained_on(groups_of_class, share, count):
-    groups, rng = np.repeat(np.arange(groups_of_class), 3), np.random.default_rng(0)
-    side = np.full(len(groups), TRAIN, dtype=np.int8)
-    validation = validation_sides(side, groups, np.zeros(len(groups)), share=share, across=False, rng=rng)
-    assert len(np.unique(groups[validation == VALIDATION])) == count
-    assert (side == TRAIN).all()
+def test_a_share_of_each_class_s_training_groups_is_drawn_and_its_last_is_trained_on(
+    trained, tested, share, count, across
+):
+    each = np.repeat(np.arange(trained + tested), 3)
+    groups, labels = np.concatenate([each, each + 100 * (not across)]), np.repeat([0, 1], len(each))
+    side = np.tile(np.where(each < tested, TEST, TRAIN), 2).astype(np.int8)
+    draws = [
+        validation_sides(side, groups, labels, share=share, across=across, rng=np.random.default_rng(seed))
+        for seed in range(6)
+    ]
+    for drawn in draws:
+        for label in (0, 1):
+            assert len(np.unique(groups[(drawn == VALIDATION) & (labels == label)])) == count
+        np.testing.assert_array_equal(drawn == TEST, side == TEST)
+    assert (len({drawn.tobytes() for drawn in draws}) > 1) == (0 < count < trained)
+
+
+def test_anchors_are_drawn_from_all_frames_of_a_class_equally_often(monkeypatch):
+    monkeypatch.setattr(module, "MINIMUM", 5)
+    labels, side, keep = np.repeat([0, 1], [10, 40]), np.full(50, TRAIN), np.ones(50, dtype=bool)
+    rng = np.random.default_rng(0)
+    draws = [draw_anchors({"object": labels}, side, keep, rng, published=False) for _ in range(1000)]
+    np.testing.assert_allclose(np.mean(draws, axis=0), np.where(labels == 0, 1, 0.25), atol=0.06)
 
 
 @settings(max_examples=25, deadline=None)

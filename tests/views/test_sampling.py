@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.tables.frames import Views
-from tactile_viewgcn.views.sampling import ViewSets, random_clusters, sets_of
+from tactile_viewgcn.tables.frames import NO_CLUSTER, Views
+from tactile_viewgcn.views.sampling import ViewSets, anchor_first, random_clusters, sets_of
 
 DRAWS = 6000
 
@@ -55,6 +55,23 @@ def test_frames_of_a_cluster_are_drawn_equally_often_and_for_an_empty_one_those_
     for column, drawn in enumerate(([2], [1, 4], range(8), [5, 6, 7])):
         expected = np.isin(np.arange(9), drawn) / len(drawn)
         np.testing.assert_allclose(np.bincount(sets[:, column], minlength=9) / DRAWS, expected, atol=0.02)
+
+
+def test_columns_are_drawn_independently_and_the_columns_beside_the_anchor_s_in_every_order():
+    drawn, rng = ViewSets(np.repeat(np.arange(4), 2), np.zeros(8, dtype=int), 4), np.random.default_rng(0)
+    sets = drawn.draw(np.full(DRAWS, 4), rng)
+    others = np.unique(sets[:, [0, 1, 3]], axis=0, return_counts=True)[1]
+    np.testing.assert_allclose(others / DRAWS, np.full(8, 1 / 8), atol=0.02)
+    orders, counts = np.unique(anchor_first(sets, np.full(DRAWS, 4), rng), axis=0, return_counts=True)
+    assert (orders[:, 0] == 2).all() and np.sort(orders, axis=1).tolist() == [[0, 1, 2, 3]] * 6
+    np.testing.assert_allclose(counts / DRAWS, 1 / 6, atol=0.02)
+
+
+def test_a_pool_of_fewer_frames_than_views_shows_each_of_them():
+    pool, rng = np.array([7, 3, 7, 3, 7]), np.random.default_rng(0)
+    views = Views(np.full(5, NO_CLUSTER, np.int16), pool, np.zeros((6, 3)))
+    for anchor, row in enumerate(sets_of(views, np.arange(5), rng).draw(np.arange(5), rng)):
+        assert set(row.tolist()) == set(np.flatnonzero(pool == pool[anchor]).tolist()) and len(row) == 6
 
 
 @given(st.lists(st.integers(0, 3), min_size=1, max_size=60), st.integers(1, 9), st.integers(0, 2**32 - 1))
