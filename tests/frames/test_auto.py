@@ -84,6 +84,19 @@ def test_flags_are_taken_if_every_object_has_some(tmp_path, flagged, baseline, e
     assert values(chosen(recordings, f"preprocess.baseline={baseline}", *BY_RECORDING))["filter"] == expected
 
 
+def states_by_hand(recordings, contact):
+    """States in which the frames bool (T,) are in contact, all others open, at a noise of 1."""
+    sensors = int(recordings.live.sum())
+    return HandStates(recordings.live_counts(), np.ones((1, sensors)), contact, ~contact, np.zeros((1, sensors)))
+
+
+@pytest.mark.parametrize(("untouched", "kind"), [(2, "contact"), (3, "none")])
+def test_contact_is_no_filter_where_more_than_a_twentieth_of_the_recordings_has_none(tmp_path, untouched, kind):
+    number = np.repeat(np.arange(40), 2)
+    recordings = written(tmp_path / "t", np.arange(480).reshape(80, 2, 3), object=1 + number % 2, recording=number)
+    assert module._filter(recordings, states_by_hand(recordings, number >= untouched), "grasp")[0] == kind
+
+
 @pytest.mark.parametrize(
     ("reading", "scale"),
     [
@@ -109,9 +122,8 @@ def test_the_scale_is_of_all_sensors_in_contact_and_all_frames_of_contact_but_th
     counts[:, 0] = 500 + (10 * (1 + frame // 1200))[:, None]
     counts[:, 1], counts[::2, 1, 2] = 504, 590
     recordings = written(tmp_path / "t", counts, object=(frame // 10) % 3, recording=frame // 10)
-    sensors = int(recordings.live.sum())
-    opened = (frame % 2 == 0) | (frame // 10 % 3 == 0)  # not in contact: a frame in two, which alone reads 590
-    states = HandStates(recordings.live_counts(), np.ones((1, sensors)), ~opened, opened, np.zeros((600, sensors)))
+    contact = (frame % 2 == 1) & (frame // 10 % 3 > 0)  # in other frames a sensor reads 590
+    states = states_by_hand(recordings, contact)
     baseline = Baseline(np.full((1, 2, 3), 500.0), np.ones((1, 2, 3)), np.zeros(6000, dtype=int))
     reading, number = np.unique(contact_readings(recordings, states, baseline), return_counts=True)
     assert reading.tolist() == [10, 20, 30, 40, 50]

@@ -1,16 +1,13 @@
 """The baseline of each sensor."""
 
 import numpy as np
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from tactile_viewgcn.frames.baseline import (
-    MAX_PASSES,
-    OUTLIER_SD,
     ROUNDING_SD,
     measure_baseline,
     session_moments,
     trimmed_moments,
+    visible_noise,
 )
 from tactile_viewgcn.params import PreprocessSection
 from tests.glove_data import written
@@ -41,24 +38,16 @@ def test_the_baseline_of_each_session_is_estimated_to_a_twentieth_of_a_count_bel
     np.testing.assert_array_equal(measured.of_frame, sessions)
 
 
-def _trimmed_one(values):
-    """Mean and standard deviation of one sensor without outliers, value by value."""
-    kept = values
-    for _ in range(MAX_PASSES):
-        mean, noise = np.mean(kept), max(np.std(kept), ROUNDING_SD)
-        again = [value for value in values if abs(value - mean) <= OUTLIER_SD * noise]
-        if again == list(kept):
-            break
-        kept = again
-    return mean, noise
-
-
-@settings(max_examples=25, deadline=None)
-@given(st.integers(1, 40), st.integers(0, 10_000), st.sampled_from([0, 5, 400]))
-def test_trimming_all_sensors_at_once_is_trimming_each(frames, seed, excess):
-    counts = resting(np.full((2, 2), 514.0), frames, seed)
-    counts[0, 0, 0] += excess
+def test_each_sensor_loses_its_own_outliers_and_no_other_s():
+    counts = resting(np.full((2, 2), 514.0), 60)
+    counts[:3, 0, 0] += np.array([400, 30, 9], dtype=np.int16)  # the least of them is one once the others are gone
     mean, noise = trimmed_moments(counts)
-    for at in np.ndindex(2, 2):
-        naive = _trimmed_one(counts[:, *at].astype(float).tolist())
-        np.testing.assert_allclose((mean[at], noise[at]), naive, rtol=1e-6)
+    kept = {at: counts[3 * (at == (0, 0)) :, *at] for at in np.ndindex(2, 2)}
+    np.testing.assert_allclose(mean.ravel(), [each.mean() for each in kept.values()], rtol=1e-6)
+    np.testing.assert_allclose(noise.ravel(), [each.std() for each in kept.values()], rtol=1e-5)
+
+
+def test_noise_that_is_cut_off_at_the_smallest_reading_is_measured_as_if_it_were_whole():
+    noise = np.random.default_rng(0).normal(0, 3, (4000, 9))
+    for counts in (noise, np.maximum(noise, 0)):
+        np.testing.assert_allclose(trimmed_moments(counts, visible_noise(counts))[1], 3, rtol=0.25)

@@ -64,6 +64,13 @@ def test_recordings_of_one_frame_and_sensors_that_all_stand_still_have_no_odd_co
         assert column_notes(recordings_of(*still, names=[])) == []
 
 
+def test_a_column_that_differs_for_the_empty_hand_alone_predicts_no_object():
+    recordings = recordings_of(1 * (OBJECT == 0) + 0 * N, tremble(), tremble(), names=[])
+    assert column_notes(recordings)
+    recordings.objects = ["empty_hand", *"bcd"]
+    assert column_notes(recordings) == []
+
+
 @pytest.mark.parametrize(("rate", "warned"), [(20 + 10 * OBJECT, 1), (20 + 0.1 * OBJECT, 0), (20 + 30 * (R % 2), 0)])
 def test_objects_recorded_at_different_rates_are_warned_of(rate, warned):
     recordings = recordings_of(tremble(), names=[])

@@ -79,3 +79,6 @@ def test_objects_are_recognised_in_groups_that_are_held_out_and_labels_at_random
     assert alike.error > 0.4 and not alike.beats_chance and apart.beats_chance
     once = np.where(label == 0, group, label)
     assert quick_error(lambda index: readings[index], usable, label, once) is None
+    trend = 100.0 * np.tile(np.arange(64), 12)[:, None] / 64  # alike in all groups: means over all of a group lose it
+    label, group = np.repeat([0, 1], 384), np.repeat(np.arange(12), 64)
+    assert quick_error((trend + 20 * label[:, None]).__getitem__, np.ones(768, dtype=bool), label, group).error == 0

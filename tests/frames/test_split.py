@@ -103,33 +103,20 @@ def test_every_group_is_on_one_side_and_is_tested_in_exactly_one_fold(
         (10, 0, 0.99, 9),
         (2, 0, 0.9, 1),
         (1, 5, 0.9, 0),
-        (4, 0, 0.0, 0),
+        (4, 0, 0, 0),
         (6, 14, 0.5, 3),
     ],
 )
-def test_a_share_of_each_class_s_training_groups_is_drawn_and_its_last_is_trained_on(
-    trained, tested, share, count, across
-):
-    each = np.repeat(np.arange(trained + tested), 3)
+def test_a_share_of_each_class_s_training_groups_is_drawn_and_the_last_stays(trained, tested, share, count, across):
+    each, draws = np.repeat(np.arange(trained + tested), 3), set[bytes]()
     groups, labels = np.concatenate([each, each + 100 * (not across)]), np.repeat([0, 1], len(each))
     side = np.tile(np.where(each < tested, TEST, TRAIN), 2).astype(np.int8)
-    draws = [
-        validation_sides(side, groups, labels, share=share, across=across, rng=np.random.default_rng(seed))
-        for seed in range(6)
-    ]
-    for drawn in draws:
-        for label in (0, 1):
-            assert len(np.unique(groups[(drawn == VALIDATION) & (labels == label)])) == count
-        np.testing.assert_array_equal(drawn == TEST, side == TEST)
-    assert (len({drawn.tobytes() for drawn in draws}) > 1) == (0 < count < trained)
-
-
-def test_anchors_are_drawn_from_all_frames_of_a_class_equally_often(monkeypatch):
-    monkeypatch.setattr(module, "MINIMUM", 5)
-    labels, side, keep = np.repeat([0, 1], [10, 40]), np.full(50, TRAIN), np.ones(50, dtype=bool)
-    rng = np.random.default_rng(0)
-    draws = [draw_anchors({"object": labels}, side, keep, rng, published=False) for _ in range(1000)]
-    np.testing.assert_allclose(np.mean(draws, axis=0), np.where(labels == 0, 1, 0.25), atol=0.06)
+    for seed in range(6):
+        drawn = validation_sides(side, groups, labels, share=share, across=across, rng=np.random.default_rng(seed))
+        of_class = [len(np.unique(groups[(drawn == VALIDATION) & (labels == label)])) for label in (0, 1)]
+        assert of_class == [count, count] and ((drawn == TEST) == (side == TEST)).all()
+        draws.add(drawn.tobytes())
+    assert (len(draws) > 1) == (0 < count < trained)
 
 
 @settings(max_examples=25, deadline=None)

@@ -2,7 +2,7 @@
 
 import errno
 import os
-from dataclasses import fields, replace
+from dataclasses import fields
 from shutil import rmtree
 
 import numpy as np
@@ -17,7 +17,6 @@ from tactile_viewgcn.tables.frames import (
     TRAIN,
     VALIDATION,
     Frames,
-    Views,
     full_scale,
     network_input,
     read_frames,
@@ -135,33 +134,16 @@ def test_two_writes_give_equal_bytes_and_other_frames_give_others(tmp_path):
     assert digests[0] == digests[1] != digests[2]
 
 
-COUNTS = np.random.default_rng(0).integers(500, 600, size=(5000, 3, 4)).astype(np.int16)  # two blocks
-TABLES = {  # functions that write a table
-    "recordings": lambda path: read_source(path.parent / "source" / "pen" / "1.npy", path, Form(labelled=False)),
-    "frames": lambda path: save_table(path, replace(made(), counts=COUNTS)),
-    "views": lambda path: save_table(path, Views(np.zeros(9000, np.int16), np.arange(9000), np.zeros((4, 3)))),
-}
-
-
-@pytest.mark.parametrize("name", TABLES)
-def test_a_table_on_a_full_disk_is_an_error_or_right(tmp_path, name):
-    (tmp_path / "source" / "pen").mkdir(parents=True)
-    np.save(tmp_path / "source" / "pen" / "1.npy", COUNTS)
-    path = tmp_path / name
-    TABLES[name](path)
+@pytest.mark.parametrize("share", [0, 0.3, 0.999])
+def test_recordings_without_room_on_the_disk_leave_the_earlier_table(tmp_path, share):
+    path, source = tmp_path / "recordings", tmp_path / "pen.npy"
+    np.save(source, np.random.default_rng(0).integers(500, 600, size=(5000, 3, 4)).astype(np.int16))  # two blocks
+    read_source(source, path, Form(labelled=False))
     right = {file.name: file.read_bytes() for file in path.iterdir()}
-    largest = max(map(len, right.values()))
-    sizes = [0, 100, largest // 3, largest - 4096, largest - 128, largest - 1, largest, 2 * largest]
-    written = []
-    for size in sizes:
-        try:
-            with room_for(size):
-                TABLES[name](path)
-            written.append(size)
-        except OSError as error:
-            assert error.errno == errno.EFBIG and f"{name}" in str(error)
-        assert {file.name: file.read_bytes() for file in path.iterdir()} == right
-    assert written == sizes[-2:] and sorted(each.name for each in tmp_path.iterdir()) == sorted([name, "source"])
+    with pytest.raises(OSError, match="recordings") as error, room_for(int(share * max(map(len, right.values())))):
+        read_source(source, path, Form(labelled=False))
+    assert error.value.errno == errno.EFBIG and sorted(tmp_path.iterdir()) == [source, path]
+    assert {file.name: file.read_bytes() for file in path.iterdir()} == right
 
 
 def test_points_lie_row_by_row_in_memory():

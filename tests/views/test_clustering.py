@@ -13,7 +13,6 @@ from tactile_viewgcn.tables.frames import NO_CLUSTER, TEST, TRAIN
 from tactile_viewgcn.views import clustering
 from tactile_viewgcn.views.clustering import (
     cluster_pools,
-    kmeans,
     pool_ids,
     pool_scores,
     principal_components,
@@ -104,16 +103,8 @@ def test_components_are_those_of_the_singular_values(shape):
     np.testing.assert_allclose(np.abs(principal_components(points, 4)), np.abs(left * values)[:, :4], atol=1e-9)
 
 
-@pytest.mark.parametrize(("kinds", "computed"), [(1, 0), (5, 0), (6, 0), (7, 1)])
-def test_as_many_kinds_of_frames_as_views_are_a_cluster_each_without_k_means(monkeypatch, kinds, computed):
-    calls = []
-
-    def counted(*args, **options):
-        calls.append(options)
-        return KMeans(*args, **options)
-
-    monkeypatch.setattr("sklearn.cluster.KMeans", counted)
-    kind = np.random.default_rng(0).permutation(np.repeat(np.arange(kinds), 9))
-    cluster = kmeans(np.eye(7)[kind], 6, restarts=3, seed=0)
-    assert [call["n_init"] for call in calls] == [3] * computed
-    assert same_partition(cluster, kind) == (not computed) and cluster.max() < 6
+def test_k_means_is_scikit_learn_s_with_its_restarts():
+    points = np.random.default_rng(0).random((80, 3))
+    for restarts in (1, 10):
+        expected = KMeans(8, n_init=restarts, random_state=2).fit_predict(points)
+        assert same_partition(clustering.kmeans(points, 8, restarts=restarts, seed=2), expected)
