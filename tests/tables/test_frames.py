@@ -11,12 +11,13 @@ import pytest
 from tactile_viewgcn.files import md5
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.source import Form
-from tactile_viewgcn.tables.counts import write_columns
+from tactile_viewgcn.tables.counts import evenly, write_columns
 from tactile_viewgcn.tables.frames import (
     TEST,
     TRAIN,
     VALIDATION,
     Frames,
+    frame_rates,
     full_scale,
     network_input,
     read_frames,
@@ -152,3 +153,10 @@ def test_points_lie_row_by_row_in_memory():
     points = frames.points(np.arange(len(frames)))
     for at in (frames.side == TRAIN, np.arange(5), slice(3)):
         assert points[at].flags.c_contiguous
+
+
+def test_the_frame_rate_is_that_of_the_usual_step_and_a_sample_is_evenly_spaced():
+    time = np.array([0, 0.1, 0.2, 5.2, 5.3, 0, 0.5, 1.0, np.nan, np.nan])
+    assert frame_rates(time, np.repeat([3, 1, 2], [5, 3, 2])) == pytest.approx({3: 10, 1: 2})
+    assert [evenly(np.arange(5, 15), most).tolist() for most in (4, 1)] == [[5, 8, 11, 14], [5]]
+    assert evenly(np.arange(3), 3).tolist() == [0, 1, 2]

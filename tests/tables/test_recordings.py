@@ -8,7 +8,7 @@ from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.source import COLUMNS, Form, storage_type
 from tactile_viewgcn.tables import recordings as module
 from tactile_viewgcn.tables.counts import read_columns, write_columns
-from tactile_viewgcn.tables.recordings import Recordings, recordings_of, write_recordings
+from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, recordings_of, write_recordings
 from tests.glove_data import source, written
 
 RNG = np.random.default_rng(0)
@@ -71,6 +71,13 @@ def test_frames_and_sensors_that_ever_vary_are_indexed_like_arrays(tmp_path):
         for at in (slice(None), slice(3, 17, 4), np.array([9, 2, 9]), np.arange(len(array)) % 3 == 0, np.arange(0)):
             np.testing.assert_array_equal(gathered[at], array[at])
             assert gathered[at].flags.c_contiguous  # sums over it are the same to the last digit
+
+
+def test_a_part_has_the_sensors_that_vary_in_it_and_mixed_recordings_their_frames_in_order(tmp_path):
+    table = written(tmp_path / "t", np.array([[[1, 5]], [[2, 5]], [[1, 5]], [[1, 6]]]), recording=[2, 0, 2, 0])
+    assert table.live.all() and [each.tolist() for each in frames_by_recording(table)] == [[1, 3], [0, 2]]
+    assert table.part(np.arange(3)).live.tolist() == [[True, False]]
+    assert table.part(np.arange(3), table.live).live.all()
 
 
 STORED = {
