@@ -7,7 +7,7 @@ import torch
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn import network as module
 from tactile_viewgcn.nn.network import ViewNetwork, recording_sets, view_set_logits
-from tactile_viewgcn.nn.system import ViewSystem
+from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
 from tactile_viewgcn.params import load
 from tactile_viewgcn.systems import system_class
 from tests.glove_data import CPU, FILE
@@ -23,6 +23,13 @@ def test_a_network_is_made_ready_for_answers():
     assert all(weight.is_contiguous(memory_format=torch.channels_last) for weight in weights if weight.ndim == 4)
     network.prepare(Compute(torch.device("meta"), "float32"))
     assert {weight.device.type for weight in network.parameters()} == {"meta"}
+
+
+def test_a_shape_classifier_drops_half_of_its_units_in_training_alone():
+    layers, shape = shape_classifier(3, 4000, 2)[:3], torch.ones(1, 3)
+    hidden, whole = layers(shape), layers.eval()(shape)
+    assert float((hidden == 0).float().mean()) == pytest.approx(0.5, abs=0.05)
+    torch.testing.assert_close(hidden[hidden != 0], 2 * whole[hidden != 0])
 
 
 class Recorder(ViewSystem):

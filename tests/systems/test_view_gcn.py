@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.nn.message_passing import NonLocalMessagePassing
+from tactile_viewgcn.nn import message_passing
 from tactile_viewgcn.params import load, preset_changes
 from tactile_viewgcn.recognition.model_file import build_classifier
 from tactile_viewgcn.systems.view_gcn import LocalGraphConvolution, ViewGCN
@@ -83,7 +83,11 @@ def selected(sampler, nodes, places, kept):
         (2, "squared", [4, 3, 2], "per_view"),
     ],
 )
-def test_the_network_is_equations_1_to_5_of_all_views_and_of_the_furthest_few(count, distance, neighbours, selector):
+def test_the_network_is_equations_1_to_5_of_all_views_and_of_the_furthest_few(
+    monkeypatch, count, distance, neighbours, selector
+):
+    """The messages of nine nodes are summed in three parts, of four senders, four and one."""
+    monkeypatch.setattr(message_passing, "MAX_MESSAGES", 4 * 2 * 9 * 6)
     torch.manual_seed(0)
     changes = f"edge_distance={distance}", f"neighbours={neighbours}", f"selector={selector}"
     changes = [f"model.{change}" for change in changes]
@@ -120,6 +124,12 @@ def test_equation_6_by_hand(view_loss, share):
     assert head.loss(zero, aux, label).item() == pytest.approx(math.log(2) + outputs)
 
 
+@pytest.mark.parametrize(("views", "levels"), [(1, 0), (2, 1), (3, 1), (4, 2), (7, 2), (8, 3), (99, 3)])
+def test_a_level_has_half_of_the_nodes_and_two_at_least(views, levels):
+    head = head_of(ViewGCN, places=torch.rand(views, 3))
+    assert len(head.convolutions) == levels and head.classifier[0].in_features == max(1, levels) * 16
+
+
 def test_the_released_preset_has_the_released_number_of_weights():
     params = load(ROOT / "params.yaml", tuple(preset_changes("released")))
     head = build_classifier(torch.from_numpy(viewpoints(8)), 27, params.model).head
@@ -127,9 +137,11 @@ def test_the_released_preset_has_the_released_number_of_weights():
 
 
 @pytest.mark.stability("gradients")
-def test_gradients_equal_finite_differences(row):
+def test_gradients_equal_finite_differences(row, monkeypatch):
+    monkeypatch.setattr(message_passing, "MAX_MESSAGES", 2 * 2 * 5 * 3)  # in parts
     torch.manual_seed(0)
-    passing, convolution = NonLocalMessagePassing(3).double(), LocalGraphConvolution(3, 3, "squared").double()
+    passing = message_passing.NonLocalMessagePassing(3).double()
+    convolution = LocalGraphConvolution(3, 3, "squared").double()
     positions = torch.randn(2, 5, 3, dtype=torch.float64)
     network = without_dropout(head_of(ViewGCN, places=viewpoints(8), features=3, classes=2).double())
     layers = {
