@@ -7,7 +7,7 @@ from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.recognition.calibration import Classifier
 from tactile_viewgcn.recognition.model_file import load_classifier
-from tactile_viewgcn.tables.frames import Frames, read_frames
+from tactile_viewgcn.tables.frames import Frames, load_table
 
 FRAMES, CLASSIFIER = Path("data/frames"), Path("models/classifier.pt")  # as `dvc repro` leaves them
 
@@ -21,7 +21,7 @@ def read_trained(frames: Path, classifier: Path, params: Params) -> tuple[Classi
     for path in (frames, classifier):
         if not path.exists():
             raise UserError(f"{path}: no such file; run `dvc repro`, which makes it")
-    table = read_frames(frames)
+    table = load_table(frames, Frames)
     trained, content = load_classifier(classifier)
     if (content.classes, content.preprocessing.live.shape) != (table.classes, table.live.shape):
         raise UserError(f"{classifier}: of other classes or sensors than {frames}; train it on these frames")

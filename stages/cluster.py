@@ -8,14 +8,14 @@ import numpy as np
 from stages.command import Job, run
 from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, read_frames, save_table
+from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames, load_table, save_table
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.sampling import sets_of
 from tactile_viewgcn.views.viewpoints import viewpoints
 
 
 def cluster(job: Job, needs: Path, frames: Path, out: Path) -> str:
-    params, table = job.params, read_frames(frames)
+    params, table = job.params, load_table(frames, Frames)
     clustering = params.cluster if job.needed else replace(params.cluster, method="none")
     count, rng = params.views, stream(params.seed, "cluster")
     views = cluster_frames(table, viewpoints(count, params.viewpoints, params.seed), clustering, rng)

@@ -9,12 +9,13 @@ from tactile_viewgcn.evaluation.evaluate import Evaluation, evaluate_table
 from tactile_viewgcn.evaluation.trials import WHOLE
 from tactile_viewgcn.provenance import peak_mb
 from tactile_viewgcn.recognition.model_file import load_classifier
-from tactile_viewgcn.tables.frames import read_frames
+from tactile_viewgcn.tables.frames import Frames, load_table
 from tactile_viewgcn.tracking import Run
 
 
 def evaluate(job: Job, frames: Path, classifier: Path, records: Path, out: Path) -> str:
-    table, (model, _), earlier = read_frames(frames), load_classifier(classifier), results.read_records(records)
+    table, (model, _) = load_table(frames, Frames), load_classifier(classifier)
+    earlier = results.read_records(records)
     evaluation = evaluate_table(model, table, job.params, job.compute())
     evaluation.metrics.update(results.new_session(earlier))
     timing = results.costs(evaluation, results.simulation(earlier) | earlier, job.seconds, peak_mb())

@@ -10,12 +10,13 @@ from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tactile_viewgcn.tables.frames import Views, load_table, read_frames
+from tactile_viewgcn.tables.frames import Frames, Views, load_table
 from tactile_viewgcn.training.checkpoint import training_checkpoint
 
 
 def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> str:
-    params, table, clusters, compute = job.params, read_frames(frames), load_table(views, Views), job.compute()
+    params, compute = job.params, job.compute()
+    table, clusters = load_table(frames, Frames), load_table(views, Views)
     pretrained = {}
     if not on_sensors(params.model.system):
         with readable(backbone):

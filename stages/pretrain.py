@@ -4,7 +4,7 @@ from pathlib import Path
 
 from stages.command import Job, run
 from tactile_viewgcn.files import write_file
-from tactile_viewgcn.tables.frames import read_frames
+from tactile_viewgcn.tables.frames import Frames, load_table
 
 LEFT_OUT = "pretrain: left out, model.system does not need it"
 
@@ -17,7 +17,7 @@ def pretrain(job: Job, needs: Path, frames: Path, out: Path) -> str:
     from tactile_viewgcn.training.checkpoint import training_checkpoint, write_tensors
     from tactile_viewgcn.training.pretraining import pretrain_backbone
 
-    table, compute, key = read_frames(frames), job.compute(), job.checkpoint_key()
+    table, compute, key = load_table(frames, Frames), job.compute(), job.checkpoint_key()
     with training_checkpoint("pretrain", key, compute) as checkpoint_path:
         backbone, classifier, progress = pretrain_backbone(table, job.params, compute, checkpoint_path, job.epoch)
         states = {"backbone": backbone.cpu().state_dict(), "classifier": classifier.cpu().state_dict()}

@@ -124,11 +124,6 @@ def network_input(excess: np.ndarray, transform: str, scale: float) -> np.ndarra
     return excess if transform == "counts" else np.log1p(np.maximum(excess, 0))
 
 
-def full_scale(transform: str, scale: float) -> float:
-    """Network input of a sensor that reads `scale` counts above baseline."""
-    return float(network_input(np.array(scale), transform, scale))
-
-
 def frame_rates(time: np.ndarray, recording: np.ndarray) -> dict[int, float]:
     """Frames a second of each recording that has times, by its number: one over the median of its steps.
 
@@ -163,8 +158,3 @@ def load_table(path: str | Path, kind: Callable[..., Table]) -> Table:
         if "counts" in {field.name for field in fields(cast(Any, kind))}:
             values["counts"] = read_counts(Path(path))
         return kind(**values)
-
-
-def read_frames(path: str | Path) -> Frames:
-    """The table of kept frames, see `load_table`."""
-    return load_table(path, Frames)

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.tables.frames import Frames, full_scale
+from tactile_viewgcn.tables.frames import Frames, network_input
 
 
 class FrameInputs:
@@ -33,7 +33,7 @@ class FrameInputs:
         rng: torch.Generator | None = None,
     ):
         self._table, self._index, self._compute, self._rng = table, index, compute, rng
-        self._noise = noise * full_scale(table.transform, table.scale)
+        self._noise = noise * float(network_input(np.array(table.scale), table.transform, table.scale))
         self.labels = compute.to_device(torch.from_numpy(table.label[index].astype(np.int64)))
         kept = compute.device.type == "cuda" and compute.fits(len(index) * table.live.size * torch.float32.itemsize)
         self._on_device = self._computed(index) if kept else None

@@ -18,9 +18,8 @@ from tactile_viewgcn.tables.frames import (
     VALIDATION,
     Frames,
     frame_rates,
-    full_scale,
+    load_table,
     network_input,
-    read_frames,
     save_table,
 )
 from tactile_viewgcn.tables.recordings import read_source
@@ -59,7 +58,7 @@ def test_the_network_input_of_counts_at_the_ends_of_their_type_is_finite_and_of_
     excess = np.array([-(2.0**31), 0, 2.0**31])
     assert network_input(excess, "clip", 1e-3).tolist() == [0, 0, 1]
     np.testing.assert_allclose(network_input(excess, "log", 1e-3), [0, 0, 31 * np.log(2)], rtol=1e-6)
-    assert full_scale("clip", 150.0) == 1.0 and full_scale("log", 150.0) == pytest.approx(5.017280, abs=1e-6)
+    assert network_input(np.array(150.0), "log", 150.0) == pytest.approx(5.017280, abs=1e-6)
 
 
 @pytest.mark.parametrize("transform", ["clip", "log"])
@@ -81,7 +80,7 @@ def test_inputs_are_counts_above_the_frames_baseline_transformed(transform):
 def test_what_is_written_is_read_back_in_every_field(tmp_path, dtype, frames):
     written, path = made(dtype=dtype, transform="log", scale=0.1, frames=frames), tmp_path / "frames"
     save_table(path, written)
-    read = read_frames(path)
+    read = load_table(path, Frames)
     assert not read.counts.flags.owndata  # memory-mapped
     for field in fields(Frames):
         before, after = getattr(written, field.name), getattr(read, field.name)
@@ -116,14 +115,14 @@ def test_a_damaged_table_is_refused_in_one_line(tmp_path, damage):
     save_table(path, made())
     DAMAGE[damage](path)
     with pytest.raises(UserError, match=r"^.*frames: damaged, .*delete it and repeat the command$") as error:
-        read_frames(path)
+        load_table(path, Frames)
     assert "\n" not in str(error.value)
 
 
 def test_a_table_that_is_replaced_is_read_on(tmp_path):
     path, before = tmp_path / "frames", made()
     save_table(path, before)
-    read = read_frames(path)
+    read = load_table(path, Frames)
     save_table(path, made(seed=1))
     np.testing.assert_array_equal(read.counts, before.counts)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.tables.frames import TRAIN, read_frames, save_table
+from tactile_viewgcn.tables.frames import TRAIN, Frames, load_table, save_table
 from tactile_viewgcn.training.inputs import FrameInputs
 from tests.glove_data import CPU, table
 
@@ -15,7 +15,7 @@ from tests.glove_data import CPU, table
 def both(tmp_path):
     """The table in memory, and the same as it is read."""
     save_table(tmp_path / "frames", table())
-    read = read_frames(tmp_path / "frames")
+    read = load_table(tmp_path / "frames", Frames)
     return replace(read, counts=read.counts[:]), read
 
 
