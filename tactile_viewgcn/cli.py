@@ -88,8 +88,8 @@ def report(run: str, out: Path) -> None:
 
     with readable(f"{run or 'the workspace'}: a file of runs/ or results/"):
         finished = read_run(run)
-        page, lines = run_page(finished), report_lines(finished)
-    _say(write(out, page), *lines)
+        page = run_page(finished)
+    _say(*report_lines(finished, write(out, page)))
 
 
 def _form(changes: tuple[str, ...], *other: str) -> tuple["Form", PreprocessSection]:

@@ -23,7 +23,7 @@ ALLOWED = {
     "training": {"tables", "views", "nn", "systems"},
     "recognition": {"readers", "tables", "frames", "views", "nn", "sensors", "systems", "training"},
     "evaluation": {"tables", "views", "systems", "recognition"},
-    "pages": {"readers", "tables", "frames", "systems", "evaluation"},
+    "pages": {"readers", "tables", "frames", "sensors", "systems", "evaluation"},
     "glove": set(),
 }
 # what may use all of the package: its commands, and what `from tactile_viewgcn import` gives

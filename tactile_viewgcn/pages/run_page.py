@@ -181,15 +181,15 @@ def again(changes: dict[str, Any], command: str = "dvc exp run", option: str = "
     return " ".join([command, *(f"{option} {shlex.quote(change)}" for change in starmap(as_change, changes.items()))])
 
 
-def report_lines(run: FinishedRun) -> list[str]:
-    """Lines for a terminal: the errors with their intervals, whether that is good, and what to do first."""
+def report_lines(run: FinishedRun, page: str) -> list[str]:
+    """Lines for a terminal: the errors with their intervals, whether that is good, the page, and what to do first."""
     outcome, metrics = Outcome(run), run.metrics
     errors = {NEW_SESSION if metrics["new_sessions"] else "a new recording": metrics[WHOLE]["error"]}
     errors |= {NEW_SESSION: metrics["new_session"]["error"]} if "new_session" in metrics else {}
     lines = [f"error for {each}: {percent_interval(e['mean'], e['low'], e['high'])} %" for each, e in errors.items()]
     what, command = next_steps(outcome)[0]
     lines[0] += f"; guessing: {percent(outcome.chance)}"
-    return [*lines, outcome.verdict().answer, f"next: {what}", *filter(None, command.split("\n"))]
+    return [*lines, outcome.verdict().answer, page, f"next: {what}", *filter(None, command.split("\n"))]
 
 
 def run_page(run: FinishedRun) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from tactile_viewgcn.frames.auto import Choice, choose
+from tactile_viewgcn.frames.folds import left_out
 from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.split import SPLIT_SEED, published_test, split_groups
 from tactile_viewgcn.intervals import FEW, proportion_interval
@@ -17,8 +18,6 @@ from tactile_viewgcn.params import PreprocessSection
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.formats import other_order
 from tactile_viewgcn.readers.source import AUTO, Form, setting
-from tactile_viewgcn.recognition.left_out import LeftOut
-from tactile_viewgcn.sensors.examples import Examples
 from tactile_viewgcn.sensors.features import every_few
 from tactile_viewgcn.sensors.representation import Representation, contact_unit
 from tactile_viewgcn.tables.counts import evenly
@@ -28,6 +27,7 @@ from tactile_viewgcn.tables.remarks import originals, remarks
 
 SAMPLE = 2000  # frames, of all for the variation of a sensor, of an object for its mean
 MOST_FOLDS = 5
+MEMBER, FOLDS = "pooled_kernel", 5  # of the quick error
 ASKED = PreprocessSection()  # nothing: all `auto`
 
 
@@ -89,8 +89,8 @@ class Overview:
     def quick_error(self, of: str = "object", group: np.ndarray | None = None) -> QuickError | None:
         """Error of telling objects apart, or sessions, by whole recordings' frames in contact.
 
-        One quick member of the preset `best` answers them, a fifth of the groups left out at a time. None unless
-        recordings of two objects can be left out.
+        A member of `sensors` answers them, a fifth of the groups left out at a time. None unless recordings of two
+        objects can be left out.
 
         Args:
             of: the column with what is told apart.
@@ -103,16 +103,20 @@ class Overview:
         if not parts:
             return None
         labels, groups, _ = np.array(list(parts), dtype=np.int64).T
-        index, sample = [contact[at] for at in parts.values()], self.excess(evenly(contact, SAMPLE))
-        read = Representation.of(live, sample, contact_unit(sample, float(np.median(self.states.noise))))
-        classes = int(labels.max()) + 1
-        examples = Examples(lambda at: self.excess(every_few(index[at])), labels, read, (1,), classes, SPLIT_SEED)
-        left = LeftOut(examples, groups, SPLIT_SEED)
-        if len(np.unique(labels[left.answered])) < 2:
+        sample, noise = self.excess(evenly(contact, SAMPLE)), float(np.median(self.states.noise))
+        read = Representation.of(live, sample, contact_unit(sample, noise))
+        counts = (self.excess(every_few(contact[at])) for at in parts.values())
+        points = np.concatenate([read.of_recordings(MEMBER, read.scaled(each)[None]) for each in counts])
+        answers = np.full(len(labels), -1)
+        for left in left_out(groups, labels, FOLDS):
+            fitted = read.estimator(MEMBER).fit(points[~left], labels[~left], SPLIT_SEED)
+            answers[left] = fitted.classes[fitted.predict_proba(points[left]).argmax(axis=1)]
+        answered = answers >= 0
+        if len(np.unique(labels[answered])) < 2:
             return None
-        wrong = left.wrong({"pooled_kernel": 1})
+        wrong = pd.Series(answers != labels)[answered].groupby(groups[answered]).mean().to_numpy()
         low, high = proportion_interval(wrong, np.arange(len(wrong)), stream(SPLIT_SEED, "quick error")) or (0.0, 1.0)
-        chance = 1 - np.bincount(labels[left.answered]).max() / left.answered.sum()
+        chance = 1 - np.bincount(labels[answered]).max() / answered.sum()
         return QuickError(float(wrong.mean()), low, high, float(chance), len(wrong), len(contact))
 
     @cached_property

@@ -1,5 +1,6 @@
 """Kernel ridge regression and support vector machines, both with a Gaussian kernel, whose state is plain arrays."""
 
+import warnings
 from typing import Self
 
 import numpy as np
@@ -90,7 +91,9 @@ class SupportVectors(Kernel):
         points, labels = sampled(points, labels, seed)
         spread = float(points.var()) * points.shape[1]
         kernel = self.centred(points, 1 / spread if spread else 1.0).kernel(points)
-        machines = SVC(C=C, kernel="precomputed", cache_size=500).fit(kernel, labels)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "The number of unique classes")  # many objects of two recordings each
+            machines = SVC(C=C, kernel="precomputed", cache_size=500).fit(kernel, labels)
         self.classes = machines.classes_
         self.class_of = np.repeat(np.arange(len(self.classes)), machines.n_support_)
         self.points, self.half_squares = self.points[machines.support_], self.half_squares[machines.support_]

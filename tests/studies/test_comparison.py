@@ -100,8 +100,8 @@ def test_other_view_sets_are_not_compared():
 
 
 def test_the_pareto_front_holds_what_nothing_beats():
-    costs, errors = np.array([4.0, 1.0, 2.0, 3.0, 2.0]), np.array([10.0, 40.0, 20.0, 20.0, 30.0])
-    assert pareto_front(costs, errors).tolist() == [1, 2, 0]
+    costs, errors = np.array([4.0, 1.0, 2.0, 3.0, 2.0, 2.0]), np.array([10.0, 40.0, 20.0, 20.0, 30.0, 20.0])
+    assert pareto_front(costs, errors).tolist() == [1, 2, 5, 0]  # one point and its exact twin
 
 
 def test_a_reference_of_a_crossed_study_stands_for_the_variant_in_the_same_place():
