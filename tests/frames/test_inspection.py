@@ -10,7 +10,7 @@ import pytest
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.messages import warnings_of
 from tactile_viewgcn.pages.inspection import WIDTH, command_lines, inspection_lines, verdict, warnings
-from tactile_viewgcn.pages.source_inspection import Overview, inspect_source
+from tactile_viewgcn.pages.source_inspection import inspect_source
 from tactile_viewgcn.params import load
 from tests.glove_data import (
     FILE,
@@ -18,7 +18,6 @@ from tests.glove_data import (
     all_contact,
     dense,
     floats,
-    written,
 )
 from tests.readers.files import save
 
@@ -26,11 +25,6 @@ from tests.readers.files import save
 def recommended(page):
     """Recommended values, by key."""
     return {note.key.removeprefix("preprocess."): note.value for note in page.settings}
-
-
-def inspected(recordings, *changes):
-    """The inspection of a table of recordings; contact is of five sensors."""
-    return Overview(recordings, asked=load(FILE, ("preprocess.contact_sensors=5", *changes)).preprocess)
 
 
 def preprocessed(recordings, *changes):
@@ -83,16 +77,6 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(tmp_p
         np.testing.assert_allclose(page.choice.baseline.mean, 0.05, atol=0.03)
     Path("my glöve.dvc").touch()
     assert "  -S 'data.source=\"my glöve\"' \\" in inspection_lines(page)  # a source that DVC tracks, as typed
-
-
-def test_dead_sensors_and_the_rate_between_gaps_are_detected(tmp_path):
-    counts = np.random.default_rng(0).normal(500, 20, (200, 4, 5)).round().astype(np.int16)
-    counts[:, 2, 2] = 510
-    time = np.arange(200) / 10 + 50 * (np.arange(200) >= 100)
-    recordings = written(tmp_path / "t", counts, time=time, object=np.arange(200) % 2)
-    page = inspected(recordings, "preprocess.contact_sensors=auto")
-    assert not page.recordings.live[2, 2] and page.recordings.live.sum() == 19
-    assert page.rates == pytest.approx({0: 10})
 
 
 def test_recordings_of_one_frame_are_views_of_one(tmp_path):

@@ -98,7 +98,6 @@ def put(path, content):
 
 DAMAGE = {  # what is done to a table's folder
     "counts cut short": lambda path: os.truncate(path / "counts.npy", 200),
-    "counts of a header alone": lambda path: os.truncate(path / "counts.npy", 20),
     "counts of objects": lambda path: put(path / "counts.npy", np.array([print], dtype=object)),
     "columns cut short": lambda path: os.truncate(path / "columns.npz", 500),
     "columns of zeros": lambda path: put(path / "columns.npz", bytes(500)),
@@ -144,14 +143,6 @@ def test_recordings_without_room_on_the_disk_leave_the_earlier_table(tmp_path, s
         read_source(source, path, Form(labelled=False))
     assert error.value.errno == errno.EFBIG and sorted(tmp_path.iterdir()) == [source, path]
     assert {file.name: file.read_bytes() for file in path.iterdir()} == right
-
-
-def test_points_lie_row_by_row_in_memory():
-    """Sums of a principal component analysis round by the order, and a cluster may turn on that."""
-    frames = made()
-    points = frames.points(np.arange(len(frames)))
-    for at in (frames.side == TRAIN, np.arange(5), slice(3)):
-        assert points[at].flags.c_contiguous
 
 
 def test_the_frame_rate_is_that_of_the_usual_step_and_a_sample_is_evenly_spaced():
