@@ -13,7 +13,7 @@ from tactile_viewgcn.tables.remarks import originals, remarks
 
 def ingest(job: Job, source: Path, out: Path) -> str:
     data = job.params.data
-    read_source(source, out, Form(data.shape, data.layout, data.names))
+    read_source(source, out, Form(data.shape, data.layout, data.columns))
     job.md5("source")  # the digest of the dataset in MLflow
     table = Recordings(out)
     for note in remarks(table, originals(table)):

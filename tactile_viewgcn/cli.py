@@ -101,7 +101,7 @@ def _form(changes: tuple[str, ...], *other: str) -> tuple["Form", PreprocessSect
         expected = " or ".join(f"{name}.KEY=VALUE" for name in sections)
         raise UserError(f"--set {wrong[0]}: expected {expected}; all else is for `dvc exp run -S {wrong[0]}`")
     params = default_params(changes, "--set")
-    return Form(params.data.shape, params.data.layout, params.data.names), params.preprocess
+    return Form(params.data.shape, params.data.layout, params.data.columns), params.preprocess
 
 
 def _say(*lines: str) -> None:

@@ -23,9 +23,9 @@ CONTACT_SIGMAS = 5.0  # a pressed sensor reads more than five standard deviation
 MAX_NUMBER = 1e30  # it and its inverse are far inside the range of single precision, in which trainings compute
 MAX_SIDE = 256  # rows and columns of a frame; pressure mats have up to 160 x 64
 MOST = 1_000_000  # upper limit of counts
-COLUMN = "^(pressure|time|object|recording|session):.+$"
-# auto; or OBJECT, with SESSION and SPLIT before or after it, and FILE last, and text without capitals between them
-LAYOUT = "^(auto|[^A-Z]*((SESSION|SPLIT)[^A-Z]+){0,2}OBJECT([^A-Z]+(SESSION|SPLIT)){0,2}([^A-Z]+FILE)?)$"
+COLUMN = "^(pressure|time|object|recording|session|leave_out):.+$"
+# auto; or OBJECT, with SESSION, SPLIT, PART and FILE before or after it, and text without capitals between them
+LAYOUT = "^(auto|[^A-Z]*((SESSION|SPLIT|PART|FILE)[^A-Z]+)*OBJECT([^A-Z]+(SESSION|SPLIT|PART|FILE))*)$"
 CORNERS = 8  # viewpoints of the cube
 
 System = Literal[  # all but sensors are networks on the pretrained backbone
@@ -62,7 +62,7 @@ def everywhere(path: Path) -> Path:
 
 
 def _each_once(layout: str) -> str:
-    if twice := [name for name in ("SESSION", "SPLIT") if layout.count(name) > 1]:
+    if twice := [name for name in ("SPLIT", "PART", "FILE") if layout.count(name) > 1]:
         raise ValueError(f"{twice[0]} stands twice")
     return layout
 
@@ -78,11 +78,6 @@ class Data:
     shape: Literal["auto", "frames_last"] | Annotated[list[Side], Strict(), MinLen(2), MaxLen(2)] = "auto"
     layout: Annotated[StrictStr, StringConstraints(pattern=LAYOUT), AfterValidator(_each_once)] = "auto"
     columns: Columns = field(default_factory=list)
-
-    @property
-    def names(self) -> dict[str, str]:
-        """Names in the files by what they hold, of `columns`."""
-        return {kind: name for kind, _, name in (text.partition(":") for text in self.columns)}
 
 
 @dataclass(frozen=True, config=SECTION)

@@ -17,7 +17,7 @@ from tactile_viewgcn.frames.open_hand import HandStates, hand_states
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.params import Params, load, preset_changes
-from tactile_viewgcn.readers.hdf5 import read_metadata
+from tactile_viewgcn.readers.arrays import read_metadata
 from tactile_viewgcn.readers.source import Source
 from tactile_viewgcn.recognition.calibration import Classifier
 from tactile_viewgcn.recognition.estimator import train

@@ -76,7 +76,7 @@ def test_every_key_refuses_a_value_of_another_type(key):
         ("glove.leave_out=[moton]", "glove.leave_out: |'motion'|'noise'|(got 'moton')"),
         ("model.members=[trees, trees]", "model.members: |(got ['trees', 'trees'])"),
         ("cluster.scop=recording", "unknown key cluster.scop|cluster.scope?"),
-        ("data.layout=SESSION/SESSION/OBJECT", "data.layout: |SESSION |(got 'SESSION/SESSION/OBJECT')"),
+        ("data.layout=PART/OBJECT/PART", "data.layout: |PART |(got 'PART/OBJECT/PART')"),
         ("data.columns=[force:emg]", "data.columns: |force:emg"),
         ("views", "'views'"),
         ("views=[1", "--set 'views=[1': "),

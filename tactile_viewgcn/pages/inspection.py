@@ -168,7 +168,7 @@ def command_lines(overview: Overview, *, new_sessions: bool = False) -> list[str
         "data.source": str(everywhere(overview.recordings.path)),
         "data.shape": form.shape if isinstance(form.shape, str) else list(form.shape),
         "data.layout": form.layout,
-        "data.columns": [*(f"{kind}:{name}" for kind, name in form.columns.items()), *left_out],
+        "data.columns": [*form.columns, *left_out],
     }
     values |= advised
     sections = groupby(sorted(values), lambda key: key if key == "data.source" else key.partition(".")[0])

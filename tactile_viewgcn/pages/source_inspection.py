@@ -16,7 +16,7 @@ from tactile_viewgcn.intervals import FEW, proportion_interval
 from tactile_viewgcn.messages import Note, UserError, warnings_of
 from tactile_viewgcn.params import PreprocessSection
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.readers.formats import other_order
+from tactile_viewgcn.readers.layout import other_order
 from tactile_viewgcn.readers.source import AUTO, Form, setting
 from tactile_viewgcn.sensors.features import every_few
 from tactile_viewgcn.sensors.representation import Representation, contact_unit

@@ -40,31 +40,25 @@ def run_apart(module: str, request: dict[str, Any], path: Path) -> None:
     """
     words = json.dumps(request | {"memory": MEMORY, "seconds": SECONDS})
     places = os.pathsep.join([str(PACKAGES), *filter(None, [os.environ.get("PYTHONPATH")])])
-    child = subprocess.Popen(
+    child = subprocess.run(
         [sys.executable, "-P", "-m", module, words],  # -P: a user's folder may hold files called like modules
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         text=True,
         env=os.environ | {"PYTHONPATH": places},
+        check=False,
     )
     message: dict[str, Any] = {}
-    with child:
-        try:
-            for line in child.stdout or ():
-                message = json.loads(line)
-                path = Path(message.get("file", path))
-            child.wait()
-        finally:
-            child.kill()
+    for line in child.stdout.splitlines():
+        message = json.loads(line)
+        path = Path(message.get("file", path))
     kind, args = message.get("kind"), message.get("args", [])
+    if kind in RAISED:
+        raise RAISED[kind](*args)
+    slow = child.returncode == -getattr(signal, "SIGXCPU", 0)
+    what = f"reading it {'took too long' if slow else 'crashed'}; record or download again what is damaged"
     if kind == "MemoryError":
         what = f"reading it takes more memory than a file of its size may ({args[0]}); save it uncompressed"
-    elif kind in RAISED:
-        raise RAISED[kind](*args)
-    elif child.returncode == -getattr(signal, "SIGXCPU", 0):
-        what = "reading it took too long; record or download again what is damaged"
-    else:
-        what = "reading it crashed; record or download again what is damaged"
     if kind != "done":
         raise UserError(f"{path}: {what}")
 
@@ -74,8 +68,7 @@ def serve(work: Callable[[dict[str, Any]], None]) -> None:
     parent = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # a library written in C prints to 1 whatever sys.stdout is
     _parents.append(parent)
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     message: dict[str, Any] = {"kind": "done"}
     try:
         work(json.loads(sys.argv[1]))
@@ -95,26 +88,21 @@ def limit(request: dict[str, Any], stored: int) -> None:
         return
     import resource  # here, since Windows has none
 
-    used = int(time.process_time())
     limits = {
-        resource.RLIMIT_CPU: used + request["seconds"] + SECONDS_PER_MB * stored // 10**6,
+        resource.RLIMIT_CPU: int(time.process_time()) + request["seconds"] + SECONDS_PER_MB * stored // 10**6,
         resource.RLIMIT_FSIZE: TABLE + TABLE_TIMES * stored,
     }
     if (status := Path("/proc/self/statm")).exists():  # on Linux; other systems do not keep the limit
         in_use = int(status.read_text().split()[0]) * resource.getpagesize()
         limits[resource.RLIMIT_AS] = in_use + request["memory"] + MEMORY_TIMES * stored
     for kind, most in limits.items():
-        lower = [old for old in resource.getrlimit(kind) if old != resource.RLIM_INFINITY]
-        resource.setrlimit(kind, (min([most, *lower]), resource.getrlimit(kind)[1]))
+        soft, hard = resource.getrlimit(kind)
+        resource.setrlimit(kind, (most if soft == resource.RLIM_INFINITY else min(most, soft), hard))
 
 
 @contextmanager
 def reading(file: Path) -> Iterator[None]:
-    """Context for reading a file of recordings: errors of libraries, and a crash of the child, name the file.
-
-    Raises:
-        UserError: it is not a regular file, or it is damaged.
-    """
+    """Context for reading a file of recordings: errors of libraries, and a crash of the child, name the file."""
     for parent in _parents:
         print(json.dumps({"file": str(file)}), file=parent, flush=True)
     check_is_file(file)

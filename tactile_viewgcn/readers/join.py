@@ -1,7 +1,6 @@
 """How the recordings of several files become one source."""
 
-import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,52 +9,37 @@ import numpy as np
 
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, once_each, several
 from tactile_viewgcn.readers.child import reading
+from tactile_viewgcn.readers.layout import joining, stem_of
 from tactile_viewgcn.readers.source import (
-    AUTO,
-    UNLABELLED,
+    NUMBERS,
     Block,
-    Form,
     Recording,
     Source,
     Values,
     check_shape,
-    framed,
+    setting,
     sliced,
     storage_type,
-    tidy,
-)
-
-#: Words of a file's name by which files of one recording differ: a hand, an axis, a part of its time, a device.
-PART = re.compile(
-    r"(?<![a-z])(left|right|lh|rh|[lrxyz]|(part|window|win|segment|seg|chunk)[ _-]?\d+|"
-    r"(device|dev|sensor|glove|imu|emg|accel|acc|gyro|mag|board)\d*)(?![a-z])"
 )
 
 
-def joined(path: Path, files: list[Path], opened: Callable[[Path], list[Recording]], form: Form = AUTO) -> Source:
-    """The source of the recordings in files, of which one file is in memory at a time.
+def joined(path: Path, groups: list[list[Path]], opened: Callable[..., list[Recording]], layout: str) -> Source:
+    """The source of the recordings in groups of files, mostly of one file, of which one group is in memory at a time.
 
     Args:
         path: the source's path, for its errors.
-        opened: opens a file: first for its names and shapes, and again for its frames.
+        opened: opens a group: first for its names and shapes, and again for its frames.
+        layout: of the recordings' names.
 
     Raises:
         UserError: lists the files that cannot be read, or are unlike the first one, or have the name of an earlier one.
     """
-
-    def read(file: Path) -> Iterator[Recording]:
-        for recording in opened(file):
-            pressure = framed(recording.values["pressure"], form, str(file))
-            names = {"object": UNLABELLED, "session": "session"} | recording.names
-            names |= {kind: tidy(names[kind]) for kind in ("object", "session")}
-            yield replace(recording, names=names, values=recording.values | {"pressure": pressure})
-
     known, headers, mistakes = dict[str, tuple[Any, Path]](), list[Recording](), list[tuple[Path, str]]()
     dtypes, frames = set[np.dtype](), 0
-    for file in files:
+    for file, *others in groups:
         try:
             with reading(file):
-                for recording in read(file):
+                for recording in opened([file, *others]):
                     dtypes.add(_check(recording, file, known))
                     frames += len(recording.values["pressure"])
                     headers.append(replace(recording, values={}))
@@ -73,26 +57,26 @@ def joined(path: Path, files: list[Path], opened: Callable[[Path], list[Recordin
         text = f"{several(dropped, 'frame')} without readings, in which nothing is held, are left out"
         notes.append(Note(text, topic="frames"))
 
-    takes = [take_of(header) for header in headers]
+    names_of = [header.names for header in headers]
+    takes = [(names["object"], names.get("take", stem_of(names["recording"]))) for names in names_of]
     first = {take: number for number, take in reversed([*enumerate(takes)])}
     if len(first) < len(takes) and "take" not in headers[0].names:
-        again = next(take for number, take in enumerate(takes) if first[take] < number)
-        pair = [name for name, take in zip(ids["recording"], takes, strict=True) if take == again][:2]
-        text = (
-            f"{several(len(takes), 'recording')} have {len(first):,} names without hand, axis, device or part, such as "
-            f"{' and '.join(pair)}: these are held out together. To join them, save one file with the columns of both."
-        )
+        one, twin = next((first[take], number) for number, take in enumerate(takes) if first[take] < number)
+        text = f"{len(takes):,} recordings have {len(first):,} names without hand, axis, device or part, such as "
+        text += f"{ids['recording'][one]} and {ids['recording'][twin]}, as the others, are held out together"
+        if other := joining(ids["recording"], layout):
+            text += f"; to join their sensors, {setting(f'data.layout={other}')}"
         notes.append(Note(text, "warning", "parts"))
 
     def blocks() -> Iterator[Block]:
-        for file in files:
-            with reading(file):
-                for recording in read(file):
-                    values = recording.values
-                    count = len(values["pressure"])
-                    values |= {kind: np.full(count, names.index(recording.names[kind])) for kind, names in ids.items()}
+        for group in groups:
+            with reading(group[0]):
+                for recording in opened(group):
+                    values, at = recording.values, {kind: ids[kind].index(recording.names[kind]) for kind in ids}
                     if len(first) < len(takes):
-                        values["take"] = np.full(count, first[take_of(recording)])
+                        at["take"] = first[takes[at["recording"]]]
+                    count = len(values["pressure"])
+                    values |= {kind: np.full(count, number) for kind, number in at.items()}
                     if "time" in values:
                         time = values["time"][:].astype(np.float64)
                         values["time"] = time - time[:1]
@@ -103,28 +87,29 @@ def joined(path: Path, files: list[Path], opened: Callable[[Path], list[Recordin
     return Source(path, ids, shape, np.result_type(*dtypes), frames, blocks(), notes, channels)
 
 
-def take_of(recording: Recording) -> tuple[str, str]:
-    """The object, and what recordings that belong together have in common: their name without the word of `PART`.
+def side_by_side(recordings: Mapping[Path, list[Recording]]) -> list[Recording]:
+    """The recordings of one file; or of several one, whose sensors are those of all, joined along the last axis.
 
-    A name that would have no number left keeps that of its device or part: glove1 and glove2 may be two grasps.
+    Times and flags are those of the first file. Names of channels begin with the text by which a file's path differs.
     """
-    names = recording.names
-    folder, mark, name = names["recording"].rpartition("/")
-    plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
-    stem = PART.sub("", plain)
-    is_number = re.search(r"\d", plain) and not re.search(r"\d", stem)
-    return names["object"], names.get("take", folder + mark + (name if is_number else stem))
+    first, *others = recordings
+    if not others:
+        return recordings[first]
+    parts = [part for parts in recordings.values() for part in parts]
+    (frames, rows, _), pressure, channels = parts[0].values["pressure"].shape, list[np.ndarray](), list[str]()
+    for file, part in zip(recordings, parts, strict=True):
+        counts = part.values["pressure"]
+        if counts.shape[:2] != (frames, rows):
+            what = f"frames and rows {counts.shape[:2]}; expected {(frames, rows)} as in {first}, to be joined with it"
+            raise UserError(f"{file}: {what}; to join none, {setting('data.layout=auto')}")
+        pressure.append(counts[()])
+        channels += [f"{part.names['part']}_{name}" for name in part.channel_names or range(1, counts.shape[2] + 1)]
+    values = parts[0].values | {"pressure": np.concatenate(pressure, axis=-1)}
+    return [replace(parts[0], values=values, channel_names=channels if rows == 1 else [])]
 
 
 def _check(recording: Recording, file: Path, known: dict[str, tuple[Any, Path]]) -> np.dtype:
-    """Check a recording, see `joined`.
-
-    Args:
-        known: what the first file has, with that file, and the names of all recordings; it is added to.
-
-    Returns:
-        The type in which the table stores its pressure.
-    """
+    """Check a recording, see `joined`, and add what it has to `known`; return the type of its pressure in the table."""
     shape, dtype = check_values(recording.values, str(file))
     columns = [name for name in recording.values if name not in ("pressure", "frame")]
     for what, found in {"shape": shape, "columns": columns, "channels": recording.channel_names}.items():
@@ -140,13 +125,10 @@ def _check(recording: Recording, file: Path, known: dict[str, tuple[Any, Path]])
 
 
 def check_values(values: Values, where: str) -> tuple[tuple[int, int], np.dtype]:
-    """Shape (H, W) of pressure (T, H, W), and the type in which the table stores it.
-
-    Raises:
-        UserError: begins with `where`; pressure is of no such shape or type, or a column is not (T,).
-    """
+    """Shape (H, W) of pressure (T, H, W), and the type in which the table stores it; columns have to be (T,)."""
     shape, frames = check_shape(values["pressure"].shape, where), values["pressure"].shape[:1]
     for name, column in values.items():
-        if name != "pressure" and column.shape != frames:
-            raise UserError(f"{where}: {name} has shape {column.shape}; expected {frames}, one for each frame")
+        if name != "pressure" and (column.shape != frames or column.dtype.kind not in NUMBERS):
+            what = f"shape {column.shape} and type {column.dtype}"
+            raise UserError(f"{where}: {name} has {what}; expected {frames}, a number for each frame")
     return shape, storage_type(values["pressure"].dtype, where)

@@ -2,14 +2,14 @@
 
 import re
 import unicodedata
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.messages import Note, UserError, listed
+from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import MAX_SIDE
 
 UNLABELLED = ""  # stands for the name of an object that is to be recognised
@@ -36,7 +36,7 @@ COLUMNS = {
     "grasp": np.int16,  # number of the grasp inside the recording (graspIndex)
     "grasp_valid": np.bool_,  # 4th to 6th second of a grasp (graspValid)
 }
-FRAMES_LAST = "frames_last"
+FRAMES_LAST, LEAVE_OUT = "frames_last", "leave_out:"
 Block = dict[str, np.ndarray]  # "pressure" (n, H, W) and columns (n,) of consecutive frames
 Values = dict[str, Any]  # "pressure" (T, H, W) and columns (T,): arrays, or datasets that are read when sliced
 
@@ -48,14 +48,24 @@ class Form:
     Attributes:
         shape: rows and columns of a frame, `FRAMES_LAST`, or `auto`: as arrays have them.
         layout: pattern of the files' paths, or `auto`, see `layout_of`.
-        columns: the names of columns, arrays or datasets in the files, by what they hold.
+        columns: what columns, arrays or datasets of the files hold, such as `pressure:emg`, `leave_out:note`.
         labelled: False: files may name no object, and arrays may lie in no object's folder; theirs is `UNLABELLED`.
     """
 
     shape: str | Sequence[int] = "auto"
     layout: str = "auto"
-    columns: Mapping[Any, str] = field(default_factory=dict)
+    columns: Sequence[str] = ()
     labelled: bool = True
+
+    @property
+    def names(self) -> dict[str, str]:
+        """Names in the files by what they hold, of `columns`."""
+        return dict(text.split(":", 1) for text in self.columns if not text.startswith(LEAVE_OUT))
+
+    @property
+    def left_out(self) -> list[str]:
+        """Names in the files of what is left out."""
+        return [text.removeprefix(LEAVE_OUT) for text in self.columns if text.startswith(LEAVE_OUT)]
 
 
 AUTO = Form()
@@ -116,11 +126,7 @@ def side_of(name: str) -> int | None:
 
 
 def storage_type(dtype: np.dtype, where: str) -> np.dtype:
-    """Type in which the table stores pressure: int16 or int32 for integers, float32 or float64 for real numbers.
-
-    Raises:
-        UserError: it is of no such type; the message begins with `where`.
-    """
+    """Type in which the table stores pressure: int16 or int32 for integers, float32 or float64 for real numbers."""
     if dtype.kind in "iu":
         return np.dtype(np.int16 if dtype.itemsize < 2 or dtype.newbyteorder("=") == np.int16 else np.int32)
     if dtype.kind == "f":
@@ -141,11 +147,7 @@ def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
 
 
 def framed(values: Any, form: Form, where: str) -> Any:
-    """An array or a dataset as frames (T, H, W), of which two axes may be one; read only where its axes differ.
-
-    Raises:
-        UserError: it has other axes than the form says.
-    """
+    """An array or a dataset as frames (T, H, W), of which two axes may be one; read only where its axes differ."""
     if len(values.shape) == 3 and (form.shape == "auto" or list(values.shape[1:]) == list(form.shape)):
         return values
     array = values[()]
@@ -153,18 +155,11 @@ def framed(values: Any, form: Form, where: str) -> Any:
         array = np.moveaxis(array, -1, 0)
     elif not isinstance(form.shape, str):
         rows, columns = form.shape
-        for shape in ((len(array), rows * columns), (rows, columns)):
-            if array.shape == shape:
-                return array.reshape(-1, rows, columns)
+        if array.shape in ((len(array), rows * columns), (rows, columns)):
+            return array.reshape(-1, rows, columns)
         expected = f"(frames, {rows}, {columns}) or (frames, {rows * columns})"
         raise UserError(f"{where}: an array {array.shape}; expected {expected} by data.shape or the model")
     return array[:, None] if array.ndim == 2 else array
-
-
-def no_array(name: str, names: list[str], where: str) -> UserError:
-    """The error of a file with arrays or datasets of other names than the expected one."""
-    remedy = setting("data.columns=[pressure:NAME]")
-    return UserError(f"{where}: no array {name}; found {listed(names) or 'none'}; if one has the readings, {remedy}")
 
 
 def setting(change: str) -> str:
@@ -184,15 +179,11 @@ def check_column(column: str, values: np.ndarray, block: Block, source: Source) 
     kind = source.dtype if column == "pressure" else np.dtype(COLUMNS[column])
     if column == "pressure" and kind.kind == "i" and np.can_cast(values.dtype, kind):
         return
-    if kind.kind == "f":
-        limits = np.array([-1, 1]) * (MOST_SECONDS if column == "time" else MAX_PRESSURE)
-    elif kind.kind == "b":
-        limits = np.array([0, 1])
-    else:
-        limits = np.array([np.iinfo(kind).min, np.iinfo(kind).max])
+    most = {"f": MOST_SECONDS if column == "time" else MAX_PRESSURE, "b": 1}.get(kind.kind) or np.iinfo(kind).max
+    low = {"f": -most, "b": 0}.get(kind.kind, -most - 1)
     if column in source.names:
-        limits = np.array([0, min(limits[1], len(source.names[column]) - 1)])
-    low, high = limits.astype(np.float64)  # in half precision 1e30 would be infinite
+        low, most = 0, min(most, len(source.names[column]) - 1)
+    low, high = np.array([low, most], dtype=np.float64)  # in half precision 1e30 would be infinite
     inside = (values >= low) & (values <= high) & ((values == np.floor(values)) | (kind.kind == "f"))
     inside |= np.isnan(values) & (column == "time")  # an unknown time
     if inside.all():

@@ -6,7 +6,7 @@ import pytest
 from tactile_viewgcn.frames.preprocessing import frame_counts, preprocess_recordings
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import load
-from tactile_viewgcn.readers.hdf5 import read_metadata
+from tactile_viewgcn.readers.arrays import read_metadata
 from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 from tests.glove_data import COLUMNS, COUNTS, FILE, FIXED, GRIP_FRAMES, prepared, written

@@ -303,16 +303,16 @@ def soft_link(path):
 FILES = {  # a function that writes mug/1, its ending, the form, the frames, and the columns that are no default
     "one frame by its shape": (partial(save, content=COUNTS[0]), "npy", {"shape": [5, 7]}, COUNTS[:1], {}),
     "cells of one row": (partial(save, content=COUNTS[0]), "npy", {}, COUNTS[0][:, None], {}),
-    "a named column": (partial(save, content="a,b\n1,2\n"), "csv", {"columns": {"pressure": "b"}}, [[[2]]], {}),
+    "a named column": (partial(save, content="a,b\n1,2\n"), "csv", {"columns": ["pressure:b"]}, [[[2]]], {}),
     "integers and a fraction": (partial(save, content="1,2\n3,8.5\n"), "csv", {}, [[[1, 2]], [[3, 8.5]]], {}),
     "a dataset of its own name": (
-        lambda path: record(path, pressure=None, emg=COUNTS), "h5", {"columns": {"pressure": "emg"}}, COUNTS, {},
+        lambda path: record(path, pressure=None, emg=COUNTS), "h5", {"columns": ["pressure:emg"]}, COUNTS, {},
     ),
     "MATLAB 5": (lambda path: io.savemat(path, {"emg": COUNTS, "fs": 4.0, "unit": "mV"}), "mat", {}, COUNTS, {}),
     "MATLAB, frames last": (
         lambda path: io.savemat(path, {"emg": np.moveaxis(COUNTS, 0, -1)}), "mat", {"shape": "frames_last"}, COUNTS, {},
     ),
-    "MATLAB 7.3": (with_letters, "mat", {"columns": {"time": "t"}}, COUNTS, {"time": np.arange(4) / 8}),
+    "MATLAB 7.3": (with_letters, "mat", {"columns": ["time:t"]}, COUNTS, {"time": np.arange(4) / 8}),
     "a link inside HDF5": (soft_link, "h5", {}, COUNTS, {}),
     "a side": (partial(record, attributes={"split": np.bytes_("Test")}), "h5", {}, COUNTS, {"split": [TEST] * 4}),
     "flags and late times": (
@@ -346,7 +346,7 @@ def test_a_recording_needs_no_object_where_none_is_asked_for(tmp_path, name, pla
         case _:
             save(path, "time_s,a\n0,1\n1,2\n0,3\n")  # times that fall part recordings
     source = open_source(path if place == "grip" else path.parent, Form(labelled=False))
-    names = ["1", "2"] if name == "grip.csv" else ["grip"]
+    names = ["grip/1", "grip/2"] if name == "grip.csv" else ["grip"]
     assert source.names == {"object": [""], "recording": names, "session": ["session"]}
 
 

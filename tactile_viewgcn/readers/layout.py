@@ -1,0 +1,108 @@
+"""What the paths of files say: the object, the session, the published side, and which files belong together."""
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
+from tactile_viewgcn.readers.source import Form, setting, side_of
+
+PLACES = "OBJECT/FILE or SESSION/OBJECT/FILE"
+ROLE = re.compile("SESSION|SPLIT|OBJECT|FILE|PART")  # of a text in a layout
+#: Words of a file's name by which files of one recording differ: a hand, an axis, a device; or a part of its time.
+WORD = r"((?<![a-zA-Z])|(?<=[a-z])(?=[A-Z]))(?i:%s)(?![a-z])"
+PART = WORD % r"left|right|lh|rh|[lrxyz]|(device|dev|sensor|glove|imu|emg|accel|acc|gyro|mag|board)\d*"
+PIECE = WORD % r"(part|window|win|segment|seg|chunk)[ _-]?\d+"
+
+
+def place_of(file: Path, path: Path) -> str:
+    """The path of a file below a folder, without its ending: the name of its recording; of a file alone its name."""
+    place = file.name if file == path else file.relative_to(path).as_posix()
+    return re.sub(r"(?i)(\.csv)?\.\w+$", "", place)
+
+
+def names_in(place: str, layout: str) -> dict[str, str]:
+    """The texts of a place by their roles in a layout, in small letters; empty if the place is not of that layout.
+
+    Several sessions are joined by a slash. With a PART there is also the `recording`, the place without its text.
+    """
+    wide = ("OBJECT", "FILE")  # tea_box is one name
+    pattern = ROLE.sub(lambda role: "([^/]+)" if role[0] in wide else "([^/]+?)", re.escape(layout))
+    names = dict[str, str]()
+    if not (match := re.fullmatch(pattern, place)):
+        return names
+    for at, role in enumerate(map(str.lower, ROLE.findall(layout)), 1):
+        names[role] = f"{names[role]}/{match[at]}" if role in names else match[at]
+        if role == "part":
+            pieces = f"{place[: match.start(at)]}{place[match.end(at) :]}".split("/")
+            names["recording"] = "/".join(filter(None, (piece.strip("_- ") for piece in pieces)))
+    return names
+
+
+def names_of(file: Path, root: Path, layout: str, form: Form) -> dict[str, str]:
+    """See `names_in`; a UserError if a path is not of that layout, or names no object where files are labelled."""
+    names = names_in(place_of(file, root), layout)
+    if names and ("object" in names or not form.labelled):
+        return names
+    remedy = f"params.yaml may have it from others: {setting('data.layout=auto')}"
+    expected = f"expected {layout} (data.layout)"
+    if "OBJECT" not in layout:
+        expected = f"names no object; expected {PLACES}, a table with a column `object`"
+    if form.layout == "auto":
+        remedy = f"{setting('data.layout=OBJECT_FILE')} for names such as mug_1.csv"
+    raise UserError(f"{file}: {expected}, or an attribute `object` in HDF5; {remedy}")
+
+
+def layout_of(places: Sequence[str], form: Form) -> tuple[str, list[Note]]:
+    """The layout of files, such as SESSION/OBJECT/FILE, and a note on it if it is a guess.
+
+    It is the given one, without its object where no file has one and none is asked for, or by `auto` that of most
+    files. Folders that are all called as sides are the published split. Of the others the innermost is the object, and
+    those above it are the session: a file train/monday/mug/1.npy is SPLIT/SESSION/OBJECT/FILE.
+    """
+    if form.layout != "auto":
+        is_alone = not (form.labelled or any(names_in(place, form.layout) for place in places))
+        return re.sub(".*OBJECT[^A-Z]*", "", form.layout) if is_alone else form.layout, []
+    folders = [place.split("/")[:-1] for place in places]
+    depth = Counter(map(len, folders)).most_common(1)[0][0]
+    levels = list(zip(*(names for names in folders if len(names) == depth), strict=True))
+    are_sides = [None not in map(side_of, level) for level in levels]
+    count = are_sides.count(False)
+    roles = iter(["SESSION"] * (count - 1) + ["OBJECT"])
+    order = ["SPLIT" if is_side else next(roles) for is_side in are_sides]
+    text = "/".join([*order, "FILE"])
+    if not levels:
+        return text, []
+    note = f"folders are in the order {text}: "
+    note += ", ".join(f"{level[0]} is the {role.lower()}" for level, role in zip(levels, order, strict=True))
+    if count < 2 or EMPTY_HAND in levels[order.index("OBJECT")]:
+        return text, [Note(note, topic="folders")]
+    note += f". If not, {setting(f'data.layout={other_order(text)}')}; else data.layout={text}"
+    return text, [Note(note, "warning", "folders", "data.layout", text)]
+
+
+def other_order(layout: str) -> str:
+    """The layout with sessions and objects in each other's place."""
+    roles = iter(re.findall("SESSION|OBJECT", layout)[::-1])
+    return re.sub("SESSION|OBJECT", lambda _: next(roles), layout)
+
+
+def stem_of(place: str) -> str:
+    """What places of recordings that belong together have in common: the place without words of `PART` and `PIECE`.
+
+    A name that would have no number left keeps that of its device or part: glove1 and glove2 may be two grasps.
+    """
+    folder, mark, name = place.rpartition("/")
+    stem = re.sub(f"{PART}|{PIECE}", "", name).lower()
+    return folder + mark + (name if re.search(r"\d", name) and not re.search(r"\d", stem) else stem)
+
+
+def joining(places: Sequence[str], layout: str) -> str:
+    """The layout whose PART is a hand, an axis or a device in all these places; "" if there is none."""
+    beside = [layout.replace("FILE", part) for part in ("FILE_PART", "PART_FILE", "FILE-PART")]
+    for other in (*beside, "OBJECT/PART", "OBJECT/FILE/PART", "SESSION/OBJECT/FILE/PART"):
+        words = [names_in(place, other).get("part", "") for place in places]
+        if all(re.search(PART, word) and not re.search(PIECE, word) for word in words):
+            return other
+    return ""
