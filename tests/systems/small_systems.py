@@ -7,13 +7,11 @@ import torch
 from tactile_viewgcn.nn.system import Sizes
 from tactile_viewgcn.params import System
 from tactile_viewgcn.recognition.model_file import build_classifier
-from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.glove_data import recipe
 
 NETWORKS = [name for name in get_args(System) if name != "sensors"]
 NARROW = "model.backbone.width=8"
 LINE = torch.tensor([[0.0, 0, 0], [1, 0, 0], [3, 0, 0], [7, 0, 0]])
-CUBE = torch.from_numpy(viewpoints(8, "cube"))
 
 
 def fill(parameter, values):

@@ -31,6 +31,12 @@ def test_two_layers_of_gcn_by_hand():
     assert system(torch.tensor([[[-1.0], [2], [3]]]))[0].item() == pytest.approx(max(nodes))
 
 
+def test_fewer_views_sit_where_furthest_point_sampling_comes_first():
+    whole, few = (built("gcn", "model.neighbours=2", places=places) for places in (LINE, LINE[[0, 3, 2]]))
+    views = some_views(few)
+    assert torch.equal(whole.head(views)[0], few.head(views)[0])
+
+
 def test_gcn_takes_the_first_of_listed_neighbours():
     one, listed = (built("gcn", f"model.neighbours={near}") for near in ("2", "[2, 4, 4]"))
     views = some_views(one)

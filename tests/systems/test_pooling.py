@@ -7,9 +7,9 @@ import torch
 from tactile_viewgcn.systems.mean import MeanViews
 from tactile_viewgcn.systems.mvcnn import MVCNN
 from tactile_viewgcn.systems.vote import Vote
-from tactile_viewgcn.training.finetuning import finetune_classifier
-from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, views_of
-from tests.systems.small_systems import NARROW, fill, head_of, only_leaky
+from tests.glove_data import pretrained
+from tests.systems.small_systems import fill, head_of, only_leaky
+from tests.training.small_trainings import finetune
 
 
 def test_mvcnn_takes_the_maximum_and_mean_the_mean_by_hand():
@@ -30,8 +30,6 @@ def test_vote_averages_log_probabilities_by_hand():
 
 
 def test_vote_begins_as_the_pretrained_classifier_and_is_not_trained():
-    config, frames = recipe("model.system=vote", "finetune.moments=running", NARROW), fewer_anchors(table(), 12)
-    network, _ = finetune_classifier(frames, views_of(frames, config), pretrained(NARROW), config, CPU)
-    trained = {"backbone": network.backbone.state_dict(), "classifier": network.head.classifier.state_dict()}
-    for part, weights in pretrained(NARROW).items():
-        assert all(torch.equal(trained[part][name], weight) for name, weight in weights.items())
+    network, _ = finetune("model.system=vote", "finetune.moments=running", every=12)
+    for part, module in (("backbone", network.backbone), ("classifier", network.head.classifier)):
+        assert all(torch.equal(module.state_dict()[name], weight) for name, weight in pretrained()[part].items())

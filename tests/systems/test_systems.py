@@ -5,10 +5,8 @@ import math
 import pytest
 import torch
 
-from tactile_viewgcn.nn.graph import nearest
 from tactile_viewgcn.nn.network import view_set_logits
-from tactile_viewgcn.systems import load_system
-from tests.systems.small_systems import LINE, NETWORKS, built, some_views
+from tests.systems.small_systems import NETWORKS, built, some_views
 
 ORDERLESS = {"mvcnn", "mean", "vote", "gvcnn", "rotationnet"}
 IN_TIME = {"cnn_lstm", "conv_lstm"}
@@ -40,14 +38,6 @@ def test_fewer_and_more_views_are_taken_where_a_system_says_so(name):
         logits = classifier.head(some_views(classifier, count=count))[0]
         assert logits.shape == (3, 5)
         assert logits.isfinite().all()
-
-
-@pytest.mark.parametrize("name", ["gcn", "view_gcn"])
-def test_fewer_views_of_a_graph_sit_where_furthest_point_sampling_comes_first(monkeypatch, name):
-    network, positions = built(name, "model.neighbours=2"), []
-    monkeypatch.setattr(load_system(name), "nearest", lambda at, k: positions.append(at) or nearest(at, k))
-    network.head(some_views(network, count=3))
-    assert torch.equal(positions[0].view(3, 3), LINE[[0, 3, 2]])
 
 
 @pytest.mark.parametrize("name", NETWORKS)

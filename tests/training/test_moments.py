@@ -4,8 +4,9 @@ import pytest
 import torch
 from torch import nn
 
-from tactile_viewgcn.training.finetuning import finetune_classifier, measure_moments
-from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, views_of
+from tactile_viewgcn.training.finetuning import measure_moments
+from tests.glove_data import CPU
+from tests.training.small_trainings import finetune
 
 
 class Clean:
@@ -60,12 +61,11 @@ def norms(module):
 
 @pytest.mark.parametrize("system", ["view_gcn", "mvcnn", "gvcnn", "cnn_lstm", "vote"])
 def test_a_training_ends_with_clean_moments_where_they_are_asked_for(system):
-    frames, weights = fewer_anchors(table(), 12), []
-    for moments in ("running", "clean"):
-        params = recipe(f"model.system={system}", f"finetune.moments={moments}")
-        classifier, _ = finetune_classifier(frames, views_of(frames, params), pretrained(), params, CPU)
-        weights.append(classifier)
-    for one, other in zip(weights[0].parameters(), weights[1].parameters(), strict=True):
+    running, clean = (
+        finetune(f"model.system={system}", f"finetune.moments={moments}", every=12)[0]
+        for moments in ("running", "clean")
+    )
+    for one, other in zip(running.parameters(), clean.parameters(), strict=True):
         assert torch.equal(one, other)
-    for one, other in zip(*map(norms, weights), strict=True):
+    for one, other in zip(norms(running), norms(clean), strict=True):
         assert not torch.allclose(one.running_var, other.running_var)

@@ -32,17 +32,13 @@ def fitted(monkeypatch):
     """The arguments of the loop over epochs, which then does nothing."""
     arguments = {}
 
-    def fit(stage, config, steps, loss, optimiser, batches, *_):
-        arguments.update(config=config, groups=optimiser.param_groups, batches=batches(0))
+    def fit(stage, config, steps, loss, optimiser, batches, validate, *_):
+        arguments.update(groups=optimiser.param_groups, loss=loss, batches=batches, validate=validate)
         return Progress()
 
     for training in (pretraining, finetuning):
         monkeypatch.setattr(training, "fit", fit)
     return arguments
-
-
-def sizes(group):
-    return sum(weight.numel() for weight in group["params"])
 
 
 @pytest.mark.parametrize(("dropout", "share"), [("true", 0.2), ("false", 0.0)])
@@ -51,7 +47,9 @@ def test_backbone_and_graph_network_have_rates_of_their_own_and_the_backbone_its
     backbone, head = fitted["groups"]
     assert (backbone["lr"], head["lr"]) == (1e-4, 5e-4)
     assert {(group["momentum"], group["weight_decay"]) for group in fitted["groups"]} == {(0.9, 1e-4)}
-    assert sizes(backbone) == 674_240 and len(head["params"]) == len(list(network.head.parameters()))
+    assert [len(group["params"]) for group in (backbone, head)] == [
+        len(list(part.parameters())) for part in (network.backbone, network.head)
+    ]
     assert network.backbone.dropout.p == share
 
 
@@ -59,7 +57,7 @@ def test_pretraining_learns_from_the_training_side_s_anchors_alone_each_once_an_
     pretrain("pretrain.batch=7", "pretrain.noise=0", every=5)
     frames = fewer_anchors(table(), 5)
     index = np.flatnonzero(frames.anchor & (frames.side == TRAIN))
-    inputs, labels = (torch.cat(parts).numpy() for parts in zip(*fitted["batches"], strict=True))
+    inputs, labels = (torch.cat(parts).numpy() for parts in zip(*fitted["batches"](0), strict=True))
     pairs = sorted((*frame.ravel(), label) for frame, label in zip(inputs, labels, strict=True))
     expected = zip(frames.inputs(index), frames.label[index], strict=True)
     assert pairs == sorted((*frame.ravel(), label) for frame, label in expected)
@@ -70,5 +68,16 @@ def test_frames_carry_the_noise_of_the_recipe(fitted, train):
     frames = []
     for noise in (0, 0.25):
         train(f"{train.__name__}.noise={noise}")
-        frames.append(torch.cat([batch[0] for batch in fitted["batches"]]))
+        frames.append(torch.cat([batch[0] for batch in fitted["batches"](0)]))
     assert float((frames[1] - frames[0]).std()) == pytest.approx(0.25, rel=0.05)
+
+
+@pytest.mark.parametrize("train", [pretrain, finetune])
+def test_layers_are_in_training_in_every_epoch_and_in_evaluation_while_they_are_validated(fitted, train):
+    train("split.validation=0.25", "finetune.moments=running", every=12)
+    layers = [layer for layer in fitted["loss"].modules() if hasattr(layer, "running_mean") or hasattr(layer, "p")]
+    for epoch in range(2):
+        next(iter(fitted["batches"](epoch)))
+        assert all(layer.training for layer in layers)
+        assert 0 <= fitted["validate"]()["validation_error"] <= 1
+        assert not any(layer.training for layer in layers)
