@@ -5,6 +5,7 @@ import pandas as pd
 
 from tactile_viewgcn.frames.leak import QuickError, quick_error
 from tactile_viewgcn.messages import Note, listed
+from tactile_viewgcn.readers.source import LEAVE_OUT
 from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
@@ -40,9 +41,9 @@ def column_notes(recordings: Recordings) -> list[Note]:
             kind = "rises by even steps" if moves[column] else "is constant in each recording"
             odd[names[column]] = f"{names[column]} {kind} ({reason})"
     if odd:
-        left_out = [f"leave_out:{name}" for name in odd if name in recordings.channel_names]
-        remedy = f"set data.columns to [{', '.join(left_out)}]" if left_out else "remove it from the files"
-        text = f"A clock, a number or a label is no sensor: {listed([*odd.values()], '; ')}. Leave it out: {remedy}."
+        left_out = [LEAVE_OUT + name for name in odd if name in recordings.channel_names]
+        remedy = f"[{', '.join(left_out)}]" if left_out else f"[{LEAVE_OUT}NAME], once it has a name in the files"
+        text = f"A clock, number or label is no sensor: {listed([*odd.values()], '; ')}. Set data.columns to {remedy}."
         notes.append(Note(text, "warning", "columns", "data.columns" if left_out else "", left_out or None))
     rates = np.array([*frame_rates(recordings.columns["time"], recordings.columns["recording"]).values()])
     by_rate = predicting(rates) if len(rates) == len(label) and rates.max() > ALIKE * rates.min() else None

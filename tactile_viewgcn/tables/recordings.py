@@ -135,8 +135,8 @@ class Recordings:
 
     def sensor_names(self, chosen: np.ndarray) -> list[str]:
         """Names of the chosen sensors, bool (H, W): of channels, else row and column from 1."""
-        names = self.channel_names or [f"row {row + 1}, column {column + 1}" for row, column in np.ndindex(self.shape)]
-        return [names[at] or f"column {at + 1}" for at in np.flatnonzero(chosen)]
+        places = [f"row {row}, " * (len(chosen) > 1) + f"column {column}" for row, column in np.argwhere(chosen) + 1]
+        return [self.channel_names[at] for at in np.flatnonzero(chosen)] if self.channel_names else places
 
     def part(self, rows: np.ndarray, live: np.ndarray | None = None) -> "Recordings":
         """The frames in rising `rows` (n,), one at least, as a table; `live` sensors: those that vary, if not given."""

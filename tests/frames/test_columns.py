@@ -54,7 +54,7 @@ def test_a_column_that_moves_as_no_sensor_is_warned_of_where_it_predicts_the_obj
     remedy = ("data.columns", ["leave_out:it"]) if names else ("", None)
     assert [(note.level, note.key, note.value) for note in notes] == [("warning", *remedy)] * (name not in SENSORS)
     for note in notes:
-        assert (names or ["row 1, column 1"])[0] + " " in note.text and "s1" not in note.text
+        assert f"{names[0] if names else 'column 1'} " in note.text and "s1" not in note.text
         assert ("range" in note.text, "beginning" in note.text) == (name in WIDE, name in NO_SENSORS)
 
 

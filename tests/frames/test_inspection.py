@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
@@ -12,6 +13,7 @@ from tactile_viewgcn.messages import warnings_of
 from tactile_viewgcn.pages.inspection import WIDTH, command_lines, inspection_lines, verdict, warnings
 from tactile_viewgcn.pages.source_inspection import inspect_source
 from tactile_viewgcn.params import load
+from tactile_viewgcn.readers.source import Form
 from tests.glove_data import (
     FILE,
     FOREIGN_NAMES,
@@ -77,6 +79,23 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(tmp_p
         np.testing.assert_allclose(page.choice.baseline.mean, 0.05, atol=0.03)
     Path("my glöve.dvc").touch()
     assert "  -S 'data.source=\"my glöve\"' \\" in inspection_lines(page)  # a source that DVC tracks, as typed
+
+
+def test_the_line_leaves_out_the_columns_that_are_warned_of_beside_what_the_user_has_said(tmp_path):
+    rng = np.random.default_rng(0)
+    for number in range(18):
+        columns = {"tick": np.arange(40) + 300 * number, "no [of trial]": number, "place": 0}
+        columns |= {name: rng.normal(500, 9, 40) for name in ("s1", "s2", "s3")}
+        save(tmp_path / "glove" / "abc"[number // 6] / f"{number}.csv", pd.DataFrame(columns).to_csv(index=False))
+    form = Form(columns=["session:place"])
+    page = inspect_source(tmp_path / "glove", form)
+    (note,) = (note for note in page.remarks if note.key == "data.columns")
+    assert note.value == ["leave_out:tick", "leave_out:no [of trial]"]
+    words = shlex.split(" ".join(command_lines(page)).replace("\\ ", ""))
+    data = load(FILE, [words[i + 1] for i, word in enumerate(words) if word == "-S"]).data
+    assert data.columns == [*form.columns, *note.value]
+    again = inspect_source(tmp_path / "glove", Form(data.shape, data.layout, data.columns))
+    assert again.recordings.channel_names == ["s1", "s2", "s3"] and warnings_of(again.choice.notes) == []
 
 
 def test_recordings_of_one_frame_are_views_of_one(tmp_path):
