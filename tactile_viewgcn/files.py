@@ -80,7 +80,7 @@ def new_files(folder: str | Path, name: str = "") -> Iterator[Path]:
 def _check_place(place: Path) -> None:
     """Refuse to replace anything but a plain file."""
     if place.is_symlink():
-        raise UserError(f"{place}: a link; expected a file or a new name")
+        raise UserError(f"{place}: a link; name the file that it leads to, or another")
     check_is_file(place)
 
 

@@ -59,7 +59,7 @@ def environment() -> Environment:
 
 def write(path: Path, text: str) -> str:
     """Write a page, and say so in a line."""
-    write_file(path, text, lambda old: GENERATOR in old)
+    write_file(path, text, lambda old: GENERATOR in old and old.endswith("</html>"))
     return f"{path}: {len(text) / 1e6:.1f} MB; open it in a browser"
 
 
