@@ -8,7 +8,8 @@ from html.parser import HTMLParser
 import pytest
 from matplotlib.figure import Figure
 
-from tactile_viewgcn.pages.html import Verdict, duration, environment, svg
+from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.pages.html import Verdict, duration, environment, svg, write
 
 NASTY = '<script>alert("x")</script> & "Öl" 気'
 EMPTY = {"meta", "img", "br"}  # elements without an end
@@ -87,6 +88,18 @@ def test_a_picture_is_an_svg_with_its_letters_as_text():
     image = base64.b64decode(svg(drawn("Öl 気 $x$")).partition("base64,")[2]).decode()
     assert ">Öl 気 $x$</text>" in image and "<script" not in image
     assert svg(drawn()) == svg(drawn()), "equal pictures give equal pages"
+
+
+def test_a_page_takes_the_place_of_a_page_and_of_no_other_text(tmp_path):
+    path = tmp_path / "page.html"
+    for text in ("first", "second"):
+        write(path, page_of(text))
+        assert path.read_text("utf-8") == page_of(text)
+    for text in (f"{page_of('first')}\nmy notes", "<!DOCTYPE html><html>my own</html>"):
+        path.write_text(text, "utf-8")
+        with pytest.raises(UserError, match=r"page\.html: "):
+            write(path, page_of("third"))
+        assert path.read_text("utf-8") == text
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(3.74, "3.7 s"), (119.7, "2 min 0 s"), (3599.6, "1 h 0 min")])

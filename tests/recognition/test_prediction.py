@@ -59,7 +59,13 @@ def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(plac
     assert rows["empty"]["answer"] == "no contact" and rows["empty"]["class_1"] == ""
     assert [rows[name]["right"] for name in (*OBJECTS, "empty", "zebra")] == [*["True"] * 4, ""]  # as many as printed
     assert (rows["cup"]["frames_in_contact"], rows["cup"]["frames"]) == ("20", "60")
-    assert sum(float(rows["cup"][f"probability_{place}"]) for place in (1, 2, 3)) == pytest.approx(1, abs=1e-5)
+    assert sum(float(rows["cup"][f"probability_{number}"]) for number in (1, 2, 3)) == pytest.approx(1, abs=1e-5)
+    answers = (place / "a.csv").read_text("utf-8")
+    for text in (f"{answers}my notes\n", "object,colour\ncup,blue\n"):
+        (place / "a.csv").write_text(text, "utf-8")
+        with pytest.raises(UserError, match="remove it or name another"):
+            call(*words)
+        assert (place / "a.csv").read_text("utf-8") == text
 
 
 @pytest.mark.parametrize(
