@@ -1,5 +1,7 @@
 """The values that `auto` becomes, by what was recorded and by readings of the training side."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -88,6 +90,17 @@ def states_by_hand(recordings, contact):
     """States in which the frames bool (T,) are in contact, all others open, at a noise of 1."""
     sensors = int(recordings.live.sum())
     return HandStates(recordings.live_counts(), np.ones((1, sensors)), contact, ~contact, np.zeros((1, sensors)))
+
+
+@pytest.mark.parametrize(("opening", "touched", "shown"), [(9, 9, True), (4, 9, False), (9, 4, False)])
+def test_an_open_hand_is_shown_where_most_recordings_have_five_frames_of_it_and_one_of_contact(
+    tmp_path, opening, touched, shown
+):
+    number, frame = np.repeat(np.arange(9), 6), np.tile(np.arange(6), 9)
+    recordings = written(tmp_path / "t", np.arange(324).reshape(54, 2, 3), recording=number)
+    states = states_by_hand(recordings, (frame == 5) & (number < touched))
+    states = replace(states, open=(frame < np.where(number < opening, 5, 4)) & ~states.contact)
+    assert module._shows_open_hand(recordings, states) == shown
 
 
 @pytest.mark.parametrize(("untouched", "kind"), [(2, "contact"), (3, "none")])

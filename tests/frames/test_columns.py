@@ -34,7 +34,8 @@ SENSORS = {
     "closes evenly": (1 + OBJECT) * N / 9.0, "closes evenly from about the same": 2 * N + tremble(3)[:, :1],
     "closes by strain": 30 * OBJECT + (2 + tremble()[:, :1]) * N + tremble(2), "trembles": tremble() * (1 + OBJECT),
     "restarts in each": N + 0 * R, "of another unit": 1000 * tremble(),
-    "switch": 1.0 * (N > 30 - 7 * OBJECT), "counter of a byte": (STARTED + N) % 256,
+    "switch": 1.0 * (N > 30 - 7 * OBJECT), "switch of either kind": 1.0 * ((N > 20) == (OBJECT > 1)),
+    "counter of a byte": (STARTED + N) % 256,
 }  # fmt: skip
 
 

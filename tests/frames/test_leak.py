@@ -82,3 +82,5 @@ def test_objects_are_recognised_in_groups_that_are_held_out_and_labels_at_random
     trend = 100.0 * np.tile(np.arange(64), 12)[:, None] / 64  # alike in all groups: means over all of a group lose it
     label, group = np.repeat([0, 1], 384), np.repeat(np.arange(12), 64)
     assert quick_error((trend + 20 * label[:, None]).__getitem__, np.ones(768, dtype=bool), label, group).error == 0
+    mostly = np.where(np.arange(768) % 8 < 6, 1.0, -1.0) * (2 * label - 1)  # the eighth frames are in one mean each
+    assert quick_error(mostly[:, None].__getitem__, np.ones(768, dtype=bool), label, group).error == 0.25

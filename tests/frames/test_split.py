@@ -29,6 +29,8 @@ def test_groups_are_numbered_in_the_order_of_the_recordings():
     }
     assert split_groups(columns, "recording").tolist() == [3, 3, 0, 0, 1, 2]
     assert split_groups(columns, "source").tolist() == [3, 3, 0, 0, 1, 2]
+    together = columns | {"take": np.array([0, 0, 0, 0, 1, 1])}
+    assert split_groups(together, "recording").tolist() == [1, 1, 0, 0, 2, 3]
     assert split_groups(columns, "grasp").tolist() == [4, 3, 0, 0, 1, 2]
     assert split_groups(columns, "session").tolist() == [1, 1, 0, 0, 0, 0]
 

@@ -101,6 +101,8 @@ def test_components_are_those_of_the_singular_values(shape):
     points = np.random.default_rng(6).random(shape)
     left, values, _ = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
     np.testing.assert_allclose(np.abs(principal_components(points, 4)), np.abs(left * values)[:, :4], atol=1e-9)
+    released = min(8, *shape)  # components, of the released code
+    assert pool_scores(points, np.zeros(len(points), dtype=int))[0].shape == (len(points), released)
 
 
 def test_k_means_is_scikit_learn_s_with_its_restarts():
