@@ -14,13 +14,7 @@ from tactile_viewgcn.pages.inspection import WIDTH, command_lines, inspection_li
 from tactile_viewgcn.pages.source_inspection import inspect_source
 from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.source import Form
-from tests.glove_data import (
-    FILE,
-    FOREIGN_NAMES,
-    all_contact,
-    dense,
-    floats,
-)
+from tests.glove_data import FILE, FOREIGN_NAMES, all_contact, dense, floats
 from tests.readers.files import save
 
 

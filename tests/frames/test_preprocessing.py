@@ -86,13 +86,6 @@ def test_groups_of_a_training_leave_no_test_side(tmp_path):
     np.testing.assert_array_equal(baseline.mean[baseline.of_frame], made.frames.baseline_mean[SESSION])
 
 
-def test_the_empty_hand_can_be_left_out_of_the_classes(tmp_path):
-    frames, made = prepared(tmp_path, "preprocess.empty_hand_class=false")
-    assert frames.classes == ["object1", "object2"]
-    assert np.unique(frames.label).tolist() == [0, 1]
-    np.testing.assert_array_equal(made.keep, VALID & (OBJECT > 0))
-
-
 @pytest.mark.parametrize("by", ["recording", "source"])
 def test_an_empty_hand_that_is_not_on_both_sides_is_no_class_and_still_the_baseline(tmp_path, by):
     part = selected((SESSION == 0) & ((OBJECT > 0) | (RECORDING == 0)))  # one recording of the empty hand

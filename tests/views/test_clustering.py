@@ -11,12 +11,7 @@ from sklearn.cluster import KMeans
 
 from tactile_viewgcn.tables.frames import NO_CLUSTER, TEST, TRAIN
 from tactile_viewgcn.views import clustering
-from tactile_viewgcn.views.clustering import (
-    cluster_pools,
-    pool_ids,
-    pool_scores,
-    principal_components,
-)
+from tactile_viewgcn.views.clustering import cluster_pools, pool_ids, pool_scores, principal_components
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.glove_data import recipe, table, views_of
 
