@@ -130,14 +130,14 @@ def test_the_released_scale_is_kept_at_one_to_ten_times_the_readings_and_none_is
 
 
 def test_the_scale_is_of_all_sensors_in_contact_and_all_frames_of_contact_but_the_empty_hand_s(tmp_path):
-    """Readings of 10 to 50 above the baseline, in a fifth of 6,000 frames each; two sensors are in the noise."""
-    frame, counts = np.arange(6000), np.zeros((6000, 2, 3), dtype=np.int16)
-    counts[:, 0] = 500 + (10 * (1 + frame // 1200))[:, None]
+    """Readings of 10 to 50 above the baseline, in a fifth of 12,000 frames each; two sensors are in the noise."""
+    frame, counts = np.arange(12_000), np.zeros((12_000, 2, 3), dtype=np.int16)
+    counts[:, 0] = 500 + (10 * (1 + frame // 2400))[:, None]
     counts[:, 1], counts[::2, 1, 2] = 504, 590
     recordings = written(tmp_path / "t", counts, object=(frame // 10) % 3, recording=frame // 10)
     contact = (frame % 2 == 1) & (frame // 10 % 3 > 0)  # in other frames a sensor reads 590
     states = states_by_hand(recordings, contact)
-    baseline = Baseline(np.full((1, 2, 3), 500.0), np.ones((1, 2, 3)), np.zeros(6000, dtype=int))
+    baseline = Baseline(np.full((1, 2, 3), 500.0), np.ones((1, 2, 3)), np.zeros(12_000, dtype=int))
     reading, number = np.unique(contact_readings(recordings, states, baseline), return_counts=True)
     assert reading.tolist() == [10, 20, 30, 40, 50]
     np.testing.assert_allclose(number / number.sum(), 0.2, atol=0.01)
