@@ -179,13 +179,8 @@ def _text(value: Any) -> str:
     return value.decode() if isinstance(value, bytes) else str(value)
 
 
-def is_raw(file: Path, folder: Path) -> bool:
-    """Whether a file below a folder is a raw recording of STAG, `[batch]/[recording]/pressuredata.mat`."""
-    return file.name == "pressuredata.mat" and len(file.relative_to(folder).parts) == 3
-
-
 def read_raw(file: Path) -> Recording:
-    """The raw recording in a file; its object is the folder's name without the number: "003-tea_box" holds tea_box."""
+    """The raw recording of STAG in a file; its object is the folder's name without number: "003-tea_box" is tea_box."""
     session, name = file.parts[-3:-1]
     names = {"object": re.sub(r"^\d+-", "", name), "recording": f"{session}/{name}", "session": session}
     return Recording(names, _values(matlab_fields(file)))
@@ -206,8 +201,7 @@ def read_metadata(path: Path) -> Source:
             if None in values["split"]:
                 raise UserError(f"{path}: splitId and splits {listed(names)}; expected numbers of train and test in it")
     names = {"object": fields["objects"], "recording": fields["recordings"], "session": fields["batches"]}
-    frames = len(values["pressure"])
-    return Source(path, names, shape, dtype, frames, sliced(values, frames))
+    return Source(path, names, shape, dtype, len(values["pressure"]), sliced(values, len(values["pressure"])))
 
 
 def _values(fields: dict[str, Any]) -> Values:

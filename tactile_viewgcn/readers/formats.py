@@ -12,7 +12,7 @@ import numpy as np
 
 from tactile_viewgcn.files import all_below
 from tactile_viewgcn.messages import Note, UserError, listed, once_each, several
-from tactile_viewgcn.readers.arrays import is_raw, matlab_fields, read_metadata, read_raw, recordings_of_arrays
+from tactile_viewgcn.readers.arrays import matlab_fields, read_metadata, read_raw, recordings_of_arrays
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.join import joined, side_by_side
 from tactile_viewgcn.readers.layout import PLACES, layout_of, names_in, names_of, place_of
@@ -21,10 +21,8 @@ from tactile_viewgcn.readers.text import CONTENTS, read_table, recordings_in
 
 TEXTS = (".csv", ".tsv", ".csv.gz", ".txt")  # endings of tables as text
 HDF5, ARRAYS = (".h5", ".hdf5"), (".npy", ".npz", ".mat")
-EXPECTED = (
-    f"expected a STAG metadata.mat, a STAG folder, a folder of {PLACES} with .npy, .npz, .mat, .csv, .txt or .h5, or a "
-    ".csv with a column `object` (see the manual's page on data)"
-)
+EXPECTED = f"expected a STAG metadata.mat or folder, a folder of {PLACES} with .npy, .npz, .mat, .csv, .txt or .h5, or "
+EXPECTED += "a .csv with a column `object` (see the manual's page on data)"
 
 
 def files_of(path: Path) -> list[Path]:
@@ -54,7 +52,8 @@ def open_source(path: str | Path, form: Form = AUTO, files: Sequence[Path] | Non
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file or folder; {EXPECTED}")
     files = files_of(path) if files is None else files
-    if raw := [file for file in files if is_raw(file, path)]:
+    raw = [file for file in files if file.name == "pressuredata.mat" and len(file.relative_to(path).parts) == 3]
+    if raw:
         return joined(path, [[file] for file in raw], lambda group: [read_raw(group[0])], "")
     if not path.is_dir():
         with reading(path):
@@ -128,6 +127,9 @@ def read_files(path: Path, files: list[Path], form: Form, unread: list[Path]) ->
 
     def whole(group: list[Path]) -> list[Recording]:
         """The recordings in one file, or the one in files that are joined."""
+        if len(group) < (most := max(map(len, groups.values()))):
+            what = f"{len(group)} of {most} files that differ by the text of PART"
+            raise UserError(f"{group[0]}: {what}; to join none, {setting('data.layout=auto')}")
         recordings = {group[0]: opened(group[0])}
         for file in group[1:]:
             with reading(file):

@@ -57,13 +57,12 @@ def joined(path: Path, groups: list[list[Path]], opened: Callable[..., list[Reco
         text = f"{several(dropped, 'frame')} without readings, in which nothing is held, are left out"
         notes.append(Note(text, topic="frames"))
 
-    names_of = [header.names for header in headers]
-    takes = [(names["object"], names.get("take", stem_of(names["recording"]))) for names in names_of]
+    takes = [(each["object"], each.get("take", stem_of(each["recording"]))) for each in (h.names for h in headers)]
     first = {take: number for number, take in reversed([*enumerate(takes)])}
     if len(first) < len(takes) and "take" not in headers[0].names:
         one, twin = next((first[take], number) for number, take in enumerate(takes) if first[take] < number)
         text = f"{len(takes):,} recordings have {len(first):,} names without hand, axis, device or part, such as "
-        text += f"{ids['recording'][one]} and {ids['recording'][twin]}, as the others, are held out together"
+        text += f"{ids['recording'][one]} and {ids['recording'][twin]}, which are held out together"
         if other := joining(ids["recording"], layout):
             text += f"; to join their sensors, {setting(f'data.layout={other}')}"
         notes.append(Note(text, "warning", "parts"))

@@ -27,11 +27,10 @@ def names_in(place: str, layout: str) -> dict[str, str]:
 
     Several sessions are joined by a slash. With a PART there is also the `recording`, the place without its text.
     """
-    wide = ("OBJECT", "FILE")  # tea_box is one name
+    wide, names = ("OBJECT", "FILE"), dict[str, str]()  # tea_box is one name
     pattern = ROLE.sub(lambda role: "([^/]+)" if role[0] in wide else "([^/]+?)", re.escape(layout))
-    names = dict[str, str]()
     if not (match := re.fullmatch(pattern, place)):
-        return names
+        return {}
     for at, role in enumerate(map(str.lower, ROLE.findall(layout)), 1):
         names[role] = f"{names[role]}/{match[at]}" if role in names else match[at]
         if role == "part":
@@ -100,9 +99,9 @@ def stem_of(place: str) -> str:
 
 def joining(places: Sequence[str], layout: str) -> str:
     """The layout whose PART is a hand, an axis or a device in all these places; "" if there is none."""
-    beside = [layout.replace("FILE", part) for part in ("FILE_PART", "PART_FILE", "FILE-PART")]
+    beside = [layout.replace("FILE", part) for mark in "_- " for part in (f"FILE{mark}PART", f"PART{mark}FILE")]
     for other in (*beside, "OBJECT/PART", "OBJECT/FILE/PART", "SESSION/OBJECT/FILE/PART"):
-        words = [names_in(place, other).get("part", "") for place in places]
-        if all(re.search(PART, word) and not re.search(PIECE, word) for word in words):
+        parts = [names_in(place, other).get("part", "no part") for place in places]
+        if not any(re.sub(f"{PART}|[ _-]", "", part) for part in parts):
             return other
     return ""

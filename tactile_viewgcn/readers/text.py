@@ -35,7 +35,6 @@ CONTENTS = {
     **dict.fromkeys(("session", "subject", "person", "participant"), "session"),
 }
 LABELS = ("session", "object", "recording")
-OTHER = "data.columns names others"  # why a column that may have readings is left out
 UNIT = re.compile(r" ?[_(\[](s|ms|us|µs|ns)[)\]]?$")  # of a time, at the end of a name such as time_ms or t [s]
 SECONDS = {"ms": 1e-3, "millis": 1e-3, "us": 1e-6, "µs": 1e-6, "micros": 1e-6, "ns": 1e-9}  # of a unit; else 1
 Table = tuple[Recording, dict[str, np.ndarray]]  # of all lines, and the names in them, see `table_of`
@@ -160,7 +159,7 @@ def recordings_in(table: Recording, labels: dict[str, np.ndarray], place: str) -
 
 
 def _content(name: str, values: np.ndarray, form: Form, *, is_index: bool) -> str:
-    """What a column (T,) holds by its name: a value of `CONTENTS`, `OTHER`, or "" for the readings of a sensor."""
+    """What a column (T,) holds by its name: a value of `CONTENTS`, why it is left out, or "" for readings."""
     if kinds := [kind for kind, column in form.names.items() if column == name]:
         return kinds[0].replace("pressure", "")
     content = "line number" if is_index else CONTENTS.get(_base_and_unit(name)[0], "")
@@ -168,7 +167,7 @@ def _content(name: str, values: np.ndarray, form: Form, *, is_index: bool) -> st
     counts, rises = (np.sum(each) > MOSTLY * len(steps) for each in (steps == 1, steps > 0))
     if (content == "line number" and not counts) or (name.lower() == "t" and not rises):  # a finger, a temperature
         content = ""
-    return OTHER if (content or "pressure") in form.names else content
+    return "data.columns names others" if (content or "pressure") in form.names else content
 
 
 def _base_and_unit(name: str) -> tuple[str, str]:

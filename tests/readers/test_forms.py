@@ -6,8 +6,6 @@ from functools import partial
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy import io
 
 from tactile_viewgcn.frames.split import split_groups
@@ -209,19 +207,20 @@ def test_a_table_of_files_names_their_objects_and_sessions(tmp_path, place):
 
 
 @pytest.mark.parametrize(
-    ("names", "takes"),
+    ("names", "takes", "joined"),
     [
-        ("01_left 01_right 02_left 02_right", [0, 0, 2, 2]),
-        ("r1/accelX r1/accelY r2/accelX r2/accelY", [0, 0, 2, 2]),
-        ("rec3_part1 rec3_part2 rec4_part1", [0, 0, 2]),
-        ("4_glove1 4_glove2 5_glove1", [0, 0, 2]),
-        ("glove1 glove2 glove3", None),  # as well three grasps
-        ("anna_1 anna_2 bert_1 bert_2", None),
-        ("left_1 left_2 left_3", None),
+        ("01_left 01_right 02_left 02_right", [0, 0, 2, 2], "OBJECT/FILE_PART"),
+        ("left-1 left-2 right-1 right-2", [0, 1, 0, 1], "OBJECT/PART-FILE"),
+        ("r1/accelX r1/accelY r2/accelX r2/accelY", [0, 0, 2, 2], "OBJECT/FILE/PART"),
+        ("rec3_part1 rec3_part2 rec4_part1", [0, 0, 2], ""),  # one after the other, not beside it
+        ("4_glove1 4_glove2 5_glove1", [0, 0, 2], "1 of 2 files"),
+        ("glove1 glove2 glove3", None, ""),  # as well three grasps
+        ("anna_1 anna_2 bert_1 bert_2", None, ""),
+        ("left_1 left_2 left_3", None, ""),
     ],
 )
-def test_recordings_whose_names_differ_by_a_hand_an_axis_a_device_or_a_part_are_held_out_together(
-    tmp_path, names, takes
+def test_recordings_whose_names_differ_by_a_hand_an_axis_a_device_or_a_part_are_held_out_together_or_joined(
+    tmp_path, names, takes, joined
 ):
     for number, name in enumerate(names.split()):
         save(tmp_path / "lab" / "mug" / f"{name}.npy", COUNTS + number)
@@ -229,9 +228,69 @@ def test_recordings_whose_names_differ_by_a_hand_an_axis_a_device_or_a_part_are_
     table = ingested(tmp_path / "lab", form=Form(layout=layout))[1]
     group, expected = split_groups(table.columns, "recording")[::4], takes or [*range(len(names.split()))]
     assert group.tolist() == np.unique(expected, return_inverse=True)[1].tolist()
-    assert [name.rpartition("mug/")[2] in note.text for note in table.notes for name in names.split()[:1]] == (
-        [True] if takes else []
+    warned = [note.text for note in table.notes if note.topic == "parts"]
+    assert [names.split()[0] in text and ("data.layout=" in text) == bool(joined) for text in warned] == [True] * bool(
+        takes
     )
+    if not joined:
+        return
+    form = Form(layout=warned[0].partition("data.layout=")[2].partition("'")[0])
+    if " " in joined:
+        assert joined in refusal(tmp_path / "lab", tmp_path, form=form)
+        return
+    counts, table = ingested(tmp_path / "lab", form=form)
+    pairs = [np.flatnonzero(np.array(takes) == take) for take in dict.fromkeys(takes)]
+    expected = [np.concatenate([COUNTS + number for number in pair], axis=-1) for pair in pairs]
+    assert form.layout == joined and "take" not in table.columns and len(table.recordings) == len(pairs)
+    np.testing.assert_array_equal(counts, np.concatenate(expected))
+
+
+def test_tables_that_differ_by_part_are_joined_by_names_and_refused_with_unlike_frames(tmp_path):
+    lab, form = tmp_path / "lab", Form(layout="OBJECT/PART/FILE")
+    for hand, first in (("left", 1), ("right", 5)):
+        save(lab / "mug" / hand / "1.csv", f"time,x,y\n0,{first},{first + 1}\n0.5,9,8\n")
+    counts, table = ingested(lab, form=form)
+    assert counts[:, 0].tolist() == [[1, 2, 5, 6], [9, 8, 9, 8]] and table.columns["time"].tolist() == [0, 0.5]
+    assert table.channel_names == ["left_x", "left_y", "right_x", "right_y"] and table.recordings == ["mug/1"]
+    new = save(tmp_path / "new" / "left" / "3.csv", "x,y\n1,2\n").parents[1]
+    save(new / "right" / "3.csv", "x,y\n3,4\n")
+    alone, table = ingested(new, form=Form(layout=form.layout, labelled=False))
+    assert alone.ravel().tolist() == [1, 2, 3, 4] and table.recordings == ["3"]
+    save(lab / "mug" / "right" / "1.csv", "time,x,y\n0,1,2\n")
+    line = refusal(lab, tmp_path, form=form)
+    assert "right/1.csv: frames and rows (1, 1); expected (2, 1) as in " in line and "left/1.csv" in line
+    assert "data.layout=auto" in line
+
+
+LEFT = {  # a table, data.columns, the names and numbers of its sensors, and words of a note
+    "a text": ("a,note,b\n1,cold,2\n", ["leave_out:note"], "a|b", [[1, 2]], "'note'|data.columns"),
+    "by number": ("1,x,2\n", ["leave_out:2"], "", [[1, 2]], "column 2 "),
+    "several": ("a,b,c\n1,2,3\n", ["leave_out:a", "leave_out:c"], "b", [[2]], "'a'|'c'"),
+    "empty": ("a,note,b\n1,,2\n3,,4\n", [], "a|b", [[1, 2], [3, 4]], "'note'|empty in all 2 lines"),
+    "empty at the end": ("a,b,note\n1,2,\n3,4,\n", [], "a|b", [[1, 2], [3, 4]], "'note'|empty in all 2 lines"),
+    "times": ("a,time\n1,2025/05/23/15:03:53.88\n2,\n", [], "a", [[1], [2]], "2 of 2 cells|'2025/05/23/15:03:53.88'"),
+}
+
+
+@pytest.mark.parametrize("name", LEFT)
+def test_columns_are_left_out_by_name_or_where_they_are_empty_with_a_note(tmp_path, name):
+    text, columns, names, numbers, words = LEFT[name]
+    for number in (1, 2):
+        save(tmp_path / "lab" / "mug" / f"{number}.csv", text)
+    counts, table = ingested(tmp_path / "lab", form=Form(columns=columns))
+    assert counts[: len(numbers), 0].tolist() == numbers and "|".join(table.channel_names) == names
+    notes = " ".join(note.text for note in table.notes if note.topic == "columns")
+    assert [word for word in words.split("|") if word not in notes] == []
+
+
+@pytest.mark.parametrize("ending", ["npz", "h5"])
+def test_arrays_are_left_out_by_name(tmp_path, ending):
+    path, form = tmp_path / "lab" / "mug" / f"1.{ending}", Form(columns=["leave_out:time"])
+    if ending == "npz":
+        save(path, {"of_the_hand": COUNTS, "time": np.full((4, 2), 7)})
+    else:
+        record(path, time=np.full((4, 2), 7))  # of no form that is read
+    np.testing.assert_array_equal(ingested(tmp_path / "lab", form=form)[0], COUNTS)
 
 
 def test_letters_of_labels_are_composed_and_blanks_at_their_ends_go(tmp_path):
@@ -278,6 +337,21 @@ def test_one_table_holds_all_recordings(tmp_path, name):
     for column, values in {"object": objects, "recording": 2 * objects + parts, "frame": frames}.items():
         np.testing.assert_array_equal(table.columns[column], values, err_msg=column)
     np.testing.assert_allclose(table.columns["time"], frames / 10, atol=1e-9)
+
+
+def test_runs_of_an_object_are_recordings_with_a_note_also_in_a_folder_of_tables(tmp_path):
+    rows = "label,a\nmug,1\nmug,2\npen,3\nmug,4\n"
+    _, one = ingested(save(tmp_path / "all.csv", rows))
+    for name in ("anna", "bert"):
+        save(tmp_path / "lab" / f"{name}.csv", rows)
+    _, many = ingested(tmp_path / "lab")
+    assert one.recordings == ["mug/1", "pen/2", "mug/3"]
+    assert many.recordings == [f"{name}/{each}" for name in ("anna", "bert") for each in one.recordings]
+    assert [many.objects[at] for at in many.columns["object"]] == ["mug", "mug", "pen", "mug"] * 2
+    for table in (one, many):
+        (note,) = [note for note in table.notes if note.topic == "recordings"]
+        assert "3 recordings of 1 to 2 lines" in note.text and "data.columns=[recording:NAME]" in note.text
+        assert note.level == "warning"
 
 
 def test_real_numbers_of_a_table_are_those_that_python_reads(tmp_path):
@@ -350,21 +424,6 @@ def test_a_recording_needs_no_object_where_none_is_asked_for(tmp_path, name, pla
     assert source.names == {"object": [""], "recording": names, "session": ["session"]}
 
 
-@settings(max_examples=15, deadline=None)
-@given(
-    shape=st.sampled_from([(1, 1), (5, 7), (7, 5), (1, 64), (160, 64)]),
-    kind=st.sampled_from(["uint8", "int16", "uint16", "int64", "float32", "float64"]),
-    frames=st.integers(1, 6),
-)
-def test_gloves_of_every_shape_and_number_type_keep_their_values(tmp_path_factory, shape, kind, frames):
-    rng, is_real = np.random.default_rng(frames), kind.startswith("f")
-    pressure = rng.random((frames, *shape)) if is_real else rng.integers(0, 250, (frames, *shape))
-    counts, table = ingested(record(tmp_path_factory.mktemp("glove") / "grip.h5", pressure=pressure.astype(kind)))
-    assert table.shape == shape and counts.dtype.kind == ("f" if is_real else "i")
-    np.testing.assert_array_equal(counts, pressure.astype(kind))
-    np.testing.assert_array_equal(table.live, np.ptp(pressure, axis=0) > 0)
-
-
 @pytest.mark.parametrize(
     ("places", "order", "level"),
     [
@@ -408,21 +467,33 @@ def test_folders_are_objects_and_above_them_sessions(tmp_path, places, order, le
         ("OBJECT_SESSION_FILE", "tea_box_mon_1"),
         ("SPLIT-SESSION/OBJECT_FILE", "test-mon/tea_box_1"),
         ("SPLIT_SESSION_OBJECT", "Test_mon_tea_box"),
+        ("SESSION/SESSION_OBJECT", "lab/mon_tea_box"),
     ],
 )
 def test_an_object_s_name_may_have_the_mark_that_stands_between_names(tmp_path, layout, name):
     save(tmp_path / "lab" / f"{name}.npy")
     _, table = ingested(tmp_path / "lab", form=Form(layout=layout))
-    assert (table.objects, table.sessions) == (["tea_box"], ["mon"])
+    assert (table.objects, table.sessions) == (["tea_box"], ["lab/mon" if "/" in name and "-" not in name else "mon"])
 
 
-@pytest.mark.parametrize("stray", ["labels.npy", "mug/far/1.npy", "mug/cut.npy", "mug/wide.npy", "weather.csv"])
-def test_a_file_unlike_the_others_is_named(tmp_path, stray):
-    for number in range(12):
-        save(tmp_path / "lab" / ("mug", "pen")[number % 2] / f"{number}.npy")
-    wide = COUNTS[..., :3] if "wide" in stray else COUNTS
-    save(tmp_path / "lab" / stray, b"cut" if "cut" in stray else "a,b\n1,2\n" if "csv" in stray else wide)
-    assert stray in refusal(tmp_path / "lab", tmp_path)
+@pytest.mark.parametrize("order", ["auto", "OBJECT/SESSION/SESSION/FILE"])
+def test_several_folders_above_the_object_or_below_it_are_one_session(tmp_path, order):
+    for place in ("anna/mon/ball", "anna/tue/mug", "bert/mon/mug"):
+        save(tmp_path / "lab" / place / "1.npy")
+    source = open_source(tmp_path / "lab", Form(layout=order))
+    assert source.names["object"] == (["ball", "mug"] if order == "auto" else ["anna", "bert"])
+    sessions = ["anna/mon", "anna/tue", "bert/mon"] if order == "auto" else ["mon/ball", "mon/mug", "tue/mug"]
+    assert source.names["session"] == sessions
+    offered = ["'data.layout=OBJECT/SESSION/SESSION/FILE'" in note.text for note in source.notes]
+    assert offered == [True] * (order == "auto")
+
+
+def test_a_layout_that_makes_an_object_of_most_files_is_warned_of(tmp_path):
+    for number in range(6):
+        save(tmp_path / "lab" / f"mug_{'anna' if number < 3 else 'bert'}{number}_{number}.npy")
+    notes = ingested(tmp_path / "lab", form=Form(layout="OBJECT_FILE"))[1].notes
+    assert ["6 objects of 6 files" in note.text and "OBJECT_SESSION_FILE" in note.text for note in notes] == [True]
+    assert ingested(tmp_path / "lab", form=Form(layout="OBJECT_SESSION_FILE"))[1].objects == ["mug"]
 
 
 def test_frames_that_read_nan_and_are_marked_as_not_held_are_left_out_and_counted(tmp_path):
