@@ -6,7 +6,6 @@ from shutil import rmtree
 
 import h5py
 import numpy as np
-from scipy import io
 
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.formats import open_source
@@ -40,12 +39,6 @@ def save(path: Path, content=COUNTS) -> Path:
     else:
         np.save(path, content)
     return path
-
-
-def raw(folder: Path, name: str, **fields) -> None:
-    """A raw recording of STAG, SESSION/NUMBER-OBJECT, with these fields."""
-    (folder / name).mkdir(parents=True)
-    io.savemat(folder / name / "pressuredata.mat", fields)
 
 
 def ingested(path: Path, **options) -> tuple[np.ndarray, Recordings]:

@@ -51,7 +51,6 @@ def test_stag_s_forms_and_hdf5_give_the_same_frames_and_columns(tmp_path, monkey
     ("name", "content", "layout"),
     [
         ("1.npy", COUNTS, None),
-        ("1.npy", np.asfortranarray(COUNTS), None),
         ("1.npy", COUNTS.astype(">i4"), [5, 7]),
         ("1.npy", FLAT.astype(np.float32), [5, 7]),
         ("1.npz", {"counts": COUNTS}, None),
@@ -59,7 +58,6 @@ def test_stag_s_forms_and_hdf5_give_the_same_frames_and_columns(tmp_path, monkey
         ("1.csv", LINES, [5, 7]),
         ("1.CSV", "\ufeff" + "s1," * 34 + "s35\r\n" + LINES.replace("\n", "\r\n") + "\r\n", [5, 7]),
         ("1.csv", "# sensor 1; and so on\n\n" + LINES.replace(",", " ; "), [5, 7]),
-        ("1.csv", LINES.replace(",", "\t"), [5, 7]),
         ("1.csv", "# 0,1,2\n" + LINES, [5, 7]),
         ("1.csv", "infrared_1,b,c\n" + LINES, [5, 7]),
     ],
@@ -77,23 +75,19 @@ def test_every_form_of_an_array_gives_the_same_frames(tmp_path, name, content, l
 TABLES = {  # the bytes or the text of a table, its numbers, and the names of its columns
     "decimal comma": ("1,5;2\n3;-4,25e1\n", [[1.5, 2], [3, -42.5]], ""),
     "decimal comma and blanks": ("1,5 2,5\n3  4\n", [[1.5, 2.5], [3, 4]], ""),
-    "decimal comma and tabs": ("x\ty\n1,5\t2,5\n3\t4\n", [[1.5, 2.5], [3, 4]], "x|y"),
     "marks at each end and below": ("a;b\n1;2;;;\n3;4;;;\n;;;;\n", [[1, 2], [3, 4]], "a|b"),
     "index of pandas": (",0,1\n0,5,6\n1,7,8\n2,9,9\n", [[5, 6], [7, 8], [9, 9]], "0|1"),
-    "a first frame of integers": ("0,1,2\n5,6,7\n", [[0, 1, 2], [5, 6, 7]], ""),
     "comments": ("% of the left hand\n# a b\n1 2\n# paused, 1,5 s\n3 4\n", [[1, 2], [3, 4]], "a|b"),
     "units": ("a,b,\nN,N,\n1,2,\n3,4,\n", [[1, 2], [3, 4]], "a|b"),
     "units that are ones": ("a,b\n1,1\n5,6\n7,8\n", [[5, 6], [7, 8]], "a|b"),
     "a frame of ones": ("a,b\n1,1\n0,1\n1,0\n", [[1, 1], [0, 1], [1, 0]], "a|b"),
     "LabVIEW": ("Measurement\nWriter\t2\n***End***\nX\tY\tZ\n7\t1\t2\n8\t3\t4\n", [[7, 1, 2], [8, 3, 4]], "X|Y|Z"),
-    "a title": ("Glove of the left hand\nthumb index\n1 2\n3 4\n", [[1, 2], [3, 4]], "thumb|index"),
     "a sentence": ("# time of the recording was 12:30\n1 2 3 4\n", [[1, 2, 3, 4]], ""),
     "quoted": ('"a b",c\n1,2\n3,4\n', [[1, 2], [3, 4]], "a b|c"),
     "UTF-16": ("1,2\r\n3,4\r\n".encode("utf-16"), [[1, 2], [3, 4]], ""),
     "no UTF-8": ("\xb0C;N\n1,5;2\n".encode("latin-1"), [[1.5, 2]], "\xb0C|N"),
     "line ends of old": ("1,2\r3,4\r", [[1, 2], [3, 4]], ""),
     "packed": (gzip.compress(b"1,2\n3,4\n"), [[1, 2], [3, 4]], ""),
-    "one number a line": ("x\n1\n2\n", [[1], [2]], "x"),
     "beyond integers": ("1,18446744073709551617\n", [[1, 2.0**64]], ""),
 }
 
@@ -122,9 +116,6 @@ def tables_of(folder, header, line, frames=15):
 COLUMNS = {  # names, a line, seconds between frames, and the columns that notes name; three sensors are kept
     "seconds": ("time,a,b,c\n", lambda t, *r: [1.7e9 + t / 8, *r], 0.125, ["column 1 ('time')"]),
     "unit in the name": ("a,b,c,t [ms]\n", lambda t, *r: [*r, 2 * t], 0.002, ["column 4 ('t [ms]')"]),
-    "unit as name": ("a,b,c,millis\n", lambda t, *r: [*r, t], 0.001, ["column 4 ('millis')"]),
-    "words of other sensors": ("log time,packet,t1,c\n", lambda t, *r: [*r, 500], None, []),
-    "milliseconds": ("a,time_ms,b,c\n", lambda t, a, *r: [a, 33 * t, *r], 0.033, ["column 2 ('time_ms')"]),
     "no unit": ("time,a,b,c\n", lambda t, *r: [t, *r], 1.0, ["column 1 ('time')"]),
     "a time of day": ("time,a,b,c\n", lambda t, *r: [f"12:30:{t}", *r], None, ["column 1 ('time')"]),
     "line numbers": ("Sample,a,b,c\n", lambda t, *r: [t, *r], None, ["column 1 ('Sample')"]),
@@ -303,15 +294,6 @@ def test_letters_of_labels_are_composed_and_blanks_at_their_ends_go(tmp_path):
         assert open_source(tmp_path / place).names["object"] == ["T\xeate"]
 
 
-def test_a_text_without_a_table_is_left_out_and_named(tmp_path):
-    for name in ("ball/1.csv", "mug/2.txt"):
-        save(tmp_path / "lab" / name, "time_s a b\n0 1 2\n1 3 4\n")
-    save(tmp_path / "lab" / "readme.txt", "Recorded by me in 2024.\nThree objects.\n")
-    _, table = ingested(tmp_path / "lab")
-    assert table.objects == ["ball", "mug"] and table.channel_names == ["a", "b"] and table.columns["time"][1] == 1
-    assert ["readme.txt" in note.text for note in table.notes if note.topic == "files"] == [True]
-
-
 ONE_TABLE = {  # names and columns of an object's part, and the names of recordings and sessions
     "trials": ("label,trial", lambda o, i: (o, i), ["ball/1", "ball/2", "mug/1", "mug/2"], ["session"]),
     "times that fall": ("Class", lambda o, i: (o,), ["ball/1", "ball/2", "mug/3", "mug/4"], ["session"]),
@@ -379,9 +361,6 @@ FILES = {  # a function that writes mug/1, its ending, the form, the frames, and
     "cells of one row": (partial(save, content=COUNTS[0]), "npy", {}, COUNTS[0][:, None], {}),
     "a named column": (partial(save, content="a,b\n1,2\n"), "csv", {"columns": ["pressure:b"]}, [[[2]]], {}),
     "integers and a fraction": (partial(save, content="1,2\n3,8.5\n"), "csv", {}, [[[1, 2]], [[3, 8.5]]], {}),
-    "a dataset of its own name": (
-        lambda path: record(path, pressure=None, emg=COUNTS), "h5", {"columns": ["pressure:emg"]}, COUNTS, {},
-    ),
     "MATLAB 5": (lambda path: io.savemat(path, {"emg": COUNTS, "fs": 4.0, "unit": "mV"}), "mat", {}, COUNTS, {}),
     "MATLAB, frames last": (
         lambda path: io.savemat(path, {"emg": np.moveaxis(COUNTS, 0, -1)}), "mat", {"shape": "frames_last"}, COUNTS, {},
@@ -429,10 +408,8 @@ def test_a_recording_needs_no_object_where_none_is_asked_for(tmp_path, name, pla
     [
         ("ball mug", "OBJECT", "info"),
         ("mon/empty_hand mon/mug", "SESSION/OBJECT", "info"),
-        ("left/mug right/mug left/ball", "SESSION/OBJECT", "warning"),
         ("ball/monday mug/monday", "SESSION/OBJECT", "warning"),
         ("train/ball test/ball", "SPLIT/OBJECT", "info"),
-        ("val/ball Test/mug", "SPLIT/OBJECT", "info"),
         ("training_set/ball x_test/mug Dev/ball", "SPLIT/OBJECT", "info"),
         ("ball/Training ball/testing mug/testing", "OBJECT/SPLIT", "info"),
         ("test/s1/ball train/s1/empty_hand", "SPLIT/SESSION/OBJECT", "info"),
@@ -534,9 +511,7 @@ def test_the_real_files_have_the_frames_that_their_authors_state(stag_data, name
     assert (len(source.names["recording"]), len(source.names["object"])) == (recordings, 27)
     assert source.names["object"][0] == "empty_hand"
     assert len(np.unique(columns["recording"])) == recordings and columns[flag].sum() == flagged
-    live = columns["pressure"].min(axis=0) < columns["pressure"].max(axis=0)
-    np.testing.assert_array_equal(live, SENSORS)
-    assert (columns["pressure"][:, ~SENSORS] == 510).all()
+    assert (columns["pressure"][:, ~SENSORS] == 510).all() and np.ptp(columns["pressure"][:, SENSORS], axis=0).all()
     if name == "blindfolded_lite":
         assert (columns["split"] == TEST).all()
     else:

@@ -23,16 +23,13 @@ from tests.stag_files import metadata, save_folder, save_hdf5, save_matlab5, sav
 
 TREE = metadata(objects=2, recordings=1, frames=4)
 FRAMES = 8  # of TREE
-NOT_FINITE = np.where(np.arange(FRAMES)[:, None, None] == 5, np.nan, TREE["pressure"])
 MISTAKES = {  # the content of a recording in HDF5, and words of the line
     "no pressure": ({"pressure": None, "force": COUNTS}, "pressure; found force|data.columns"),
     "no object": ({"attributes": {"object": None}}, "object"),
     "no sensors": ({"pressure": np.zeros((4, 0, 3))}, "0 x 3"),
     "too large": ({"pressure": np.zeros((4, 5, 257))}, "5 x 257"),
     "a text as pressure": ({"pressure": np.full((4, 5, 7), b"a")}, "pressure is of type |S1"),
-    "flags as pressure": ({"pressure": COUNTS > 9}, "bool"),
     "counts too large": ({"pressure": COUNTS + np.int64(2**40)}, "pressure of frame 0|to 2147483647"),
-    "flat flags": ({"valid": np.ones((4, 1), bool)}, "valid|(4, 1)|(4,)"),
     "another split": ({"attributes": {"split": "exam"}}, "split is 'exam'"),
     "text as flags": ({"valid": np.array([b"y"] * 4)}, "valid has shape (4,) and type |S1"),
     "broken grasp": ({"grasp": np.array([0, 1.5, 1, 1])}, "grasp of frame 1 of recording bad is 1.5|whole"),
@@ -41,13 +38,10 @@ MISTAKES = {  # the content of a recording in HDF5, and words of the line
 }
 MATLAB = {  # changes of a metadata.mat, and words of the line
     "no pressure": ({"pressure": None}, "pressure|objectId"),
-    "two fields missing": ({"objects": None, "batchId": None}, "objects, batchId"),
     "complex pressure": ({"pressure": TREE["pressure"] * 1j}, "pressure"),
-    "no number": ({"pressure": NOT_FINITE}, "pressure of frame 1 of recording 001-object1 is nan"),
     "object out of range": ({"objectId": TREE["objectId"] + 1}, "object of frame 0|is 2|0 to 1"),
     "split out of range": ({"splitId": TREE["splitId"] + 1}, "splitId"),
     "split of other names": ({"splits": np.array([["train", "unseen"]], dtype=object)}, "train, unseen"),
-    "short column": ({"hasValidLabel": TREE["hasValidLabel"][:-1]}, "valid has shape (7,)|expected (8,)"),
     "numbers as names": ({"objects": np.arange(3)}, "no field objects"),
     "no frames": ({name: TREE[name][:0] for name, column in TREE.items() if len(column) == FRAMES}, "no frames"),
 }
@@ -109,10 +103,7 @@ def test_a_source_that_cannot_be_read_ends_in_a_line_that_names_what_is_wrong(tm
 TABLES = {  # the text of mug/1.csv, and words of the line
     "a word": ("a,b\n1,2\n\n# x\n3,x\n", "frame 1, column 2 is not a number"),
     "no cell": ("1,2,3\n\n4,,6\n7,8,9\n", "frame 1, column 2 is not a number"),
-    "a short line": ("1,2\n3\n4,5\n6,7\n", "frame 1, column 2 is not a number"),
-    "a long line": ("1,2\n3,4,5\n6,7\n6,7\n6,7\n", "line 2, saw 3"),
     "names again": ("a,b\r\n1,2\r\n\r\na,b\r\n3,4\r\n", "frame 1, column 1 is not a number"),
-    "points of thousands": ("1,5;2\n3,5;2.000,5\n", "frame 1, column 2 is not a number"),
     "nan": ("1,nan\n3,4\n", "frame 0, column 2 is not a number"),
     "no name": ("label,a\nmug,1\n,2\n", "frame 1, column 1 is not a name"),
     "NUL": ("1\0,2\n3,4\n", "UTF-8"),
@@ -197,14 +188,6 @@ def pickled(tmp_path):
     return (tmp_path / "pickled.npy").read_bytes()
 
 
-def declaring(tmp_path, shape):
-    """The bytes of an .npy file whose header declares a shape, but not of its content."""
-    with (tmp_path / "declaring.npy").open("wb") as file:
-        np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": shape})
-        file.write(b"\0" * 64)
-    return (tmp_path / "declaring.npy").read_bytes()
-
-
 def test_the_mistakes_of_all_recordings_are_listed_at_once_ten_at_most(tmp_path):
     good, lab = save(tmp_path / "good.npy").read_bytes(), tmp_path / "lab" / "mug"
     record(lab / "0.h5", attributes={"recording": "b"})
@@ -212,7 +195,7 @@ def test_the_mistakes_of_all_recordings_are_listed_at_once_ten_at_most(tmp_path)
     record(lab / "2.h5", attributes={"recording": "b"})
     record(lab / "3.h5", valid=np.ones(4, bool))
     bad = {
-        "4.npy": good[:-4], "5.npy": good * 2, "6.npy": declaring(tmp_path, (2**40, 64, 64)),
+        "4.npy": good[:-4], "5.npy": good * 2,
         "7.npy": pickled(tmp_path), "8.npy": np.full((4, 2, 3), "a"), "9.npy": np.zeros((5, 384)),
     }  # fmt: skip
     for name, content in bad.items():
