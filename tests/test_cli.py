@@ -35,11 +35,6 @@ def glove(folder, *names, number=2, shape=(20, 4, 4)):
     return folder
 
 
-def test_inspect_takes_the_folder_that_it_is_called_in(tmp_path):
-    result = call("inspect", ".", cwd=glove(tmp_path, "mug", "pen"))
-    assert result.returncode == 0 and f"data.source={tmp_path}" in result.stdout
-
-
 def test_a_mistake_in_a_source_is_one_line(tmp_path):
     record(tmp_path / "a.h5", pressure=np.full((3, 2, 2), np.nan))
     result = call("inspect", tmp_path)
@@ -47,10 +42,11 @@ def test_a_mistake_in_a_source_is_one_line(tmp_path):
     assert call("inspect", "nowhere").stderr.startswith("Error: nowhere: no such file")
 
 
-def test_inspect_hands_the_layout_of_arrays_on_to_the_command(tmp_path):
-    source = glove(tmp_path / "my glove", "mug", "pen", shape=(20, 12))
+def test_inspect_takes_the_folder_that_it_is_called_in_and_hands_the_layout_of_arrays_on_to_the_command(tmp_path):
+    source = glove(tmp_path / "glove", "mug", "pen", shape=(20, 12))
     for words, change in (((), "data.shape=auto"), (("--shape", 3, 4), "'data.shape=[3,4]'")):
-        assert f"-S {change}" in call("inspect", source, *words).stdout
+        assert {f"data.source={source}", change} <= set(call("inspect", ".", *words, cwd=source).stdout.split())
+    assert "`dvc exp run -S split.folds=2`" in refused(call("inspect", source, "--set", "split.folds=2"))
 
 
 @pytest.mark.parametrize("name", ["released", "bset", ""])

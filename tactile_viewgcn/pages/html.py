@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 GLOSSARY = "words.md"
-GENERATOR = '<meta name="generator" content="tactile-viewgcn">'  # marks the pages that may be replaced
-NO_SENSOR = "#c9d1d5"
+GENERATOR = '<meta name="generator" content="tactile-viewgcn" />'  # marks the pages that may be replaced
 
 
 class Verdict(NamedTuple):
@@ -71,20 +70,16 @@ def svg(figure: "Figure") -> str:
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "page"}), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph")  # the browser has the letters that matplotlib's font lacks
         figure.savefig(buffer, format="svg", bbox_inches="tight", pad_inches=0.05, metadata={"Date": None})
-    return _address("image/svg+xml", buffer)
+    return f"data:image/svg+xml;base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 
 def heat_map(frame: np.ndarray, top: float) -> str:
     """A frame (H, W) as the address of a PNG of a pixel a sensor, dark at 0 and bright at `top`; NaN is grey."""
     from matplotlib import colormaps, image
 
-    buffer, colours = BytesIO(), colormaps["viridis"].with_extremes(bad=NO_SENSOR)
+    buffer, colours = BytesIO(), colormaps["viridis"].with_extremes(bad="lightgrey")
     image.imsave(buffer, frame, vmin=0, vmax=top or 1, cmap=colours)
-    return _address("image/png", buffer)
-
-
-def _address(kind: str, buffer: BytesIO) -> str:
-    return f"data:{kind};base64,{base64.b64encode(buffer.getvalue()).decode()}"
+    return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 
 def percent(share: float) -> str:

@@ -164,8 +164,7 @@ def next_steps(outcome: Outcome) -> list[tuple[str, str]]:
     form = {key: value for key, value in form.items() if value not in ("auto", [])}
     if outcome.guesses:
         command = again(form, f"tactile-viewgcn inspect {shlex.quote(params['data.source'])}", "--set")
-        what = "See whether the recordings can tell the objects apart."
-        steps.append((what, f"{command} --html inspection.html"))
+        steps.append(("See whether the recordings tell the objects apart.", f"{command} --html inspection.html"))
     else:
         run_id = run.records["evaluate"].run_id if run.name else ""  # its model is in MLflow, or in the workspace
         fetch = f"dvc exp apply {shlex.quote(run.name)}\n" if run.name and not run_id else ""

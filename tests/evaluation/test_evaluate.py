@@ -1,7 +1,7 @@
 """Evaluation on the test side: its view sets, scores and latency."""
 
+from collections import Counter
 from dataclasses import replace
-from itertools import count
 from types import SimpleNamespace
 
 import numpy as np
@@ -77,6 +77,13 @@ def test_a_view_set_s_estimators_and_those_of_recordings_of_a_system_on_the_sens
     assert by_views == {"object": ["1", "2", "4"], "recording": ["1", "2", "4"], "whole": ["12"]}
 
 
+def test_sessions_are_new_where_the_training_has_none_of_them():
+    frames, known = table(), table().side != TEST
+    for session, new in ((0 * known, False), (1 - known, True), (np.where(known, 0, table().recording % 2), False)):
+        metrics = evaluated("evaluate.trials=1", frames=replace(frames, session=session.astype(int))).metrics
+        assert metrics["new_sessions"] == new
+
+
 def test_scores_by_hand():
     """Answers of class 0, at whose place in the three best stands whether they are right, else in the first three."""
     correct = np.array([[1, 1, 0, 0], [1, 1, 1, 0], [1, 0, 0, 0], [1, 1, 1, 0]], dtype=bool)
@@ -105,26 +112,22 @@ def test_one_trial_has_no_spread_and_one_group_no_interval(row):
     row("intervals given", float(score["error"]["low"] is not None or score["error"]["high"] is not None))
 
 
-@pytest.fixture
-def sizes(monkeypatch):
-    """The number of view sets of each pass, on a clock that goes on by a second each time it is looked at."""
-    ticks, sizes = count(), []
-    monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter=lambda: float(next(ticks))))
-    view_sets = ViewNetwork.view_sets
-    monkeypatch.setattr(
-        ViewNetwork, "view_sets", lambda model, values, sets: sizes.append(len(sets)) or view_sets(model, values, sets)
-    )
-    return sizes
+def test_latency_by_hand(monkeypatch):
+    """The n-th answer of a kind takes n ms; the first one warms up."""
+    clock, answers = SimpleNamespace(now=0.0), []
+    clock.perf_counter = lambda: clock.now
 
+    def answer(kind):
+        answers.append(kind)
+        clock.now += answers.count(kind) / 1000
 
-def test_latency_is_in_milliseconds_per_answer_and_bounded_by_time(sizes, monkeypatch):
-    monkeypatch.setattr(module, "BATCH", 4)
-    classifier, inputs = trained(), np.random.default_rng(0).random((3, 12, 12), dtype=np.float32)
-    classifier.prepare(CPU)
-    assert latency(classifier, inputs, 23, seconds=20) == {
-        "single": {"median": 1000.0, "p95": 1000.0}, "batch": {"median": 250.0}, "whole": {"median": 1000.0}
-    }  # fmt: skip
-    assert set(sizes) == {1, 4, 6} and len(sizes) < 30  # a view set of 4, 4 of these, and 6 of all 23 frames
-    sizes.clear()
-    latency(classifier, inputs, 23, seconds=1)
-    assert sizes == [1, 1, 4, 4, 6, 6]  # the first of each warms up
+    monkeypatch.setattr(module, "time", clock)
+    asked = {"view_sets": lambda values, sets: answer(len(sets)), "recording": lambda values: answer(f"{len(values)}")}
+    classifier = SimpleNamespace(views=4, frame_values=lambda frames: frames, **asked)
+    milliseconds = latency(classifier, np.zeros((3, 2, 2)), 23, seconds=20)
+    assert Counter(answers) == {1: 51, 64: 51, "23": 51}
+    assert list(milliseconds["single"].values()) == pytest.approx([26.5, np.percentile(range(2, 52), 95)])
+    assert (milliseconds["batch"]["median"], milliseconds["whole"]["median"]) == pytest.approx((26.5 / 64, 26.5))
+    answers.clear()
+    latency(classifier, np.zeros((3, 2, 2)), 23, seconds=0.001)
+    assert Counter(answers) == {1: 2, 64: 2, "23": 2}

@@ -10,6 +10,7 @@ import pytest
 from tactile_viewgcn.evaluation.evaluate import Evaluation, scores_of
 from tactile_viewgcn.evaluation.results import (
     costs,
+    new_session,
     read_records,
     row_tags_parameters_metrics,
     simulation,
@@ -18,7 +19,7 @@ from tactile_viewgcn.evaluation.results import (
     write_results,
 )
 from tactile_viewgcn.evaluation.trials import Predictions, Trials
-from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import VIRTUAL
 from tests.records import RECORD
 
@@ -64,6 +65,11 @@ def test_the_total_has_the_simulation_where_its_recordings_were_read(tmp_path, m
     (tmp_path / f"{VIRTUAL}.json").write_text(simulate.text)
     records = simulation({"ingest": ingest}) | RECORDS
     assert costs(evaluation, records, 50.0, 1.0)["seconds"]["total"] == pytest.approx(total, abs=0.1)
+
+
+def test_the_error_for_a_new_session_is_that_of_the_training():
+    note = Note("", topic="new session", value={"mean": 0.3, "low": 0.1, "high": 0.5})
+    assert new_session({"finetune": replace(RECORD, notes=[note])}) == {"new_session": {"error": note.value}}
 
 
 @pytest.mark.parametrize("content", ["", '{"stage": "ingest", "seconds": 1}', "[]"])

@@ -10,9 +10,10 @@ import pytest
 import yaml
 
 from tactile_viewgcn.intervals import FEW
+from tactile_viewgcn.pages import html, inspection
 from tactile_viewgcn.pages.inspection import command_lines, facts, inspection_page, verdict, warnings
 from tactile_viewgcn.pages.source_inspection import inspect_source, split_settings
-from tactile_viewgcn.params import default_params
+from tactile_viewgcn.params import PreprocessSection, default_params
 from tests.pages.test_html import parsed, text_of
 
 NAMES = ["Öl & <b>", "mug", "$x$"]
@@ -77,6 +78,36 @@ def test_each_fault_has_a_warning_that_names_what_is_at_fault(overview):
     names = {"contact": ": mug.", "split": ": Öl & <b>."}
     assert all(name in texts[topic] for topic, name in names.items())
     assert verdict(faulty, warnings(faulty)).kind == "unsure"
+    for high, topics in ((0.3, ["session"]), (0.6, [])):  # below and above the error for a new session
+        errors = {name: replace(overview.error, error=0.5, low=0.0, high=high) for name in ("error", "session_error")}
+        assert [note.topic for note in warnings(changed(overview, **errors))] == topics
+
+
+def test_quick_errors_are_of_recordings_or_sessions_left_out_and_chance_of_what_is_answered(overview):
+    assert [(e.groups, e.chance) for e in (overview.error, overview.session_error)] == [
+        (12, pytest.approx(2 / 3)),
+        (2, pytest.approx(2 / 3)),
+    ]
+    columns = overview.recordings.columns
+    alone = overview.quick_error(group=np.where(columns["object"] == 0, 99, columns["recording"]))
+    assert (alone.groups, alone.chance) == (8, 0.5)
+
+
+def test_a_setting_that_is_asked_for_is_taken_and_named_in_the_line(overview):
+    asked = inspect_source(overview.recordings.path, asked=PreprocessSection(contact_sensors=7))
+    assert asked.choice.params.contact_sensors == 7 and "preprocess.contact_sensors=7" in " ".join(command_lines(asked))
+
+
+def test_pictures_are_means_of_the_frames_in_contact_in_colours_of_one_scale(overview, monkeypatch):
+    frame = np.array([[0, 5], [np.nan, 10]])
+    assert html.heat_map(frame, 20) == html.heat_map(3 * frame, 60) != html.heat_map(frame, 10)
+    monkeypatch.setattr(html, "heat_map", lambda frame, top: (frame, top))
+    pictures, label = inspection._mean_frames(overview), overview.recordings.columns["object"]
+    assert len({top for _, top in pictures.values()}) == 1
+    for name, (frame, _) in pictures.items():
+        index = np.flatnonzero(overview.in_contact & (label == overview.recordings.objects.index(name)))
+        np.testing.assert_allclose(frame[overview.recordings.live], overview.excess(index).mean(axis=0), rtol=1e-5)
+        assert np.isnan(frame[7, 11])
 
 
 def test_where_one_object_alone_is_touched_no_command_is_printed(overview):

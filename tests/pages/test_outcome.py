@@ -78,8 +78,8 @@ QUEUE = "-S split.fold=0,1,2 -S views=4 -S 'data.source=\"{here}/my glove\"'\ndv
 @pytest.mark.parametrize(
     ("answers", "changes", "kind", "reason", "first_step", "command"),
     [
-        (RIGHT, {}, "good", "whole interval lies below", "Ask the classifier about new", PREDICT),
-        (FEW, {"views": 4}, "unsure", "6 recordings, 2 of each", "Record more", QUEUE),
+        (RIGHT, {"data_layout": "OBJECT/FILE"}, "good", "below", "Ask", f"{PREDICT} --set data.layout=OBJECT/FILE"),
+        (FEW, {"views": 4, "split_fold": 2}, "unsure", "6 recordings, 2 of each", "Record more", QUEUE),
         (
             ALWAYS_BALL,
             {},
@@ -125,7 +125,18 @@ def test_the_weights_are_those_of_the_notes_and_the_members_are_those_that_have_
     assert Outcome(alone).members == ["kernel"]
 
 
-def test_one_group_cannot_be_judged():
-    run = finished(FEW)
-    run.metrics[WHOLE]["error"] |= {"low": None, "high": None}
-    assert advice(run)[0].kind == "bad"
+DOUBTS = [(10, 0.25, 0.25, "good"), (9, 0.2, 0, "unsure"), (10, 0.3, 0, "unsure"), (10, 0.2, 0.26, "unsure")]
+
+
+@pytest.mark.parametrize(("groups", "high", "new", "kind"), [*DOUBTS, (1, None, 0, "bad")])
+def test_few_groups_a_wide_interval_and_a_new_session_above_it_are_doubts(groups, high, new, kind):
+    run = finished(RIGHT)
+    run.metrics["groups"], run.metrics["new_session"] = {"test": groups}, {"error": {"mean": new}}
+    run.metrics[WHOLE]["error"] |= {"mean": 0.1, "low": high and 0.0, "high": high}
+    assert Outcome(run).verdict().kind == kind
+
+
+def test_sessions_are_left_out_in_no_more_folds_than_there_are(elsewhere):
+    run = finished(RIGHT, notes=[Note("", topic="new session")], split_fold=1)
+    run.records["ingest"] = replace(RECORD, counts={"sessions": 2})
+    assert {"split.fold=0", "split.by=session", "split.folds=2"} <= set(advice(run)[2].split())

@@ -94,7 +94,6 @@ def test_inspect_gives_both_errors_and_both_lines(glove):
     overview = inspect_source(glove)
     assert overview.error.high < overview.session_error.error
     assert sum(NEW in what for _, what in facts(overview)) == 1
-    assert "session" in [note.topic for note in warnings(overview)]
     lines = "\n".join(inspection_lines(overview))
     assert "-S split.by=recording" in lines and "-S split.by=session -S split.fold=0 -S split.folds=4" in lines
     alone = inspect_source(glove / PERSONS[0])
