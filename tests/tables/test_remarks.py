@@ -18,7 +18,7 @@ CASES = {  # counts, changes, and by topic what a warning says
     "empty recording": (COUNTS, {"recordings": [*"abcdef", "lost"]}, {"no frames": "1 recording|lost"}),
     "lost object": (COUNTS, {"objects": ["empty_hand", "mug", "pen", "gone"]}, {"no frames": "gone"}),
     "copies": (COPIED, {}, {"copies": "2 recordings|recording3 repeats recording2|recording4 repeats recording2"}),
-    "alike in half": (COUNTS[np.r_[:55, 45:50]], {}, {}),
+    "alike but for a frame": (COUNTS[np.r_[:50, 40:49, 59]], {}, {}),
     "times repeat": (COUNTS, {"time": np.where(NUMBER == 4, 7.0, SECONDS)}, {"time": "9 places|recording4"}),
     "times fall": (COUNTS, {"time": np.where(np.arange(60) == 25, 0, SECONDS)}, {"time": "1 place|recording2"}),
     "no times": (COUNTS, {"time": np.nan}, {}),
