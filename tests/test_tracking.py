@@ -13,7 +13,7 @@ import pytest
 
 from tactile_viewgcn import tracking
 from tactile_viewgcn.messages import Note, UserError
-from tactile_viewgcn.provenance import Record, origin
+from tactile_viewgcn.provenance import ROW, Record, origin
 from tests.mlflow_stores import fresh_store, runs_of
 
 ROOT = Path(__file__).parents[1]
@@ -42,6 +42,12 @@ def test_a_stage_is_one_run_that_is_read_while_it_lasts_and_ends_with_its_record
     assert Record.read(tracking.read_artifact(entry.info.run_id, "pretrain.json")) == record
     assert client.get_experiment_by_name(tracking.EXPERIMENT).experiment_id == "1"  # as the manual's link says
     assert runs_of(client, tracking.EXPERIMENT) == []
+    with tracking.stage_run(Record(ROW, seconds=9.0, notes=[Note("long " * 2000)])) as run:
+        run.dataset("my glove", "ab12")
+    (row,) = runs_of(client, tracking.EXPERIMENT)
+    (data,) = (each.dataset for each in row.inputs.dataset_inputs)
+    assert (data.name, data.digest, row.data.metrics) == ("my glove", "ab12", {})
+    assert len(row.data.tags["mlflow.note.content"]) == tracking.LONGEST
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,8 @@ from tactile_viewgcn.evaluation import evaluate as module
 from tactile_viewgcn.evaluation.evaluate import evaluate_table, latency, scores_of
 from tactile_viewgcn.evaluation.trials import Trials
 from tactile_viewgcn.nn.network import ViewNetwork
-from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.tables.frames import TEST
-from tests.glove_data import CPU, recipe, table, trained, views_of
+from tests.glove_data import CPU, recipe, table, trained
 
 
 @pytest.fixture
@@ -66,15 +65,6 @@ def test_a_result_repeats_in_whatever_mode_the_classifier_comes_and_is_far_above
     for asked, trials in first.predictions.trials.items():
         np.testing.assert_array_equal(trials.best, again.predictions.trials[asked].best)
         assert first.metrics[asked]["error"]["mean"] < 0.4  # chance: 0.75
-
-
-def test_a_view_set_s_estimators_and_those_of_recordings_of_a_system_on_the_sensors_are_both_asked():
-    """Of view sets it has the estimators of one frame, 2 and 4; recordings have 12 frames."""
-    changes = "model.system=sensors", "model.members=[convolutions, trees]", "finetune.num_views=random"
-    fitted = fit_classifier(table(), views_of(table(), recipe()), {}, recipe(*changes), CPU)
-    metrics = evaluated("evaluate.trials=2", classifier=fitted.classifier).metrics
-    by_views = {name: list(metrics[name]["by_views"]) for name in ("object", "recording", "whole")}
-    assert by_views == {"object": ["1", "2", "4"], "recording": ["1", "2", "4"], "whole": ["12"]}
 
 
 def test_sessions_are_new_where_the_training_has_none_of_them():

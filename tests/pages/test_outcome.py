@@ -80,14 +80,7 @@ QUEUE = "-S split.fold=0,1,2 -S views=4 -S 'data.source=\"{here}/my glove\"'\ndv
     [
         (RIGHT, {"data_layout": "OBJECT/FILE"}, "good", "below", "Ask", f"{PREDICT} --set data.layout=OBJECT/FILE"),
         (FEW, {"views": 4, "split_fold": 2}, "unsure", "6 recordings, 2 of each", "Record more", QUEUE),
-        (
-            ALWAYS_BALL,
-            {},
-            "bad",
-            "reaches the error of guessing",
-            "Record more",
-            "inspect 'my glove' --html inspection.html",
-        ),
+        (ALWAYS_BALL, {}, "bad", "reaches the error of guessing", "Record more", "inspect 'my glove' --html insp"),
         (ALWAYS_BALL, {"data_shape": [4, 8]}, "bad", "", "Record", "my glove' --set 'data.shape=[4,8]' --html"),
         (FEW, {"data_source": "data/virtual/recordings"}, "unsure", "", "Record", "data/virtual/recordings\ndvc q"),
     ],
@@ -121,8 +114,6 @@ def test_the_weights_are_those_of_the_notes_and_the_members_are_those_that_have_
     chosen = Note("because", "choice", key="model.members", value=["kernel"])
     run = finished(RIGHT, notes=[*notes, chosen], model_members="auto")
     assert Outcome(run).weights == values and Outcome(run).members == ["kernel"]
-    alone = finished(RIGHT, notes=notes[:1], model_members=["kernel"])
-    assert Outcome(alone).members == ["kernel"]
 
 
 DOUBTS = [(10, 0.25, 0.25, "good"), (9, 0.2, 0, "unsure"), (10, 0.3, 0, "unsure"), (10, 0.2, 0.26, "unsure")]

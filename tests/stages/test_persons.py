@@ -9,7 +9,7 @@ import pytest
 
 from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.intervals import percent_interval
-from tactile_viewgcn.pages.inspection import command_lines, facts, inspection_lines, warnings
+from tactile_viewgcn.pages.inspection import command_lines, facts, warnings
 from tactile_viewgcn.pages.run_page import read_run, run_page
 from tactile_viewgcn.pages.source_inspection import inspect_source
 from tactile_viewgcn.params import preset_changes
@@ -90,13 +90,9 @@ def test_the_error_of_a_person_left_out_is_one_by_every_way(glove, tmp_path, mon
     assert 1 - classifier.score(X[PERSONS[0]], y) == pytest.approx(error)
 
 
-def test_inspect_gives_both_errors_and_both_lines(glove):
-    overview = inspect_source(glove)
-    assert overview.error.high < overview.session_error.error
-    assert sum(NEW in what for _, what in facts(overview)) == 1
-    lines = "\n".join(inspection_lines(overview))
-    assert "-S split.by=recording" in lines and "-S split.by=session -S split.fold=0 -S split.folds=4" in lines
-    alone = inspect_source(glove / PERSONS[0])
+def test_inspect_gives_both_errors_and_of_one_person_one_line(glove):
+    overview, alone = inspect_source(glove), inspect_source(glove / PERSONS[0])
+    assert overview.error.high < overview.session_error.error and sum(NEW in what for _, what in facts(overview)) == 1
     assert alone.session_error is None and command_lines(alone) and command_lines(alone, new_sessions=True) == []
 
 
