@@ -39,10 +39,9 @@ def log_row(row: Run, evaluation: Evaluation, timing: dict[str, Any], records: r
     if "ingest" in records:
         source = records["ingest"].inputs["source"]
         row.dataset(source["path"], source["md5"][:8])
-    tags, constants, scores = results.row_tags_parameters_metrics(metrics, timing, records)
-    row.log("set_tags", tags)
-    row.log("log_params", constants)
-    row.log("log_metrics", scores)
+    values = results.row_tags_parameters_metrics(metrics, timing, records)
+    for function, each in zip(("set_tags", "log_params", "log_metrics"), values, strict=True):
+        row.log(function, each)
     for asked, trials in predictions.trials.items():
         for trial, error in enumerate(trials.errors.tolist(), start=1):
             row.log("log_metrics", {f"trials.error.{asked}": error}, trial)

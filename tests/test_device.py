@@ -34,6 +34,7 @@ def machine(monkeypatch):
     [
         ({}, (), Compute(CPU, "float32")),
         ({"amx": True}, (), Compute(CPU, "bfloat16")),
+        ({"avx512_bf16": True}, (), Compute(CPU, "bfloat16")),
         ({"cuda": True, "avx512_bf16": True}, (), Compute(CUDA, "float32")),
         ({"cuda": True, "cuda_bfloat16": True}, (), Compute(CUDA, "bfloat16")),
         ({"cuda": True, "cuda_bfloat16": True}, ("cuda", "float32"), Compute(CUDA, "float32")),
@@ -42,11 +43,13 @@ def machine(monkeypatch):
     ],
 )
 def test_the_user_s_choice_is_taken_else_what_the_machine_has_and_a_missing_card_is_refused(
-    machine, abilities, wanted, chosen
+    machine, monkeypatch, abilities, wanted, chosen
 ):
     machine(**abilities)
+    monkeypatch.setattr(torch.backends.cudnn, "allow_tf32", True)
     if chosen:
         assert select_device(*wanted) == chosen
+        assert torch.backends.cudnn.allow_tf32 == (chosen.device == CPU)
     else:
         with pytest.raises(UserError, match="device is cuda"):
             select_device(*wanted)

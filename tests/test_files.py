@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.files import all_below, md5, new_files, write_file
+from tactile_viewgcn.files import all_below, md5, new_files, readable, root, write_file
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.training.checkpoint import write_tensors
 from tests.full_disk import room_for
@@ -87,6 +87,48 @@ def test_without_room_there_is_one_error_and_what_was_there_stays(tmp_path, writ
             write(path)
         assert caught.value.errno == errno.EFBIG and md5(path) == before
         assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EDQUOT])
+def test_a_disk_that_turns_out_full_when_a_file_is_synced_is_the_same_error(tmp_path, monkeypatch, code):
+    def no_room(stream):
+        raise OSError(code, "no room")
+
+    write_file(tmp_path / "made", "12")
+    monkeypatch.setattr(os, "fsync", no_room)
+    with pytest.raises(OSError, match=r"make room.*made"):
+        write_file(tmp_path / "made", "13")
+    assert texts_in(tmp_path) == {"made": "12"}
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "line"),
+    [
+        (BlockingIOError("unable to lock"), OSError, "a.h5: a different program has it open"),
+        (MemoryError("3 GiB"), MemoryError, "a.h5: 3 GiB"),
+        (KeyError("pressure"), UserError, "a.h5: damaged, .*pressure.*; delete it"),
+        (UserError("b.h5: too long"), UserError, "^b.h5: too long$"),
+    ],
+)
+def test_what_a_library_raises_while_it_reads_is_one_line_that_names_the_file(error, kind, line):
+    with pytest.raises(kind, match=line), readable("a.h5"):
+        raise error
+
+
+def test_a_folder_that_cannot_be_read_is_no_empty_one(tmp_path, monkeypatch):
+    def refused(path):
+        raise PermissionError(errno.EACCES, "denied", str(path))
+
+    monkeypatch.setattr(os, "scandir", refused)
+    with pytest.raises(PermissionError, match="denied"):
+        all_below(tmp_path)
+
+
+def test_the_root_is_that_of_dvc_in_a_temporary_workspace_of_it(tmp_path, monkeypatch):
+    monkeypatch.setenv("DVC_ROOT", str(tmp_path))
+    assert root() == tmp_path
+    monkeypatch.delenv("DVC_ROOT")
+    assert root() == Path.cwd()
 
 
 def test_what_a_killed_run_has_left_is_overwritten_and_a_link_is_not_followed(tmp_path):

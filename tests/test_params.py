@@ -10,7 +10,16 @@ import yaml
 
 from tactile_viewgcn import TactileClassifier, cli
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.params import System, default_params, load, on_sensors, preset_changes, presets
+from tactile_viewgcn.params import (
+    VIRTUAL,
+    System,
+    default_params,
+    everywhere,
+    load,
+    on_sensors,
+    preset_changes,
+    presets,
+)
 from tactile_viewgcn.schema import as_change, flatten, parse, set_value
 from tactile_viewgcn.systems import system_class
 
@@ -111,6 +120,21 @@ def test_values_that_do_not_go_together_are_refused(changes, keys):
     assert ";" in refusal(*changes, "split.folds=2", "split.fold=2")  # every conflict at once
 
 
+def test_a_view_graph_has_a_level_for_each_halving_that_leaves_two_views():
+    for views, levels in ((2, 1), (3, 1), (4, 2), (7, 2), (8, 3), (100, 3)):
+        numbers = [1] * levels
+        assert params(f"views={views}", f"model.neighbours={numbers}").model.neighbours == numbers
+        if levels > 1:
+            assert f"{levels} levels" in refusal(f"views={views}", f"model.neighbours={numbers[1:]}")
+
+
+def test_a_source_that_dvc_copies_into_its_workspaces_keeps_its_path_and_any_other_is_absolute(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("tracked.dvc").touch()
+    paths = {name: str(everywhere(Path(name))) for name in (VIRTUAL, "tracked", "other")}
+    assert paths == {VIRTUAL: VIRTUAL, "tracked": "tracked", "other": str(tmp_path / "other")}
+
+
 @pytest.mark.parametrize("system", get_args(System))
 def test_fewer_views_go_with_the_systems_that_take_them(system):
     changes = ("finetune.num_views=random", f"model.system={system}")
@@ -175,6 +199,8 @@ def test_batches_of_one_from_which_batch_normalisation_learns_nothing_are_refuse
         ("data/glöve 16", '"data/glöve 16"'),
         ('it\'s "b", #1 & {c}: $d', '"it\'s \\"b\\", #1 & {c}: $d"'),
         (True, "true"),
+        ("12", '"12"'),
+        ("1e-3", '"1e-3"'),
         (150.0, "150.0"),
         (["ball", "a b", 3], '["ball","a b",3]'),
         (["pressure:emg", "time:t [s]"], '["pressure:emg","time:t [s]"]'),

@@ -11,7 +11,7 @@ import torch
 
 from stages import pipeline
 from stages.command import Job, run
-from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.tracking import Run
 from tests.full_disk import room_for
@@ -71,10 +71,12 @@ def test_sigterm_ends_a_stage_with_its_own_code(place):
     assert captured(lambda: run(needs), "--out", "y", cwd=place).returncode == 143
 
 
-def test_an_epoch_is_kept_for_the_record_and_logged_at_once():
+def test_notes_and_epochs_are_kept_for_the_record_and_epochs_logged_at_once():
     epochs, run = [], Run()
     run.log = lambda *values: epochs.append(values)
     job = Job(SimpleNamespace(pretrain=SimpleNamespace(epochs=2)), Record("pretrain", seconds=1e6), run=run)
+    job.note(Note("slow"))
+    assert job.record.notes == [Note("slow", stage="pretrain")]
     for epoch in (1, 2):
         job.epoch(epoch, {"loss": 1.0 / epoch})
     assert job.record.curves == {"loss": [1.0, 0.5]} and job.seconds > 1e6  # with those before an interruption
