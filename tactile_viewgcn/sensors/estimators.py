@@ -94,7 +94,7 @@ class Forest(Estimator):
         while len(path):
             above = points.ravel()[first + self.feature[node]] > self.threshold[node]
             child = np.where(above, self.right[node], self.left[node])
-            ends[path], moved = child, child != node
+            ends[path], moved = child, child > node  # so that no altered file makes a circle
             path, node, first = path[moved], child[moved], first[moved]
         return ends.reshape(len(roots), -1)
 
