@@ -42,6 +42,17 @@ def test_contact_is_found_as_in_the_training(filtered, baseline, kept, flags, ex
     assert (estimate.mean == 123).all() == (baseline == "none")
 
 
+def test_recordings_without_an_open_hand_have_the_baseline_of_their_session_in_the_training():
+    """A third session is none of the training's: it has the mean of all."""
+    fitted, held = recogniser().preprocessing, recording("pen", 91, before=0, after=0)
+    mean = fitted.mean_baseline()
+    fitted = replace(fitted, baselines={"session 0": mean + 4, "session 1": mean - 1})
+    new = ArrayRecordings([held] * 4, ["pen"], np.zeros(4, int), np.array([1, 0, 2, 1]))
+    estimate, _ = find_contact(fitted, new)
+    shifts = (estimate.mean - mean)[estimate.of_frame[:: len(held)]]
+    np.testing.assert_allclose(shifts.mean(axis=(1, 2)), [-1, 4, 1.5, -1], atol=1e-6)
+
+
 @pytest.mark.parametrize("frames", [MIN_FRAMES - 1, MIN_FRAMES])
 def test_five_frames_of_the_empty_hand_are_enough_for_a_baseline(frames):
     """The glove reads 20 counts more than in the training, and no recording has an open hand."""

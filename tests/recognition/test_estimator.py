@@ -68,7 +68,8 @@ def fitted() -> TactileClassifier:
 @pytest.mark.parametrize("system", [None, "view_gcn"])
 def test_recordings_of_different_lengths_are_distinguished(system):
     new, truth = grasps(2, seed=1)
-    classifier = made(NETWORK if system == "view_gcn" else {}, system=system).fit(*grasps())
+    X, y = grasps()
+    classifier = made(NETWORK if system == "view_gcn" else {}, system=system).fit(X, [f" {name}" for name in y])
     assert classifier.classes_.tolist() == list(OBJECTS) and classifier.score(new, truth) == 1
     probabilities = classifier.predict_proba(new)
     assert probabilities.shape == (6, 3)

@@ -1,24 +1,18 @@
 """Answers to groups that were left out, and what rests on them: weights, temperature; never on the test side."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
 from tactile_viewgcn.messages import Note
-from tactile_viewgcn.recognition.fitting import (
-    ARRAY,
-    CHANNELS,
-    UNWEIGHED,
-    examples_of,
-    fit_classifier,
-    training_recordings,
-)
+from tactile_viewgcn.recognition.fitting import ARRAY, CHANNELS, UNWEIGHED, fit_classifier
 from tactile_viewgcn.recognition.left_out import LeftOut
 from tactile_viewgcn.recognition.model_file import build_classifier
 from tactile_viewgcn.sensors.representation import NETWORK
-from tactile_viewgcn.tables.frames import TEST, TRAIN
+from tactile_viewgcn.tables.frames import TEST
 from tests.glove_data import CPU, recipe, table, views_of
 from tests.recognition.answers import Answers
 
@@ -53,28 +47,6 @@ def test_a_class_that_would_not_be_fitted_stays_and_groups_are_weighed_alike():
     left = left_out([0, 0, 0, 1, 1, 1], [0, 0, 1, 2, 3, 3], knows=True)
     left.shares["svm"] = np.eye(3)[[1, 0, 0, 0, 1, 1]]
     assert wrong(left, "svm") == [0.5, 0, 1, 0]
-
-
-def left_out_of(frames, members):
-    """Answers by members to the recordings of the table's training side."""
-    recordings = training_recordings(frames)
-    return LeftOut(
-        examples_of(frames, recordings, members, (4,), 0), frames.group[[index[0] for index in recordings]], 0
-    )
-
-
-def test_errors_and_confidence_are_those_of_fits_to_other_recordings():
-    """Labels dealt at random to the recordings: every fit is wrong about the groups that were left out, and unsure."""
-    frames, members = table("split.folds=6"), ["kernel", "pooled_kernel", "svm", "trees", "convolutions"]
-    labels = np.random.default_rng(0).integers(4, size=int(frames.recording.max()) + 1)
-    dealt = replace(frames, label=labels[frames.recording].astype(frames.label.dtype))
-    random, true = left_out_of(dealt, members), left_out_of(frames, members)
-    for left, least, most in ((random, 0.5, 1), (true, 0, 0.4)):
-        assert len(wrong(left, *members)) == len(np.unique(frames.group[frames.side == TRAIN]))
-        assert all(least <= np.mean(wrong(left, name)) <= most for name in members)
-    assert np.inf > temperature(random, "kernel") > 2 * temperature(true, "kernel")
-    one_group = replace(frames, group=frames.label.astype(np.int64))  # of each class
-    assert temperature(left_out_of(one_group, ["kernel"]), "kernel") is None
 
 
 def test_the_temperature_is_that_of_the_members_answers_with_their_weights():
@@ -149,6 +121,28 @@ def test_a_network_joins_an_arrays_members_where_there_is_time_to_leave_out_grou
     heard = {note.value["member"]: note.value["error"] for note in one.notes if note.topic == "members"}
     assert set(heard) == {*ARRAY} - ({NETWORK} if not folds else set())
     assert heard.get(NETWORK, 0) == 0 < heard["kernel"] and one.temperature > 0
+    weights = {note.value["member"]: note.value["weight"] for note in one.notes if note.topic == "members"}
+    assert {name: weight for name, weight in weights.items() if weight} == one.classifier.weights
+
+
+def test_no_network_is_trained_where_the_others_err_nowhere(monkeypatch):
+    """Each object presses three rows of its own."""
+    monkeypatch.setattr("tactile_viewgcn.recognition.fitting.NetworkMember", None)
+    frames = table("split.folds=6")
+    pressed = 200 * (np.arange(12)[:, None] // 3 == frames.label[:, None, None])
+    easy = fitted(replace(frames, counts=(frames.counts + pressed).astype(np.int16)), "model.members=auto")
+    assert NETWORK not in easy.model.members and not easy.classifier.network
+
+
+def test_a_recording_has_the_mean_probabilities_of_its_frames():
+    """Every second frame is answered differently."""
+    estimator = SimpleNamespace(classes=np.arange(3), fit=lambda *_: None)
+    estimator.predict_proba = lambda frames: np.where(frames[:, None] % 2, [0.2, 0, 0.8], [0.8, 0.2, 0])
+    examples = SimpleNamespace(labels=np.repeat([0, 1, 2], 2), classes=3, representation=SimpleNamespace())
+    examples.of_recordings = lambda member: (np.arange(12), np.arange(12) // 2)
+    examples.representation.estimator = lambda member, quick: estimator
+    (shares,) = LeftOut(examples, np.arange(6), 0).answers(["kernel"])
+    np.testing.assert_allclose(shares, np.tile([0.5, 0.1, 0.4], (6, 1)), rtol=1e-6)
 
 
 def test_channels_and_arrays_are_weighed_and_the_test_side_changes_nothing():

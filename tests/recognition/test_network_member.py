@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.recognition import network_member
 from tactile_viewgcn.recognition.fitting import training_recordings
 from tactile_viewgcn.recognition.network_member import NetworkMember
+from tactile_viewgcn.tables.frames import TEST
 from tests.glove_data import CPU, recipe, table, views_of
 
 
@@ -30,10 +32,18 @@ def test_as_many_folds_are_answered_as_leave_time_for_the_last_training(monkeypa
         assert "tactile-viewgcn preset network" in note.text
 
 
-def test_a_network_that_diverges_is_left_out_and_says_so(monkeypatch):
+def test_what_is_left_out_is_no_training_data_and_a_network_that_diverges_is_left_out(monkeypatch):
     frames = table("split.folds=6")
-    recordings = training_recordings(frames)
+    recordings, sides = training_recordings(frames), []
+
+    def pretrained(table, *_):
+        sides.append(table.side)
+        raise UserError("diverged")
+
+    monkeypatch.setattr(network_member, "pretrain_backbone", pretrained)
     network = NetworkMember(frames, views_of(frames, recipe()), recordings, 0, CPU)
-    network.params = recipe("model.system=vote", "model.backbone.width=8", "pretrain.lr=1e6")
-    _, answered, note = network.left_out([np.arange(len(recordings)) < 1])
+    monkeypatch.setattr(network, "seconds", lambda: 1.0)
+    _, answered, note = network.left_out([np.arange(len(recordings)) < 2])
     assert not answered.any() and "diverged" in note.text
+    left = np.isin(np.arange(len(frames)), np.concatenate(recordings[:2]))
+    np.testing.assert_array_equal(sides, [np.where(left, TEST, frames.side)])

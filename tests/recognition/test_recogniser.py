@@ -14,7 +14,7 @@ from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.estimator import train
 from tactile_viewgcn.recognition.model_file import FittedPreprocessing, build_classifier, save_classifier
 from tactile_viewgcn.recognition.raw_counts import fault_of
-from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.recognition.recogniser import Recogniser, recording_of
 from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.tables.recordings import recordings_of
 from tactile_viewgcn.views.viewpoints import viewpoints
@@ -66,25 +66,6 @@ def test_a_different_layout_or_type_and_numbers_that_are_not_finite_are_refused(
         answer_of(recogniser(), counts)
 
 
-@pytest.mark.parametrize(
-    ("name", "change", "message"),
-    [
-        ("fractions", lambda counts: counts + 0.25, r"holds \d+.25"),
-        ("strong", lambda counts: 500 + (counts - 500) * 12, "(one|many)/strong: .* or more off"),
-        ("weak", lambda counts: 500 + (counts - 500) // 6, "(one|many)/weak: .* or more off"),
-    ],
-)
-def test_a_recording_of_fractions_or_of_a_different_scale_is_refused_also_among_others(tmp_path, name, change, message):
-    counts = change(recording("ball", 55))
-    write(tmp_path / "one" / f"{name}.h5", counts)
-    for number in range(12):
-        write(tmp_path / "many" / f"{number}.h5", recording("ball", 56 + number).astype(counts.dtype))
-    write(tmp_path / "many" / f"{name}.h5", counts)
-    for folder in ("one", "many"):
-        with pytest.raises(UserError, match=message):
-            answered(recogniser(), tmp_path / folder)
-
-
 @pytest.mark.parametrize(("kind", "edge", "times", "outside"), [(0, 0, 1 / 4, 0), (0, 1, 4, 1e9), (1, 0, 1 / 4, 0)])
 @pytest.mark.parametrize("sign", [1, -1])
 def test_readings_may_be_four_times_weaker_or_stronger_than_in_the_training_and_no_more(
@@ -96,7 +77,8 @@ def test_readings_may_be_four_times_weaker_or_stronger_than_in_the_training_and_
     for reading, fault in (limit, False), (np.nextafter(limit, outside), True):
         readings = [np.full((3, *SHAPE), weakest) for weakest, _ in fitted.strong_readings]
         readings[kind] = np.full((3, *SHAPE), sign * reading)
-        assert bool(fault_of(fitted, readings[1], np.ones(3, dtype=bool), readings[0])) == fault
+        counts = np.concatenate([readings[1], np.full((2, *SHAPE), 1e6)])  # without contact they may read anything
+        assert bool(fault_of(fitted, counts, np.arange(5) < 3, readings[0])) == fault
 
 
 def channels(folder, names, rate):
@@ -116,6 +98,7 @@ def channels(folder, names, rate):
         ("thumb,index", 50, None),
         ("thumb,index", 53, None),
         ("thumb,index", 100, "4 of 4 recordings: left/1 100 Hz, left/2 100 Hz"),
+        ("thumb,index", 25, "4 of 4 recordings: left/1 25 Hz"),
         ("index,thumb", 50, "sensor 1 is index; expected thumb of thumb, index"),
     ],
 )
@@ -158,6 +141,21 @@ def test_a_recording_without_an_open_hand_has_the_baseline_of_its_empty_hand_or_
         alone = {"held": recording("pen", 62, before=0, after=0)} | others
         for name, counts in alone.items():
             np.testing.assert_array_equal(rows[name].probabilities, answer_of(model, counts + offset).probabilities)
+
+
+def test_the_strong_readings_are_of_objects_and_the_rates_the_lowest_and_the_highest():
+    frames, frame = table(), np.arange(len(table())) % 12
+    empty = frames.label == frames.classes.index("empty_hand")
+    changed = replace(frames, counts=np.where(empty[:, None, None], 0, frames.counts).astype(np.int16))
+    fitted = FittedPreprocessing.of(replace(changed, time=frame / (10 + frames.label)))
+    assert fitted.strong_readings == FittedPreprocessing.of(frames).strong_readings
+    assert fitted.rates == pytest.approx([10, 13])
+
+
+def test_of_an_array_the_frames_may_be_last():
+    counts = np.arange(24).reshape(2, 3, 4)
+    frames = recording_of(counts, "X", frames_last=True).values["pressure"]
+    assert frames.shape == (4, 2, 3) and frames[1].tolist() == counts[..., 1].tolist()
 
 
 def test_a_session_with_many_baselines_has_their_mean():

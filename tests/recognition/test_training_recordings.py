@@ -20,6 +20,15 @@ def test_a_recording_has_its_frames_in_order_and_one_object_and_split_group():
         assert all(len(set(column[index])) == 1 for column in (split.recording, split.label, split.group))
 
 
+def test_the_unit_of_an_array_is_limited_by_its_noise():
+    """A quarter of the sensors read 200 counts more, and the noise is about one count."""
+    frames = table()
+    pressed = 200 * (np.arange(12)[:, None] // 3 == frames.label[:, None, None])
+    dense = replace(frames, counts=(frames.counts + pressed).astype(np.int16))
+    unit = examples_of(dense, training_recordings(dense), [], (4,), 0).representation.spread[0]
+    assert 1 < unit < 10
+
+
 def test_of_a_long_recording_every_second_or_further_frame_is_taken(monkeypatch):
     monkeypatch.setattr(features, "MOST_FRAMES", 5)
     taken = [features.every_few(np.arange(frames)).tolist() for frames in (1, 5, 6, 11)]

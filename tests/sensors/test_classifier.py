@@ -127,3 +127,5 @@ def test_view_sets_stay_in_a_recording_and_take_other_frames_where_there_are_eno
     expected = examples.representation.of_sets("svm", examples.representation.scaled(made[2])[frames])
     np.testing.assert_allclose(examples.of_sets("svm", 1)[0][8:12], expected)
     assert examples.lengths.tolist() == [5, 3, 3000, 5, 2]
+    many = examples_of([recording("up", seed) for seed in range(300)], np.zeros(300, int), sizes=(8,))
+    assert set(np.bincount(many.frame_recording)) == {16}  # of 32: twice the largest set

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactile_viewgcn.sensors.representation import contact_unit, successive_noise
+from tactile_viewgcn.sensors.representation import Representation, contact_unit, successive_noise
 
 
 def test_one_reading_in_ten_is_above_four_units_and_a_glove_that_is_hardly_touched_has_a_unit_too():
@@ -33,3 +33,12 @@ def test_noise_is_that_of_successive_frames_of_a_recording():
     assert successive_noise(counts, index, index, live) == np.inf  # each frame is a recording
     assert successive_noise(counts, recording, index[::2], live) == np.inf
     assert successive_noise(np.rint(offset + rng.normal(0, 0.4, counts.shape)), recording, index, live) == np.inf
+
+
+def test_channels_are_in_standard_deviations_from_their_mean_and_arrays_in_units():
+    sample = np.array([[1, 5, 7], [3, 5, 7], [8, 5, 10]])
+    channels = Representation.of(np.ones((1, 3), bool), sample, 2.0)
+    assert channels.centre.tolist() == [4, 5, 8]
+    np.testing.assert_allclose(channels.spread, [(26 / 3) ** 0.5, 1, 2**0.5], rtol=1e-6)
+    array = Representation.of(np.ones((8, 8), bool), np.tile(sample, (1, 22))[:, :64], 2.0)
+    np.testing.assert_array_equal(array.scaled(np.full(64, 6)), np.full(64, 3))
