@@ -12,8 +12,6 @@ HDF5 holds one recording:
 /grasp_valid  (T,)       whether the frame is in the steady part of its grasp, optional
 attributes    object, session; optional: recording (else the file's path in the folder), split ("train" or "test")
 
-A file may come from anybody: nothing in it leads to a different file.
-
 The fields of STAG's files follow the descriptions that come with the data set of Sundaram et al., "Learning the
 signatures of the human grasp using a scalable tactile glove", Nature 569, 698-702 (2019). All indices are zero-based,
 per-frame fields are column vectors (T, 1), names are cell arrays (1, K).
@@ -106,8 +104,7 @@ def windows_in(file: Path, arrays: Mapping[str, Any], form: Form) -> list[Record
 
     A window that begins inside the one before is of the same take.
     """
-    default = next((name for name in arrays if name.lower() in ("y", "label", "labels")), "")
-    name = form.names.get("object", default)
+    name = form.names.get("object") or next((each for each in arrays if each.lower() in ("y", "label", "labels")), "")
     if "pressure" in arrays or name not in arrays:
         return []
     labels = [one.decode() if isinstance(one, bytes) else one for one in np.ravel(arrays[name]).tolist()]
@@ -163,7 +160,7 @@ def _of_matlab73(file: h5py.File, values: Any) -> Any:
 
 
 def open_hdf5(path: Path) -> h5py.File:
-    """An HDF5 file, open for reading; a UserError if a link leads out of it, or a dataset has its values elsewhere."""
+    """An HDF5 file, which may come from anybody; a UserError if a link leads out of it, or values lie elsewhere."""
     file = h5py.File(path, "r", rdcc_nbytes=CACHE)
     leads_out = file.visititems_links(lambda name, link: name if isinstance(link, h5py.ExternalLink) else None)
     if name := leads_out or file.visititems(

@@ -75,8 +75,7 @@ def serve(work: Callable[[dict[str, Any]], None]) -> None:
     except (UserError, MemoryError) as error:
         message = {"kind": type(error).__name__, "args": [str(error)]}
     except OSError as error:
-        has_place = error.errno is None or error.filename is not None
-        message = {"kind": "OSError", "args": [str(error)] if has_place else [error.errno, error.strerror]}
+        message = {"kind": "OSError", "args": [*error.args[:2], *map(str, filter(None, [error.filename]))]}
     except Exception:
         message = {"kind": "fault", "args": [traceback.format_exc()]}
     print(json.dumps(message), file=parent, flush=True)

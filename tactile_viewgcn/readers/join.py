@@ -54,8 +54,7 @@ def joined(path: Path, groups: list[list[Path]], opened: Callable[..., list[Reco
     }
     notes = list(headers[0].notes)
     if dropped := sum(header.dropped for header in headers):
-        text = f"{several(dropped, 'frame')} without readings, in which nothing is held, are left out"
-        notes.append(Note(text, topic="frames"))
+        notes.append(Note(f"{several(dropped, 'frame')} without readings or object are left out", topic="frames"))
 
     takes = [(each["object"], each.get("take", stem_of(each["recording"]))) for each in (h.names for h in headers)]
     first = {take: number for number, take in reversed([*enumerate(takes)])}
@@ -111,10 +110,13 @@ def _check(recording: Recording, file: Path, known: dict[str, tuple[Any, Path]])
     """Check a recording, see `joined`, and add what it has to `known`; return the type of its pressure in the table."""
     shape, dtype = check_values(recording.values, str(file))
     columns = [name for name in recording.values if name not in ("pressure", "frame")]
-    for what, found in {"shape": shape, "columns": columns, "channels": recording.channel_names}.items():
+    for what, found in {"channels": recording.channel_names, "shape": shape, "columns": columns}.items():
         expected, other = known.setdefault(what, (found, file))
         if found != expected:
-            raise UserError(f"{file}: {what} {found}; expected {expected} as in {other}")
+            unlike = {*map(str, found)} ^ {*map(str, expected)} if what == "channels" and found and expected else {}
+            left = ", ".join(f"leave_out:{name}" for name in sorted(unlike))
+            remedy = f"; {setting(f'data.columns=[{left}]')}" if left else ""
+            raise UserError(f"{file}: {what} {found}; expected {expected} as in {other}{remedy}")
     name = f"recording {recording.names['recording']!r}"
     if name in known:
         remedy = "expected a name for each: of its file without the ending, or in HDF5 the attribute `recording`"

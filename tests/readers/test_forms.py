@@ -256,7 +256,7 @@ def test_tables_that_differ_by_part_are_joined_by_names_and_refused_with_unlike_
 LEFT = {  # a table, data.columns, the names and numbers of its sensors, and words of a note
     "a text": ("a,note,b\n1,cold,2\n", ["leave_out:note"], "a|b", [[1, 2]], "'note'|data.columns"),
     "by number": ("1,x,2\n", ["leave_out:2"], "", [[1, 2]], "column 2 "),
-    "several": ("a,b,c\n1,2,3\n", ["leave_out:a", "leave_out:c"], "b", [[2]], "'a'|'c'"),
+    "several": ("a,b,c\n1,2,3\n", ["leave_out:a", "leave_out:c", "leave_out:of_others"], "b", [[2]], "'a'|'c'"),
     "empty": ("a,note,b\n1,,2\n3,,4\n", [], "a|b", [[1, 2], [3, 4]], "'note'|empty in all 2 lines"),
     "empty at the end": ("a,b,note\n1,2,\n3,4,\n", [], "a|b", [[1, 2], [3, 4]], "'note'|empty in all 2 lines"),
     "times": ("a,time\n1,2025/05/23/15:03:53.88\n2,\n", [], "a", [[1], [2]], "2 of 2 cells|'2025/05/23/15:03:53.88'"),

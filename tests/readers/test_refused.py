@@ -126,7 +126,7 @@ def test_a_table_that_cannot_be_read_is_refused_at_a_frame_and_a_column(tmp_path
 
 UNLIKE = {  # the content of mug/2.ENDING beside a good mug/1 of the same ending, the form, and words of the line
     "order of columns": ("csv", "b,a\n1,2\n", {}, "channels ['b', 'a']; expected ['a', 'b'] as in"),
-    "more columns": ("csv", "a,b,c\n1,2,3\n", {}, "shape (1, 3); expected (1, 2) as in"),
+    "more columns": ("csv", "a,b,c\n1,2,3\n", {}, "channels ['a', 'b', 'c']; expected ['a', 'b'] as in"),
     "shape": ("npy", COUNTS[..., :2], {}, "shape (5, 2); expected (5, 7) as in"),
     "shape of the form": ("npy", COUNTS[..., :2], {"shape": [5, 7]}, "an array (4, 5, 2)"),
     "arrays of other names": ("npz", {"a": COUNTS, "b": COUNTS}, {}, "no array pressure; found a, b"),
@@ -146,6 +146,7 @@ def test_a_file_unlike_the_first_one_or_the_form_is_named(tmp_path, name):
     line = refusal(tmp_path / "lab", tmp_path, form=Form(**form))
     both = f"mug/1.{ending}: {words}" in line and f"(the same in 1 more file: 2.{ending})" in line
     assert both or f"mug/2.{ending}: {words}" in line
+    assert ("'data.columns=[leave_out:c]'" in line) == (name == "more columns")
 
 
 def test_a_path_that_is_not_there_is_named(tmp_path):
