@@ -71,7 +71,7 @@ def _motions(recordings: Recordings) -> tuple[np.ndarray, ...]:
         counts = live[index].astype(np.float64)
         columns = np.flatnonzero(uneven <= moves / 2)  # the others are clearly sensors
         steps = np.diff(counts[:, columns], axis=0)
-        usual = pd.DataFrame(np.where(steps, steps, np.nan)).median().abs().to_numpy()  # a clock rises; NaN: no step
+        usual = pd.DataFrame(np.where(steps, steps, np.nan)).median().to_numpy()  # below 0 all are uneven: clocks rise
         moves[columns] += np.count_nonzero(steps, axis=0)
         uneven[columns] += ((np.abs(steps - usual) > usual / 2) & (steps != 0)).sum(axis=0)
         readings.append(np.stack([counts[0], counts.mean(axis=0), counts.min(axis=0), counts.max(axis=0)]))

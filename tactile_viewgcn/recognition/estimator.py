@@ -37,8 +37,9 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
 
     X holds recordings of raw counts, whose baseline is subtracted and whose frames in contact are found as in the
     pipeline. It is a list of arrays (T_i, H, W), or of channels over time (T_i, C); or one array (n, T, H, W) or
-    (n, T, C). Of a DataFrame the columns that are called times, numbers or labels are left out, as of a file. With the
-    parameter `data.shape` `frames_last` time is the last axis, as in an array (n, C, T) of aeon and sktime.
+    (n, T, C). Of a DataFrame the columns that are called times, numbers or labels are left out, as of a file, and those
+    that `data.columns` leaves out. With the parameter `data.shape` `frames_last` time is the last axis, as in an array
+    (n, C, T) of aeon and sktime.
 
     Args:
         preset: a name of `tactile-viewgcn preset`; `best` if `system` is None too.
@@ -83,13 +84,14 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         Raises:
             UserError, ValueError: a wrong argument, in one line.
         """
+        params = self._parameters()
         recorded, y = self._recordings(X), column_or_1d(y, warn=True)
         check_consistent_length(recorded, y)
         classes, labels = _distinct(y)
         groups = np.arange(len(y)) if groups is None else np.asarray(groups)
         if groups.shape != (len(y),):
             raise UserError(f"groups has shape {groups.shape}; expected ({len(y)},), a group for each recording of X")
-        group, params = np.unique(groups, return_inverse=True)[1], self._parameters()
+        group = np.unique(groups, return_inverse=True)[1]
         recordings = in_memory(recorded, list(map(str, classes)), labels, 0 * labels)
         with TemporaryDirectory() as folder:
             path = Path(folder) / "classifier.pt"
@@ -160,8 +162,9 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
                 f"X is of type {type(X).__name__} and holds no recordings; expected a list of arrays or DataFrames, "
                 "each (frames, rows, columns) or (frames, channels)"
             )
-        last = isinstance(self.params, Mapping) and self.params.get("data.shape") == FRAMES_LAST
-        return [recording_of(row, f"X[{number}]", frames_last=last) for number, row in enumerate(rows)]
+        params = self.params or {}
+        last, columns = params.get("data.shape") == FRAMES_LAST, params.get("data.columns", ())
+        return [recording_of(row, f"X[{number}]", frames_last=last, columns=columns) for number, row in enumerate(rows)]
 
     def _parameters(self) -> Params:
         """All parameters of the training."""

@@ -11,7 +11,7 @@ import numpy as np
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.params import on_sensors
-from tactile_viewgcn.readers.source import AUTO, MAX_PRESSURE, UNLABELLED, Recording, check_shape, storage_type
+from tactile_viewgcn.readers.source import MAX_PRESSURE, UNLABELLED, Form, Recording, check_shape, storage_type
 from tactile_viewgcn.readers.text import table_of
 from tactile_viewgcn.recognition.model_file import UNFIT, load_classifier
 from tactile_viewgcn.recognition.raw_counts import Layout, check_layout, fault_of, find_contact, rate_notes
@@ -108,21 +108,22 @@ class Recogniser:
         return answers, baseline.notes + notes
 
 
-def recording_of(recording: Any, name: str, *, frames_last: bool = False) -> Recording:
+def recording_of(recording: Any, name: str, *, frames_last: bool = False, columns: Sequence[str] = ()) -> Recording:
     """One recording as counts (T, H, W) of the type in which pressure is stored; channels (T, C) as frames of one row.
 
     Of a DataFrame it is the sensors, with their names, the times, and notes on the other columns.
 
     Args:
         frames_last: time is the last axis of an array instead of the first.
+        columns: of DataFrames, see `Form`.
 
     Raises:
         UserError: begins with `name`; other axes or types, no frames, or values that the type cannot hold.
     """
     table = Recording({}, {})
     if hasattr(recording, "iloc"):  # a DataFrame of pandas
-        columns = [str(column) for column in recording.columns]
-        table, _ = table_of(columns, recording.set_axis(range(len(columns)), axis=1), AUTO, name)
+        names = [str(column) for column in recording.columns]
+        table, _ = table_of(names, recording.set_axis(range(len(names)), axis=1), Form(columns=columns), name)
         recording, frames_last = table.values["pressure"], False
     try:
         array = np.asarray(recording)

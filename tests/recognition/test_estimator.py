@@ -147,6 +147,15 @@ def test_a_channel_that_is_the_label_and_a_copy_are_warned_of_as_by_ingest():
     assert topics >= {"columns", "copies"}
 
 
+def test_a_column_that_is_left_out_of_data_frames_is_not_asked_for():
+    X, y = two_objects(np.random.default_rng(0))
+    frames = [pd.DataFrame(counts, columns=["a", "b", "no"]) for counts in X]
+    classifier = TactileClassifier(system="svm", params={"data.columns": ["leave_out:no"]}).fit(frames, y)
+    expected = TactileClassifier(system="svm").fit(np.array(X)[..., :2], y).predict_proba(np.array(X)[..., :2])
+    np.testing.assert_array_equal(classifier.predict_proba(frames), expected)
+    assert classifier.recogniser_.preprocessing.channel_names == ["a", "b"]
+
+
 def test_an_offset_that_predicts_the_object_is_warned_of_as_by_preprocess():
     """Each object's recordings have an offset of their own, also while the hand is open."""
     X, y = grasps(6)
