@@ -54,19 +54,6 @@ def test_a_recording_begins_with_an_open_hand_and_between_grasps_the_object_is_a
         np.testing.assert_array_equal(values[:, 0], values[:, 1])  # before the first frame all stands still
 
 
-def test_recordings_of_an_object_share_a_habit_that_other_objects_do_not():
-    size = {"frames": scene.OPENING + 100 * (FIXED + 1), "grasps": 100}
-    steady = 1 + np.flatnonzero(schedule(**size)[0] == scene.HOLD)
-
-    def mean_squeeze(habit, seed):
-        return np.log(planned(["ball"], habit=habit, seed=seed, **size).squeeze[0, steady]).mean(axis=0)
-
-    first = mean_squeeze(0, 0)
-    same, other = first - mean_squeeze(0, 1), first - mean_squeeze(1, 0)
-    assert np.abs(same).max() < 6 * np.sqrt(2) * (scene.FINGER["recording"] + scene.FINGER["grasp"] / np.sqrt(100))
-    assert np.linalg.norm(other) > 2 * np.linalg.norm(same)
-
-
 def test_weight_pulls_down_with_mass_times_gravity_while_the_object_is_held():
     load, grams = planned(["ball", "mug", "empty_hand"], effects=["weight"]).load, np.array([[55], [509], [0]])
     steady = np.concatenate([holds(0), holds(1)])

@@ -33,16 +33,6 @@ def test_a_recording_is_the_same_whatever_other_objects_and_sessions_are_simulat
     np.testing.assert_array_equal(more[[0, 2]], fewer)
 
 
-def test_in_shorter_blocks_the_steps_differ_and_the_counts_hardly(monkeypatch):
-    one = recipe(sessions=1)
-    whole, _ = simulated_counts(one)
-    monkeypatch.setattr(simulation, "BLOCK", 7)
-    blocks = list(Simulation(one).blocks())
-    assert [block.shape[:2] for block in blocks] == [(3, 7), (3, 7), (3, 7), (3, 1)]
-    joined = np.concatenate(blocks, axis=1)[..., HAND.row, HAND.column]
-    assert np.abs(joined - whole).max() <= 2 and (joined != whole).mean() < 0.01
-
-
 def test_sensor_inputs_are_force_per_area_where_the_skin_faces_it_and_the_joints_flexion():
     run = Simulation(recipe(["ball"], sessions=1))
     mechanics = Mechanics(run.hands, run.solids, run.stiffness, run.drive, LAYER, motion=True)

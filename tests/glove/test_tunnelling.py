@@ -1,7 +1,6 @@
 """Tunnelling: what counts as it, and that the integrator rejects steps with it."""
 
 import numpy as np
-import pytest
 
 from tactile_viewgcn.glove import integrator
 from tactile_viewgcn.glove.integrator import SAMPLE_DISTANCE, ImplicitIntegrator, tunnels
@@ -42,14 +41,6 @@ def test_an_empty_hand_never_tunnels_and_is_not_evaluated():
     through = [[[0, 0, 0.2], [0, 0, -0.2]]] * 2
     assert over_a_bed(through, [BALL, NOTHING]) == ([True, False], 26)
     assert over_a_bed(through, [NOTHING]) == ([False, False], 0)
-
-
-@pytest.mark.parametrize(("end", "through"), [(0.12, True), (-0.12, False)])
-def test_a_ball_on_a_prescribed_path_tunnels_through_fingers_at_rest(end, through):
-    mechanics = scene([[sphere(0.03)]], [0.13, -0.12, 0.03], posture=0.6, motion=False)  # m: beside the fingers
-    mechanics.drive.position[0, 1, 1] = end
-    y = mechanics.initial_state()
-    assert tunnels(mechanics, np.zeros(1, dtype=int), np.zeros(1), y, np.ones(1), y)[0].tolist() == [through]
 
 
 def test_steps_that_would_tunnel_are_rejected(monkeypatch):
