@@ -222,7 +222,8 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path
 def _distinct(y: Any) -> tuple[np.ndarray, np.ndarray]:
     """Distinct labels (Y,), sorted, and the index (n,) of each recording's label."""
     try:
-        check_classification_targets(y)
+        with warnings.catch_warnings(action="ignore", category=UserWarning):  # of many objects of two recordings each
+            check_classification_targets(y)
         if y.dtype.kind in "UO":
             y = np.array([tidy(label) if isinstance(label, str) else label for label in y], y.dtype.kind)
         classes, labels = np.unique(y, return_inverse=True)

@@ -62,12 +62,11 @@ class Examples:
         """
         if member == OF_FRAMES:
             return self.representation.of_frames(self.frames), self.frame_recording
-        numbers = np.arange(len(self.labels))
         if member not in self._points:
-            readings = (self.representation.scaled(self._read(number))[None] for number in numbers.tolist())
+            readings = (self.representation.scaled(self._read(number))[None] for number in range(len(self.labels)))
             points = [self.representation.of_recordings(member, each) for each in readings]
             self._points[member] = np.concatenate(points)
-        return self._points[member], numbers
+        return self._points[member], np.arange(len(self.labels))
 
     def of_sets(self, member: str, size: int) -> tuple[np.ndarray, np.ndarray]:
         """Points (M, F) that a member reads of view sets, and the recording (M,) of each."""

@@ -91,8 +91,7 @@ class SupportVectors(Kernel):
         points, labels = sampled(points, labels, seed)
         spread = float(points.var()) * points.shape[1]
         kernel = self.centred(points, 1 / spread if spread else 1.0).kernel(points)
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "The number of unique classes")  # many objects of two recordings each
+        with warnings.catch_warnings(action="ignore", category=UserWarning):  # of many objects of two recordings each
             machines = SVC(C=C, kernel="precomputed", cache_size=500).fit(kernel, labels)
         self.classes = machines.classes_
         self.class_of = np.repeat(np.arange(len(self.classes)), machines.n_support_)
@@ -134,10 +133,9 @@ class NormalisedVectors(SupportVectors):
         points, labels = sampled(points, labels, seed)
         self.mean, self.spread, self.within = points.mean(axis=0), points.std(axis=0), np.ones(points.shape[1])
         self.spread[~(self.spread > ROUNDING * np.abs(points).max(axis=0))] = 1
-        squashed, squares = self._normalised(points), 0.0
-        classes, place = np.unique(labels, return_inverse=True)
-        for number in range(len(classes)):
-            squares = squares + squashed[place == number].var(axis=0) * (place == number).sum()
+        squashed, classes = self._normalised(points), np.unique(labels)
+        parts = [squashed[labels == label] for label in classes]
+        squares = np.sum([part.var(axis=0) * len(part) for part in parts], axis=0)
         self.within = np.maximum(np.sqrt(squares / max(len(points) - len(classes), 1)), LEAST_WITHIN)
         return super().fit(self._normalised(points), labels, seed)
 
