@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.files import all_below, md5, new_files, readable, root, write_file
+from tactile_viewgcn.files import all_below, md5, new_files, readable, write_file
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.training.checkpoint import write_tensors
 from tests.full_disk import room_for
@@ -122,13 +122,6 @@ def test_a_folder_that_cannot_be_read_is_no_empty_one(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "scandir", refused)
     with pytest.raises(PermissionError, match="denied"):
         all_below(tmp_path)
-
-
-def test_the_root_is_that_of_dvc_in_a_temporary_workspace_of_it(tmp_path, monkeypatch):
-    monkeypatch.setenv("DVC_ROOT", str(tmp_path))
-    assert root() == tmp_path
-    monkeypatch.delenv("DVC_ROOT")
-    assert root() == Path.cwd()
 
 
 def test_what_a_killed_run_has_left_is_overwritten_and_a_link_is_not_followed(tmp_path):
