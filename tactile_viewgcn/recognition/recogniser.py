@@ -94,10 +94,7 @@ class Recogniser:
             if len(excess):
                 shares = np.exp(self.content.answer(self.classifier, excess), dtype=np.float32)
             if not np.isfinite(shares).all():
-                fault = (
-                    fault
-                    or "the model's answer is not finite: was its file altered? expected probabilities; train it again"
-                )
+                fault = fault or "the model's answer is not finite; expected probabilities: train it again"
             if fault:
                 faults[str(path if path.is_file() and len(index_of) == 1 else path / name)] = fault
             answers.append(Answer(shares, len(excess), len(index), name, label))

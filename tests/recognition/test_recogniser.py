@@ -9,7 +9,6 @@ import torch
 from scipy.special import softmax
 
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.nn.network import spread_frames
 from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.estimator import train
 from tactile_viewgcn.recognition.model_file import FittedPreprocessing, build_classifier, save_classifier
@@ -46,11 +45,6 @@ def test_a_recording_is_answered_by_all_its_frames_in_contact(name, held):
         assert (answer.probabilities == np.float32(1 / 3)).all()
 
 
-@pytest.mark.parametrize(("count", "views", "expected"), [(8, 4, [1, 3, 5, 7]), (2, 4, [0, 0, 1, 1]), (7, 1, [3])])
-def test_frames_are_spread_evenly(count, views, expected):
-    np.testing.assert_array_equal(spread_frames(count, views), expected)
-
-
 @pytest.mark.parametrize(
     "counts, message",
     [
@@ -58,7 +52,6 @@ def test_frames_are_spread_evenly(count, views, expected):
         (np.full((5, *SHAPE), 0.5), "counts: holds 0.5; .*-32768 to 32767"),
         (np.full((5, *SHAPE), 40_000), "counts: holds 40000; .*-32768 to 32767"),
         (np.full((5, *SHAPE), 2**31, np.uint32), r"counts holds 2.14748e\+09 in frame 0, .* to 2.14748e\+09"),
-        (np.full((5, *SHAPE), np.inf, np.float16), "counts holds inf in frame 0, row 0, column 0"),
     ],
 )
 def test_a_different_layout_or_type_and_numbers_that_are_not_finite_are_refused(counts, message):
