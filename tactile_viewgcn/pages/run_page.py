@@ -186,9 +186,9 @@ def report_lines(run: FinishedRun, page: str) -> list[str]:
     errors = {NEW_SESSION if metrics["new_sessions"] else "a new recording": metrics[WHOLE]["error"]}
     errors |= {NEW_SESSION: metrics["new_session"]["error"]} if "new_session" in metrics else {}
     lines = [f"error for {each}: {percent_interval(e['mean'], e['low'], e['high'])} %" for each, e in errors.items()]
-    what, command = next_steps(outcome)[0]
+    what, command = next(step for step in next_steps(outcome) if step[1])
     lines[0] += f"; guessing: {percent(outcome.chance)}"
-    return [*lines, outcome.verdict().answer, page, f"next: {what}", *filter(None, command.split("\n"))]
+    return [*lines, outcome.verdict().answer, page, f"next: {what}", *command.split("\n")]
 
 
 def run_page(run: FinishedRun) -> str:
