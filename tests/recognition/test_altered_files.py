@@ -31,8 +31,6 @@ CASES = {
     "a pickle as an array": ("trees", f"{ESTIMATOR}/left", Code(), "UnpicklingError"),
     "a key missing": ("trees", "scale", ABSENT, "scale"),
     "a key too many": ("trees", "code", "x", "code"),
-    "an array missing": ("trees", f"{ESTIMATOR}/roots", ABSENT, "roots"),
-    "no member": ("trees", "learnt/whole", {}, "altered"),
     "a different member": ("kernel", "model/members", ["trees"], "altered"),
     "a baseline that no count reaches": ("trees", "preprocessing/baselines", {"": torch.full(SHAPE, -1e30)}, "again"),
     "a width that would fill the memory": ("mvcnn", "model/backbone/width", 1_000_000, "1000000"),
@@ -70,22 +68,21 @@ def refused(path: Path) -> str:
     return line
 
 
-#: finite values of the wrong size, of a whole array; then other values, of all or of a row
-ABSURD = (lambda array: 0 * array), (lambda array: array + 1e20), (lambda array: -array)
-OTHER = (
-    lambda array, rng: 1e30 * array,
+#: other values of an array, of all or of a row
+CHANGES = (
+    lambda array, rng: 0 * array,
+    lambda array, rng: -1e30 * array,
     lambda array, rng: array * np.nan,
     lambda array, rng: array.ravel()[rng.permutation(array.numel())].reshape(array.shape),
     lambda array, rng: array.index_fill(0, torch.tensor(rng.integers(len(array))), -7) if array.ndim else -7 * array,
 )
 
 
-def places_of(part, place="", real=False):
-    """The places of all tensors in a file's content, or of those of real numbers."""
+def places_of(part, place=""):
+    """The places of all tensors in a file's content."""
     if isinstance(part, torch.Tensor):
-        return [place.removeprefix("/")] * (part.is_floating_point() or not real)
-    parts = part.items() if isinstance(part, dict) else []
-    return [each for key, value in parts for each in places_of(value, f"{place}/{key}", real)]
+        return [place.removeprefix("/")]
+    return [each for key in part for each in places_of(part[key], f"{place}/{key}")] if isinstance(part, dict) else []
 
 
 def asked(path):
@@ -98,26 +95,12 @@ def asked(path):
         assert len(str(error).splitlines()) == 1
 
 
-@pytest.mark.parametrize(("system", "most"), [("kernel", 0.05), ("svm", 0.05)])
-def test_absurd_numbers_are_refused_in_one_line_where_they_change_answers(tmp_path, system, most):
-    """All arrays that its whole recordings are answered by; the examples do not measure contact, and so `noise`."""
-    path = tmp_path / "classifier.pt"
-    places = places_of(torch.load(altered(path, system, "precision", "float32"), weights_only=True), real=True)
-    expected, wrong = asked(path), []
-    for place in set(places) - {"preprocessing/noise"}:
-        for number, change in enumerate(ABSURD):
-            answers = asked(altered(path, system, place, change))
-            changed = np.abs(np.subtract(answers, expected))[:2].max() if answers else 0
-            wrong += [(place, number)] * bool(changed > most)
-    assert wrong == []
-
-
 @pytest.mark.parametrize("system", ["kernel", "svm", "trees", "convolutions", "mvcnn"])
 def test_an_altered_array_is_refused_in_one_line_or_has_finite_answers(tmp_path, system):
     path, rng = tmp_path / "classifier.pt", np.random.default_rng(0)
     places = places_of(torch.load(altered(path, system, "precision", "float32"), weights_only=True))
     for place in rng.permutation(places)[:10]:
-        for change in OTHER:
+        for change in CHANGES:
             answers = asked(altered(path, system, place, lambda array, change=change: change(array, rng)))
             assert answers is None or np.isfinite(answers).all(), place
 

@@ -13,7 +13,7 @@ from sklearn.model_selection import GridSearchCV, StratifiedGroupKFold
 
 from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.messages import UserError
-from tests.glove_data import OBJECTS, SHAPE, recording
+from tests.glove_data import OBJECTS, recording
 
 RAW = {
     "preprocess.baseline": "grasp",
@@ -154,17 +154,6 @@ def test_a_column_that_is_left_out_of_data_frames_is_not_asked_for():
     expected = TactileClassifier(system="svm").fit(np.array(X)[..., :2], y).predict_proba(np.array(X)[..., :2])
     np.testing.assert_array_equal(classifier.predict_proba(frames), expected)
     assert classifier.recogniser_.preprocessing.channel_names == ["a", "b"]
-
-
-def test_an_offset_that_predicts_the_object_is_warned_of_as_by_preprocess():
-    """Each object's recordings have an offset of their own, also while the hand is open."""
-    X, y = grasps(6)
-    offsets = {name: np.random.default_rng(number).integers(-30, 30, SHAPE) for number, name in enumerate(OBJECTS)}
-    shifted = [(counts + offsets[name]).astype(np.int16) for counts, name in zip(X, y, strict=True)]
-    empty = [counts[:OPEN] for counts in X[::3]]
-    with pytest.warns(UserWarning, match="without contact"):
-        classifier = made({"preprocess.baseline": "empty_hand"}).fit([*shifted, *empty], [*y, *["empty_hand"] * 6])
-    assert any(note.topic == "leak check" and note.level == "warning" for note in classifier.notes_)
 
 
 def test_columns_of_a_dataframe_that_are_called_time_index_or_label_are_left_out_and_sensors_keep_their_order():
