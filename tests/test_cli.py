@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.params import preset_changes, presets
-from tests.readers.files import record, save
+from tests.readers.files import save
 
 ROOT = Path(__file__).parents[1]
 
@@ -33,13 +33,6 @@ def glove(folder, *names, number=2, shape=(20, 4, 4)):
     for path in (folder / name / f"{i}.npy" for name in names for i in range(number)):
         save(path, rng.integers(500, 530, shape, dtype=np.int16))
     return folder
-
-
-def test_a_mistake_in_a_source_is_one_line(tmp_path):
-    record(tmp_path / "a.h5", pressure=np.full((3, 2, 2), np.nan))
-    result = call("inspect", tmp_path)
-    assert "recording a is nan" in refused(result) and not result.stdout
-    assert call("inspect", "nowhere").stderr.startswith("Error: nowhere: no such file")
 
 
 def test_inspect_takes_the_folder_that_it_is_called_in_and_hands_the_layout_of_arrays_on_to_the_command(tmp_path):

@@ -41,13 +41,6 @@ def test_the_three_best_follow_the_logits_and_ties_go_to_the_lowest_class():
     assert result.best.tolist() == [[[4, 0, 1]] * 5] * 2 and result.labels.tolist() == [0, 1, 2, 3, 4]
 
 
-def test_the_classifier_sees_the_values_of_each_view_set():
-    labels, anchors = np.repeat([2, 0, 1], 8), np.arange(0, 24, 5)
-    table = frames_of(labels, anchors=anchors)
-    result = run(lambda nodes: nodes.mean(axis=1), table, np.eye(3)[labels], views=4)
-    assert result.best[..., 0].tolist() == [labels[::5].tolist()] * 2
-
-
 def test_each_recording_is_answered_once_from_its_frames_in_their_order():
     """Of 3 and 6 frames and 1; that of two split groups is two."""
     recording, answers = np.repeat([0, 1, 2], [3, 6, 1]), np.array([[2.0, 1.9, 0.0], [0.0, 1.9, 2.0], [2.0, 2.0, 2.0]])

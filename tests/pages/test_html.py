@@ -1,6 +1,5 @@
 """HTML pages: texts are escaped, and no request leaves a page."""
 
-import base64
 import re
 from html import unescape
 from types import SimpleNamespace
@@ -10,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.pages.html import Verdict, duration, environment, svg, write
+from tactile_viewgcn.pages.html import Verdict, environment, write
 
 NASTY = '<script>alert("x")</script> & "Öl" 気'
 PAGE = """{% extends "page.html" %}
@@ -66,12 +65,6 @@ def test_a_page_names_no_address_but_its_own_parts_and_forbids_requests():
     assert "http://" not in text and "url(" not in text
 
 
-def test_a_picture_is_an_svg_with_its_letters_as_text():
-    image = base64.b64decode(svg(drawn("Öl 気 $x$")).partition("base64,")[2]).decode()
-    assert ">Öl 気 $x$</text>" in image and "<script" not in image
-    assert svg(drawn()) == svg(drawn()), "equal pictures give equal pages"
-
-
 def test_a_page_takes_the_place_of_a_page_and_of_no_other_text(tmp_path):
     path = tmp_path / "page.html"
     for text in ("first", "second"):
@@ -82,8 +75,3 @@ def test_a_page_takes_the_place_of_a_page_and_of_no_other_text(tmp_path):
         with pytest.raises(UserError, match=r"page\.html: "):
             write(path, page_of("third"))
         assert path.read_text("utf-8") == text
-
-
-@pytest.mark.parametrize(("seconds", "text"), [(3.74, "3.7 s"), (119.7, "2 min 0 s"), (3599.6, "1 h 0 min")])
-def test_seconds_are_carried(seconds, text):
-    assert duration(seconds) == text

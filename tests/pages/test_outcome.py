@@ -108,14 +108,6 @@ def test_a_warning_comes_first_with_the_remedies_that_are_values(elsewhere):
         assert steps[0].startswith("Mend") and lines.split("\n")[0] == command
 
 
-def test_the_weights_are_those_of_the_notes_and_the_members_are_those_that_have_any():
-    values = [{"member": "kernel", "weight": 1.2, "error": 0.2}, {"member": "svm", "weight": 0, "error": 0.19}]
-    notes = [Note("", topic="members", value=value) for value in values]
-    chosen = Note("because", "choice", key="model.members", value=["kernel"])
-    run = finished(RIGHT, notes=[*notes, chosen], model_members="auto")
-    assert Outcome(run).weights == values and Outcome(run).members == ["kernel"]
-
-
 DOUBTS = [(10, 0.25, 0.25, "good"), (9, 0.2, 0, "unsure"), (10, 0.3, 0, "unsure"), (10, 0.2, 0.26, "unsure")]
 
 
