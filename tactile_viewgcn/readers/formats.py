@@ -128,9 +128,7 @@ def read_files(path: Path, files: list[Path], form: Form, unread: list[Path]) ->
     def whole(group: list[Path]) -> list[Recording]:
         """The recordings in one file, or the one in files that are joined."""
         if len(group) < (most := max(map(len, groups.values()))):
-            raise UserError(
-                f"{group[0]}: {len(group)} of {most} files by PART; to join none, {setting('data.layout=auto')}"
-            )
+            raise UserError(f"{group[0]}: {len(group)} of {most} files by PART; {setting('data.layout=auto')}")
         recordings = {group[0]: opened(group[0])}
         for file in group[1:]:
             with reading(file):
