@@ -35,7 +35,8 @@ def predict(model: str, source: str, form: Form, *, csv_path: Path | None, echo:
     recogniser = load_model(model)
     classes, calibrated = recogniser.classes, "calibrated" if recogniser.calibrated else "not calibrated"
     echo(f"model: {recogniser.system}, {several(len(classes), 'class', 'classes')}; probabilities are {calibrated}")
-    form = replace(form, shape=recogniser.shape if form.shape == "auto" else form.shape, labelled=False)
+    is_whole = form.shape == "auto" and "PART" not in form.layout  # a file alone has fewer sensors
+    form = replace(form, shape=recogniser.shape if is_whole else form.shape, labelled=False)
     with recordings_of(source, form) as recordings:
         notes = [*warnings_of(recordings.notes), *without_frames(recordings)]
         answers, more = recogniser.answer_table(recordings)

@@ -13,6 +13,7 @@ from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.recognition.prediction import load_model
 from tests.glove_data import OBJECTS, empty_hand, model_file, recording, write
 from tests.mlflow_stores import fresh_store
+from tests.readers.files import save
 
 
 @pytest.fixture
@@ -46,6 +47,14 @@ def test_unlabelled_recordings_have_a_line_each(place):
     assert last == "answers: 3 with an object" and errs.startswith("how often it errs")
     uncalibrated = call(model_file(place / "full.pt", "model.system=mvcnn"), place / "new")[0]
     assert uncalibrated == "model: mvcnn, 3 classes; probabilities are not calibrated"
+
+
+def test_recordings_in_two_files_are_answered_as_whole_ones(place):
+    for number, name in enumerate(OBJECTS):
+        for hand, half in zip(("left", "right"), np.split(recording(name, 80 + number), 2, axis=2), strict=True):
+            save(place / "halves" / f"{number}_{hand}.npy", half)
+    whole = call(place / "classifier.pt", place / "new")
+    assert call(place / "classifier.pt", place / "halves", "--set", "data.layout=OBJECT/FILE_PART") == whole
 
 
 def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(place):
