@@ -3,16 +3,17 @@
 import errno
 import hashlib
 import os
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from tactile_viewgcn.messages import UserError
 
 NO_ROOM = errno.ENOSPC, errno.EDQUOT, errno.EFBIG  # on the disk, for this user, or in one file
-PART = ".unfinished"  # ending of a file or folder that is being written
+PART = ".unfinished"  # beginning of the name of a hidden folder in which files are written
+MOST_READ = 100_000_000  # bytes of a page or a table of ours
 _md5 = partial(hashlib.md5, usedforsecurity=False)
 LEFT_BEHIND = ("__MACOSX", "Thumbs.db", "desktop.ini")  # by programs that look into a folder or pack it
 VIDEO_SUFFIX = ".jpg"  # STAG's folders hold gigabytes of video frames too, which no reader reads
@@ -31,7 +32,8 @@ def write_file(path: str | Path, content: str | bytes, is_own: Callable[[str], b
     """
     path = Path(path)
     _check_place(path)
-    if is_own and path.exists() and not is_own(path.read_text("utf-8", errors="replace")):
+    size = path.stat().st_size if is_own and path.exists() else 0
+    if size > MOST_READ or (is_own and size and not is_own(path.read_text("utf-8", errors="replace"))):
         raise UserError(f"{path}: a file that this command has not written; remove it or name another")
     with new_files(path.parent, path.name) as part:
         (part / path.name).write_bytes(content.encode() if isinstance(content, str) else content)
@@ -42,45 +44,47 @@ def new_files(folder: str | Path, name: str = "") -> Iterator[Path]:
     """An empty folder whose files take their places in `folder` at the end of the block; after an error none does.
 
     The files are synced first. All old ones of the same names go before the first new one comes, so that files of two
-    runs never lie side by side; others stay. What a killed run has left is removed. A library that hides a full disk's
-    error, as torch.save does, has to write into memory.
+    runs never lie side by side; others stay. What a killed run leaves is a hidden folder, `.unfinished...`. A library
+    that hides a full disk's error, as torch.save does, has to write into memory.
 
     Args:
-        name: of the only file, so that several programs may write into the folder at once.
+        name: of the only file, which takes the old one's place at once.
 
     Raises:
         UserError: where a file belongs is a link, folder, named pipe, socket or device.
         OSError: there is no room, or `folder` is none.
     """
     folder = Path(folder)
-    is_new = not (name or folder.exists())
-    part = folder.with_name(folder.name + PART) if is_new else folder / f"{name}{PART}"
-    shutil.rmtree(part, ignore_errors=True)
-    part.mkdir(parents=True)
     try:
-        yield part
-        places = {file: folder / file.relative_to(part) for file in part.rglob("*") if file.is_file()}
-        for file, place in places.items():
-            _check_place(place)
-            with file.open("rb+") as stream:
-                os.fsync(stream)  # some file systems learn only here that a disk is full
-        for place in () if name else places.values():  # one file takes the old one's place at once
-            place.unlink(missing_ok=True)
-        for file, place in ({part: folder} if is_new else places).items():
-            place.parent.mkdir(parents=True, exist_ok=True)
-            file.rename(place)
+        (folder if name else folder.parent).mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(prefix=PART, dir=folder if folder.exists() else folder.parent) as hidden:
+            (part := Path(hidden, "new")).mkdir()  # with the usual permissions
+            yield part
+            files = [file for file in part.rglob("*") if file.is_file()]
+            for file in files:
+                with file.open("rb+") as stream:
+                    os.fsync(stream)  # some file systems learn only here that a disk is full
+            if not folder.exists():
+                part.rename(folder)
+                return
+            places = [folder / file.relative_to(part) for file in files]
+            for place in places:
+                place.parent.mkdir(parents=True, exist_ok=True)
+                _check_place(place)
+            for place in () if name else places:
+                place.unlink(missing_ok=True)
+            for file, place in zip(files, places, strict=True):
+                file.rename(place)
     except OSError as error:
         if error.errno not in NO_ROOM:
             raise
-        raise OSError(error.errno, f"{error.strerror}; make room", str(folder / name)) from error
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
+        raise OSError(error.errno, f"{error.strerror}; make room", error.filename or str(folder / name)) from error
 
 
 def _check_place(place: Path) -> None:
     """Refuse to replace anything but a plain file."""
     if place.is_symlink():
-        raise UserError(f"{place}: a link; name the file that it leads to, or another")
+        raise UserError(f"{place}: a link; name another file, or if DVC has made it: dvc unprotect {place}")
     check_is_file(place)
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from tactile_viewgcn.evaluation.evaluate import Evaluation
 from tactile_viewgcn.evaluation.trials import ASKED, PROTOCOLS, WHOLE, write_predictions
-from tactile_viewgcn.files import readable
+from tactile_viewgcn.files import new_files, readable
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import NEW_SESSION, csv_text, several
 from tactile_viewgcn.params import VIRTUAL
@@ -81,9 +81,7 @@ def write_results(folder: Path, evaluation: Evaluation, timing: dict[str, Any]) 
     """
     predictions, metrics = evaluation.predictions, evaluation.metrics
     classes = predictions.classes.tolist()
-    write_predictions(folder / "predictions.npz", predictions)
-    for name, tree in (("metrics", metrics), ("timing", timing), ("summary", summary(metrics, timing))):
-        (folder / f"{name}.json").write_text(json.dumps(tree, indent=2) + "\n")
+    trees = {"metrics": metrics, "timing": timing, "summary": summary(metrics, timing)}
     tables: dict[str, list[list]] = {
         "trials": [["protocol", "trial", "error"]],
         "views": [["protocol", "views", "error", "low", "high"]],
@@ -101,8 +99,12 @@ def write_results(folder: Path, evaluation: Evaluation, timing: dict[str, Any]) 
             tables["confusion"] += [[asked, name, *pair] for pair in zip(classes, counts, strict=True)]
             if answers:
                 tables["per_class"].append([asked, name, answers, 1 - counts[label] / answers])
-    for name, rows in tables.items():
-        (folder / f"{name}.csv").write_text(csv_text(rows), "utf-8", newline="")
+    with new_files(folder) as part:
+        write_predictions(part / "predictions.npz", predictions)
+        for name, tree in trees.items():
+            (part / f"{name}.json").write_text(json.dumps(tree, indent=2) + "\n")
+        for name, rows in tables.items():
+            (part / f"{name}.csv").write_text(csv_text(rows), "utf-8", newline="")
 
 
 def row_tags_parameters_metrics(
