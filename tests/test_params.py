@@ -203,7 +203,7 @@ def test_batches_of_one_from_which_batch_normalisation_learns_nothing_are_refuse
         ("1e-3", '"1e-3"'),
         (150.0, "150.0"),
         (["ball", "a b", 3], '["ball","a b",3]'),
-        (["pressure:emg", "time:t [s]"], '["pressure:emg","time:t [s]"]'),
+        (["pressure:emg", "time:t, [s]"], '["pressure:emg","time:t, [s]"]'),
     ],
 )
 def test_a_change_is_read_back_the_same_by_params_yaml_and_by_dvc_s_own_parser(value, text):

@@ -95,6 +95,9 @@ def choose(recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, g
         chosen["scale"] = _scale(contact_readings(training, states, baseline))
     params = replace(asked, **{key: value for key, (value, _) in chosen.items()})
     notes = [Note(text, "choice", key, f"preprocess.{key}", value) for key, (value, text) in chosen.items()]
+    if kind == "grasp" and states.all_contact:
+        text = "even the quietest frames are contact, so grasp subtracts signal: set preprocess.baseline to auto"
+        notes.append(Note(text, "warning", "baseline", "preprocess.baseline", "auto"))
     notes += [leak_note(leak, advised=kind != "grasp")] if leak else []
     notes += column_notes(training)
     return Choice(params, states, baseline, leak, notes)

@@ -1,11 +1,14 @@
 """Columns that are no sensor, as a clock or the number of a recording, by how they move and what they predict."""
 
+from shlex import quote
+
 import numpy as np
 import pandas as pd
 
 from tactile_viewgcn.frames.leak import QuickError, quick_error
 from tactile_viewgcn.messages import Note, listed
 from tactile_viewgcn.readers.source import LEAVE_OUT
+from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
@@ -17,10 +20,10 @@ ALIKE = 1.1  # times the lowest frame rate, below which all are alike
 def column_notes(recordings: Recordings) -> list[Note]:
     """Warnings of columns that move as no sensor does, and of frame rates that predict the objects.
 
-    Such a column is constant within every recording where others vary, as the number of a person, or rises by even
-    steps, as a clock. And its beginnings, which differ by more than it goes within a recording, predict the objects of
-    held-out recordings; or its range is far wider than the others'. A finger that stays bent trembles, and one that
-    closes evenly begins about alike in all recordings: neither is such a column.
+    Such a column is constant within every recording where others vary, as the number of a person, or rises, or falls,
+    by even steps, as a clock. And its beginnings, which differ by more than it goes within a recording, predict the
+    objects of held-out recordings; or its range is far wider than the others'. A finger that stays bent trembles, and
+    one that closes evenly begins about alike in all recordings: neither is such a column.
     """
     of_recording = np.array([index[0] for index in frames_by_recording(recordings)])
     label, usable = recordings.columns["object"][of_recording], ~recordings.empty_hand[of_recording]
@@ -38,12 +41,13 @@ def column_notes(recordings: Recordings) -> list[Note]:
             reason = f"its range is {times[column]:.2g} times the others'"
             if error:
                 reason = f"error by its beginning alone {100 * error.error:.1f} %, chance {100 * error.chance:.1f} %"
-            kind = "rises by even steps" if moves[column] else "is constant in each recording"
+            kind = "moves by even steps" if moves[column] else "is constant in each recording"
             odd[names[column]] = f"{names[column]} {kind} ({reason})"
     if odd:
         left_out = [LEAVE_OUT + name for name in odd if name in recordings.channel_names]
-        remedy = f"[{', '.join(left_out)}]" if left_out else f"[{LEAVE_OUT}NAME], once it has a name in the files"
-        text = f"A clock, number or label is no sensor: {listed([*odd.values()], '; ')}. Set data.columns to {remedy}."
+        remedy = f"{quote(as_change('data.columns', left_out or [f'{LEAVE_OUT}NAME']))}, beside what it lists already"
+        remedy += ", once it has a name in the files" * (not left_out)
+        text = f"A clock, number or label is no sensor: {listed([*odd.values()], '; ')}. Set {remedy}."
         notes.append(Note(text, "warning", "columns", "data.columns" if left_out else "", left_out or None))
     rates = np.array([*frame_rates(recordings.columns["time"], recordings.columns["recording"]).values()])
     by_rate = predicting(rates) if len(rates) == len(label) and rates.max() > ALIKE * rates.min() else None
@@ -62,21 +66,23 @@ def _motions(recordings: Recordings) -> tuple[np.ndarray, ...]:
     Returns:
         The number of steps that are not 0, (S,); by how many times the range exceeds that of the median sensor, (S,),
         and whether beginnings differ by more than a recording's mean from its beginning, bool (S,): both 0 unless
-        almost all steps are like the usual one of their recording, and where all sensors move so; the first reading
+        almost all steps are like their recording's usual one, of one sign, and where all sensors move so; first reading
         (R, S).
     """
     live, readings = recordings.live_counts(), list[np.ndarray]()
-    moves, uneven = np.zeros((2, int(recordings.live.sum())), dtype=np.int64)
+    moves, uneven, rising, falling = np.zeros((4, int(recordings.live.sum())), dtype=np.int64)
     for index in frames_by_recording(recordings):
         counts = live[index].astype(np.float64)
         columns = np.flatnonzero(uneven <= moves / 2)  # the others are clearly sensors
         steps = np.diff(counts[:, columns], axis=0)
-        usual = pd.DataFrame(np.where(steps, steps, np.nan)).median().to_numpy()  # below 0 all are uneven: clocks rise
+        usual = pd.DataFrame(np.where(steps, steps, np.nan)).median().to_numpy()
+        rising[columns] += usual > 0
+        falling[columns] += usual < 0
         moves[columns] += np.count_nonzero(steps, axis=0)
-        uneven[columns] += ((np.abs(steps - usual) > usual / 2) & (steps != 0)).sum(axis=0)
+        uneven[columns] += ((np.abs(steps - usual) > np.abs(usual) / 2) & (steps != 0)).sum(axis=0)
         readings.append(np.stack([counts[0], counts.mean(axis=0), counts.min(axis=0), counts.max(axis=0)]))
     first, mean, low, high = np.stack(readings, axis=1)
-    even = uneven <= UNEVEN * moves
+    even = (uneven <= UNEVEN * moves) & (np.minimum(rising, falling) == 0)
     even &= not even.all()
     width = high.max(axis=0) - low.min(axis=0)
     differs = np.median(np.abs(mean - first), axis=0) <= first.std(axis=0)

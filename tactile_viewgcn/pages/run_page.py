@@ -148,6 +148,8 @@ def next_steps(outcome: Outcome) -> list[tuple[str, str]]:
     if outcome.warnings:
         unheeded = (note for note in outcome.warnings if note.key in params)
         remedies = {note.key: note.value for note in unheeded if note.value not in (None, params[note.key])}
+        if columns := remedies.get("data.columns"):
+            remedies["data.columns"] = [*params["data.columns"], *columns]
         command = again(changed | remedies) if remedies else ""
         steps.append(("Mend the causes of the warnings, and run again.", command))
     if outcome.uncertain:

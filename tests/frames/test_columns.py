@@ -25,7 +25,8 @@ NO_SENSORS = {
     "milliseconds since 1970": 1.7e12 + (STARTED + N) * 33, "clock that jitters": STARTED + N + tremble(0.15),
     "clock of two days": OF_DAY + N, "clock with a gap in each": STARTED + N + 90 * (N > 17),
     "clock that restarts in some": STARTED + N - 5000 * ((R % 5 == 2) & (N > 30)),
-    "clock in bursts": STARTED + 8 * (N // 8), "seconds": (STARTED + N) // 30, "minutes": (STARTED + N) // 1800,
+    "clock in bursts": STARTED + 8 * (N // 8), "countdown": -(STARTED + N) / 30,
+    "seconds": (STARTED + N) // 30, "minutes": (STARTED + N) // 1800,
 }  # fmt: skip
 MIXED = 100.0 * np.random.default_rng(1).permutation(24)[:, None]
 WIDE = {"clock of mixed objects": MIXED + N, "number of mixed objects": MIXED + 0 * N}

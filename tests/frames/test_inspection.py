@@ -65,6 +65,8 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(tmp_p
     assert chosen == {"baseline", "filter", "contact_sensors", "scale"} | ({"zero"} & settings.keys())
     if name == "all contact":  # every frame is kept as it is
         np.testing.assert_array_equal(made.frames.inputs(np.arange(160), "counts"), made.frames.counts)
+        (note,) = warnings_of(preprocessed(page.recordings, *changes, "preprocess.baseline=grasp").notes)
+        assert (note.key, note.value) == ("preprocess.baseline", "auto") and "subtracts signal" in note.text
     if write is floats:
         assert sorted(page.recordings.objects) == sorted(FOREIGN_NAMES)
         assert page.recordings.sessions == ["Übung 1", "Übung 2"]
@@ -78,13 +80,15 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(tmp_p
 def test_the_line_leaves_out_the_columns_that_are_warned_of_beside_what_the_user_has_said(tmp_path):
     rng = np.random.default_rng(0)
     for number in range(18):
-        columns = {"tick": np.arange(40) + 300 * number, "no [of trial]": number, "place": 0}
+        columns = {"tick": np.arange(40) + 300 * number, "no, [of trial]": number, "place": 0}
         columns |= {name: rng.normal(500, 9, 40) for name in ("s1", "s2", "s3")}
         save(tmp_path / "glove" / "abc"[number // 6] / f"{number}.csv", pd.DataFrame(columns).to_csv(index=False))
     form = Form(columns=["session:place"])
     page = inspect_source(tmp_path / "glove", form)
     (note,) = (note for note in page.remarks if note.key == "data.columns")
-    assert note.value == ["leave_out:tick", "leave_out:no [of trial]"]
+    assert note.value == ["leave_out:tick", "leave_out:no, [of trial]"]
+    change = next(word for word in shlex.split(note.text) if word.startswith("data.columns="))
+    assert load(FILE, [change.rstrip(",")]).data.columns == note.value
     words = shlex.split(" ".join(command_lines(page)).replace("\\ ", ""))
     data = load(FILE, [words[i + 1] for i, word in enumerate(words) if word == "-S"]).data
     assert data.columns == [*form.columns, *note.value]

@@ -95,15 +95,14 @@ def test_verdict_and_steps_follow_from_error_interval_and_split(
 
 
 def test_a_warning_comes_first_with_the_remedies_that_are_values(elsewhere):
-    line = f"dvc exp run -S views=4 -S 'data.source=\"{elsewhere}/my glove\"' -S preprocess.baseline=grasp"
+    line = f"dvc exp run -S views=4 -S 'data.columns=[\"time:t\"]' -S 'data.source=\"{elsewhere}/my glove\"'"
+    beside, line = line.replace(':t"', ':t","leave_out:my clock, s"'), f"{line} -S preprocess.baseline=grasp"
     other = Note("the table is damaged", "warning", "objects", stage="preprocess")
     done = replace(LEAK, key="views", value=4)  # the run has the remedy already
-    for note, command in (
-        (LEAK, line),
-        (other, ""),
-        (done, ""),
-    ):
-        judged, steps, lines = advice(finished(RIGHT, notes=[note, Note("remark", stage="preprocess")], views=4))
+    clock = replace(LEAK, key="data.columns", value=["leave_out:my clock, s"])
+    changes = {"views": 4, "data_columns": ["time:t"]}
+    for note, command in ((LEAK, line), (other, ""), (done, ""), (clock, beside)):
+        judged, steps, lines = advice(finished(RIGHT, notes=[note, Note("remark", stage="preprocess")], **changes))
         assert judged.kind == "unsure" and "1 warning below puts it in doubt." in judged.reasons
         assert steps[0].startswith("Mend") and lines.split("\n")[0] == command
 
