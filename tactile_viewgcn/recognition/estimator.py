@@ -115,6 +115,8 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         check_is_fitted(self, "recogniser_")
         recogniser, names = self.recogniser_, list(map(str, self.classes_))
         recordings = self._recordings(X)
+        if isinstance(X, np.ndarray) and X.shape[1:] == recogniser.shape:
+            raise UserError(f"X {X.shape} is one recording; expected a list: [X], or [*X] of single frames")
         answers, notes = recogniser.answer_recordings(recordings)
         none = [answer.recording for answer in answers if not answer.contact and EMPTY_HAND not in recogniser.classes]
         texts = [note.text for note in warnings_of(notes)]
