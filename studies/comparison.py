@@ -154,8 +154,9 @@ def with_seconds(rows: pd.DataFrame) -> pd.DataFrame:
 def pareto_front(costs: np.ndarray, errors: np.ndarray) -> np.ndarray:
     """Indices of the points that no other point beats in cost or error without losing in the other, cheapest first.
 
-    Of points that are equal in both all belong to the front.
+    Of points that are equal in both all belong to the front; a point without one of the two numbers, NaN, does not.
     """
     points = np.stack([costs, errors], axis=1)
     beaten = [((points <= one).all(axis=1) & (points < one).any(axis=1)).any() for one in points]
-    return (order := np.lexsort((errors, costs)))[~np.array(beaten, dtype=bool)[order]]
+    outside = np.array(beaten, dtype=bool) | np.isnan(points).any(axis=1)
+    return (order := np.lexsort((errors, costs)))[~outside[order]]

@@ -100,7 +100,7 @@ def test_other_view_sets_are_not_compared():
 
 
 def test_the_pareto_front_holds_what_nothing_beats():
-    costs, errors = np.array([4.0, 1.0, 2.0, 3.0, 2.0, 2.0]), np.array([10.0, 40.0, 20.0, 20.0, 30.0, 20.0])
+    costs, errors = np.array([[4, 1, 2, 3, 2, 2, np.nan, 0], [10, 40, 20, 20, 30, 20, 0, np.nan]])
     assert pareto_front(costs, errors).tolist() == [1, 2, 5, 0]  # one point and its exact twin
 
 
