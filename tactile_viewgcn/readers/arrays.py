@@ -77,13 +77,13 @@ def recording_of(file: Path, arrays: Mapping[str, Any], form: Form) -> Recording
 
     Frames that read NaN are dropped if `valid` says that nothing is held. A UserError names what the file lacks.
     """
-    is_hdf5, attributes = isinstance(arrays, h5py.File), dict(getattr(arrays, "attrs", {}))
+    is_hdf5, attributes = isinstance(arrays, h5py.File), getattr(arrays, "attrs", {})
     kinds = {*(DATASETS if is_hdf5 else DATASETS[:1]), *ATTRIBUTES}.difference(form.left_out)
     in_file = {kind: kind for kind in kinds} | form.names
     large = [] if is_hdf5 else [name for name in arrays if sum(size > 1 for size in np.shape(arrays[name])) > 1]
     if "pressure" not in form.names and len(large := [name for name in large if name not in form.left_out]) == 1:
         in_file["pressure"] = large[0]
-    names = {kind: _text(attributes[name]) for kind in ATTRIBUTES if (name := in_file.get(kind)) in attributes}
+    names = {kind: _text(attributes[in_file[kind]]) for kind in ATTRIBUTES if in_file.get(kind, " ") in attributes}
     values = {kind: each for kind in DATASETS if (each := arrays.get(in_file.get(kind, ""))) is not None}
     for kind in ("pressure", *form.names):
         if kind not in {*values, *names}:
@@ -156,18 +156,23 @@ def _of_matlab73(file: h5py.File, values: Any) -> Any:
     cells: list[Any] = [file[reference] for reference in values[()].ravel()] if is_cells else [None]
     if any(getattr(cell, "dtype", None) != np.uint16 for cell in cells):
         return None
+    if any(_outside("a cell", cell) for cell in cells):  # where no name leads to it, `open_hdf5` does not visit it
+        raise UserError(f"{file.filename}: a cell of {values.name} leads out of the file; expected it in the file")
     return [cell[()].ravel().astype("<u2").tobytes().decode("utf-16-le") for cell in cells]
 
 
 def open_hdf5(path: Path) -> h5py.File:
     """An HDF5 file, which may come from anybody; a UserError if a link leads out of it, or values lie elsewhere."""
     file = h5py.File(path, "r", rdcc_nbytes=CACHE)
-    leads_out = file.visititems_links(lambda name, link: name if isinstance(link, h5py.ExternalLink) else None)
-    if name := leads_out or file.visititems(
-        lambda name, each: name if getattr(each, "is_virtual", False) or getattr(each, "external", None) else None
-    ):
+    if name := file.visititems_links(_outside) or file.visititems(_outside):
         raise UserError(f"{path}: /{name} leads out of the file; expected it in the file")
     return file
+
+
+def _outside(name: str, each: Any) -> str | None:
+    """The name of a link or a dataset that leads out of its file; else None."""
+    leads_out = isinstance(each, h5py.ExternalLink) or getattr(each, "is_virtual", False)
+    return name if leads_out or getattr(each, "external", None) else None
 
 
 def _text(value: Any) -> str:

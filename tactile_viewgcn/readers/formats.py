@@ -12,7 +12,7 @@ import numpy as np
 
 from tactile_viewgcn.files import all_below
 from tactile_viewgcn.messages import Note, UserError, listed, once_each, several
-from tactile_viewgcn.readers.arrays import matlab_fields, read_metadata, read_raw, recordings_of_arrays
+from tactile_viewgcn.readers.arrays import matlab_fields, open_hdf5, read_metadata, read_raw, recordings_of_arrays
 from tactile_viewgcn.readers.child import reading
 from tactile_viewgcn.readers.join import joined, side_by_side
 from tactile_viewgcn.readers.layout import PLACES, layout_of, names_in, names_of, place_of
@@ -58,7 +58,8 @@ def open_source(path: str | Path, form: Form = AUTO, files: Sequence[Path] | Non
     if not path.is_dir():
         with reading(path):
             is_hdf5, is_matlab = h5py.is_hdf5(path), path.suffix.lower() == ".mat"
-            if path.name == "metadata.mat" or (is_matlab and "objectId" in matlab_fields(path)):
+            fields = open_hdf5(path) if is_hdf5 else matlab_fields(path) if is_matlab else ()
+            if path.name == "metadata.mat" or "objectId" in fields:
                 return read_metadata(path)
     recordings = [path] if is_hdf5 else among(files, *HDF5, *ARRAYS, *TEXTS)
     if not recordings:

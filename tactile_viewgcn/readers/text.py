@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 TOP = 200  # lines in which the separator and the names are looked for
 COMMENT = ("#", "%")
-NUMBER = re.compile(r"(?i)[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?|[-+]?(nan|inf|infinity)")
+NUMBER = re.compile(r"(?i)[-+]?(\d+([.,]\d*)?|[.,]\d+)(e[-+]?\d+)?|[-+]?(nan|inf|infinity)")
 NOT_NUMBERS = re.compile(r"^[ \t]*[#%].*$|^[ \t,;]+$", re.MULTILINE)  # comments and empty lines
 #: What columns without readings hold, by their names in small letters.
 CONTENTS = {

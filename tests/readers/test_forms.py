@@ -30,6 +30,7 @@ LINES = "\n".join(",".join(map(str, frame)) for frame in FLAT)
     [
         (save_matlab5, "metadata.mat", ALL),
         (save_matlab73, "metadata.mat", ALL),
+        (save_matlab73, "stag.h5", ALL),
         (save_folder, "raw", RAW),
         (save_hdf5, "lab", HDF5),
     ],
@@ -354,6 +355,7 @@ def soft_link(path):
     with h5py.File(path, "r+") as file:
         file.create_dataset("raw/counts", data=COUNTS, compression="gzip", shuffle=True, fletcher32=True)
         file["pressure"] = h5py.SoftLink("/raw/counts")
+        h5py.h5a.create(file.id, b"of no use", h5py.h5t.UNIX_D32LE, h5py.h5s.create(h5py.h5s.SCALAR))  # nor readable
 
 
 FILES = {  # a function that writes mug/1, its ending, the form, the frames, and the columns that are no default

@@ -229,8 +229,11 @@ def hdf5(folder, change):
 
 
 def cell_outside(file):
-    file.create_dataset("#refs#/far", (2000, 1), "u2", external=[("/etc/passwd", 0, 4000)])
-    file["objects"][0, 0] = file["#refs#/far"].ref
+    loop = file.create_group("loop")
+    loop["itself"] = loop  # stays though no name leads to it
+    loop.create_dataset("far", (4, 1), "u2", external=[("/etc/passwd", 0, 8)])
+    file["objects"][0, 0] = loop["far"].ref
+    del file["loop"]
 
 
 def virtual(file):
@@ -273,6 +276,7 @@ CHANGES = {  # of an HDF5 file, and words of the line
 REFUSED = {
     **{name: (partial(hdf5, change=change), words) for name, (change, words) in CHANGES.items()},
     **{f"pipe {name}": (partial(pipe, name=name), "pipe") for name in ("mug/1.h5", "mug/1.csv", "metadata.mat")},
+    "long number": (partial(saved, name="mug/1.csv", content="1" * 20_000 + "x"), "is not a number"),
     "zip bomb": (partial(array, size=400 * 2**20, shape=(4 * 2**20, 10, 10)), "memory"),
     "declared array": (partial(array, size=0, shape=(2**40, 64, 64)), "1.npz: "),
 }
