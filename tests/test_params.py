@@ -7,6 +7,7 @@ from typing import get_args
 import numpy as np
 import pytest
 import yaml
+from dvc.utils.serialize import modify_yaml
 
 from tactile_viewgcn import TactileClassifier, cli
 from tactile_viewgcn.messages import UserError
@@ -48,6 +49,17 @@ def test_the_shipped_file_is_the_recipe_of_the_paper():
         "evaluate.trials=10"
     )
     assert params(*recipe.split()) == params()
+
+
+@pytest.mark.parametrize("key", ["data.columns", "data.shape", "model.members", "model.neighbours", "glove.objects"])
+def test_dvc_may_change_a_value_to_a_list_and_back(tmp_path, key):
+    (path := tmp_path / "params.yaml").write_bytes(FILE.read_bytes())
+    section, name = key.split(".")
+    before = yaml.safe_load(FILE.read_text())
+    for value in (["a"], ["b", "c"], before[section][name], ["d"], before[section][name]):
+        with modify_yaml(path) as values:
+            values[section][name] = value
+        assert yaml.safe_load(path.read_text()) == before | {section: before[section] | {name: value}}
 
 
 def test_the_typed_form_has_every_value_of_the_file_and_changes_set_the_keys_they_name():
