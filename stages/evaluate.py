@@ -30,7 +30,7 @@ def evaluate(job: Job, frames: Path, classifier: Path, records: Path, out: Path)
     address = job.run.model(classifier, {"classes": table.classes, "views": model.views} | frame)
     lines = results.summary_lines(evaluation.metrics, timing)
     lines += [f"  in a program: mlflow.pyfunc.load_model({address!r})"] * bool(address)
-    return "\n".join([*lines, f"  next: tactile-viewgcn report; tactile-viewgcn predict {classifier} NEW_RECORDINGS"])
+    return "\n".join([*lines, "  next: tactile-viewgcn report"])
 
 
 def log_row(row: Run, evaluation: Evaluation, timing: dict[str, Any], records: results.Records) -> None:

@@ -158,7 +158,10 @@ def framed(values: Any, form: Form, where: str) -> Any:
         if array.shape in ((len(array), rows * columns), (rows, columns)):
             return array.reshape(-1, rows, columns)
         expected = f"(frames, {rows}, {columns}) or (frames, {rows * columns})"
-        raise UserError(f"{where}: an array {array.shape}; expected {expected} by data.shape or the model")
+        raise UserError(
+            f"{where}: an array {array.shape}; expected {expected} by data.shape, or by the model, whose "
+            "`tactile-viewgcn report` ends with the line that reads such files"
+        )
     return array[:, None] if array.ndim == 2 else array
 
 
