@@ -159,8 +159,8 @@ def framed(values: Any, form: Form, where: str) -> Any:
             return array.reshape(-1, rows, columns)
         expected = f"(frames, {rows}, {columns}) or (frames, {rows * columns})"
         raise UserError(
-            f"{where}: an array {array.shape}; expected {expected} by data.shape, or by the model, whose "
-            "`tactile-viewgcn report` ends with the line that reads such files"
+            f"{where}: an array {array.shape}; expected {expected} by data.shape, or by the model: "
+            "report.html has the line with which it reads files like its own"
         )
     return array[:, None] if array.ndim == 2 else array
 
