@@ -24,8 +24,8 @@ MAX_NUMBER = 1e30  # it and its inverse are far inside the range of single preci
 MAX_SIDE = 256  # rows and columns of a frame; pressure mats have up to 160 x 64
 MOST = 1_000_000  # upper limit of counts
 COLUMN = "^(pressure|time|object|recording|session|leave_out):.+$"
-# auto; or OBJECT, with SESSION, SPLIT, PART and FILE before or after it, and text without capitals between them
-LAYOUT = "^(auto|[^A-Z]*((SESSION|SPLIT|PART|FILE)[^A-Z]+)*OBJECT([^A-Z]+(SESSION|SPLIT|PART|FILE))*)$"
+# auto; or OBJECT, SESSION, SPLIT, PART and FILE, or some of these, and text without capitals between them
+LAYOUT = "^(auto|[^A-Z]*(OBJECT|SESSION|SPLIT|PART|FILE)([^A-Z]+(OBJECT|SESSION|SPLIT|PART|FILE))*)$"
 CORNERS = 8  # viewpoints of the cube
 
 System = Literal[  # all but sensors are networks on the pretrained backbone
@@ -62,7 +62,7 @@ def everywhere(path: Path) -> Path:
 
 
 def _each_once(layout: str) -> str:
-    if twice := [name for name in ("SPLIT", "PART", "FILE") if layout.count(name) > 1]:
+    if twice := [name for name in ("OBJECT", "SPLIT", "PART", "FILE") if layout.count(name) > 1]:
         raise ValueError(f"{twice[0]} stands twice")
     return layout
 

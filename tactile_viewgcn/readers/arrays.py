@@ -19,6 +19,7 @@ per-frame fields are column vectors (T, 1), names are cell arrays (1, K).
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +70,8 @@ def recordings_of_arrays(file: Path, form: Form) -> list[Recording]:
             arrays = matlab_fields(file)
         case _:
             arrays = open_hdf5(file)
-    return windows_in(file, arrays, form) or [recording_of(file, arrays, form)]
+    left = [name for name in form.left_out if name in arrays or name in getattr(arrays, "attrs", ())]
+    return [replace(one, left_out=left) for one in windows_in(file, arrays, form) or [recording_of(file, arrays, form)]]
 
 
 def recording_of(file: Path, arrays: Mapping[str, Any], form: Form) -> Recording:
@@ -86,7 +88,7 @@ def recording_of(file: Path, arrays: Mapping[str, Any], form: Form) -> Recording
     names = {kind: _text(attributes[in_file[kind]]) for kind in ATTRIBUTES if in_file.get(kind, " ") in attributes}
     values = {kind: each for kind in DATASETS if (each := arrays.get(in_file.get(kind, ""))) is not None}
     for kind in ("pressure", *form.names):
-        if kind not in {*values, *names}:
+        if kind not in {*values, *names} and (form.labelled or kind not in ATTRIBUTES):
             remedy = f"if one has the readings, {setting('data.columns=[pressure:NAME]')}"
             raise UserError(f"{file}: no array {in_file[kind]}; found {listed([*arrays]) or 'none'}; {remedy}")
     values |= {kind: np.ravel(each) for kind, each in values.items() if kind != "pressure" and not is_hdf5}

@@ -85,8 +85,10 @@ def read_files(path: Path, files: list[Path], form: Form, unread: list[Path]) ->
         raise UserError(listed(once_each(left.items()), "; "))
     root = path if path.is_dir() else path.parent
     tables, labels = labels_in(files)
-    files = [file for file in files if file not in tables]
+    if not (files := [file for file in files if file not in tables]):
+        raise UserError(f"{path}: no recordings beside {listed([table.name for table in tables])}; {EXPECTED}")
     layout, guessed = layout_of([place_of(file, root) for file in files], form)
+    in_paths = {file: names_in(place_of(file, root), layout) for file in files}
 
     def object_of(file: Path) -> str | None:
         """The object in a file's path; None of a file that lies elsewhere."""
@@ -109,7 +111,8 @@ def read_files(path: Path, files: list[Path], form: Form, unread: list[Path]) ->
         """The recordings in a file, with the names in its path where it holds one alone that names no object."""
         recordings, parts = list[Recording](), parts_of(file)
         for part in parts:
-            names, in_path, notes = labels.get(file.stem, {}) | part.names, dict[str, str](), part.notes
+            names, notes = labels.get(file.stem, {}) | part.names, part.notes
+            in_path = {kind: text for kind, text in in_paths[file].items() if kind in ("part", "recording")}
             if len(parts) == 1 and not names.get("object") and (form.labelled or among([file], *TEXTS, *ARRAYS)):
                 in_path, notes = names_of(file, root, layout, form), [*notes, *guessed]
             names = {"recording": place_of(file, path), "object": UNLABELLED, "session": "session"} | in_path | names
@@ -122,21 +125,28 @@ def read_files(path: Path, files: list[Path], form: Form, unread: list[Path]) ->
             recordings.append(replace(part, names=names, values=values, notes=notes))
         return recordings
 
-    groups = dict[str, list[Path]]()
+    groups, left_out = dict[str, list[Path]](), set[str]()
     for file in files:
-        groups.setdefault(names_in(place_of(file, root), layout).get("recording", str(file)), []).append(file)
+        groups.setdefault(in_paths[file].get("recording", str(file)), []).append(file)
 
     def whole(group: list[Path]) -> list[Recording]:
         """The recordings in one file, or the one in files that are joined."""
-        if len(group) < (most := max(map(len, groups.values()))):
-            raise UserError(f"{group[0]}: {len(group)} of {most} files by PART; {setting('data.layout=auto')}")
+        first = next(iter(groups.values()))
+        parts, usual = ([in_paths[file].get("part", "none") for file in each] for each in (group, first))
+        if parts != usual or len({*parts}) < len(parts):
+            expected = f"expected {listed([*dict.fromkeys(usual)])} once each, as by {first[0]}"
+            raise UserError(f"{group[0]}: PART is {listed(parts)}; {expected}; {setting('data.layout=auto')}")
         recordings = {group[0]: opened(group[0])}
         for file in group[1:]:
             with reading(file):
                 recordings[file] = opened(file)
-        return side_by_side(recordings)
+        whole_ones = side_by_side(recordings, form.left_out)
+        left_out.update(name for each in whole_ones for name in each.left_out)
+        return whole_ones
 
     source = joined(path, [*groups.values()], whole, layout)
+    if form.labelled and (missing := [name for name in form.left_out if name not in left_out]):
+        raise UserError(f"{path}: no column {missing[0]!r} in any file; sensors are {listed(source.channel_names)}")
     if "OBJECT_FILE" in layout and 2 * len(source.names["object"]) > len(files):
         text = f"{layout} makes {len(source.names['object'])} objects of {len(files)} files; for names as mug_anna_1 "
         text += f"{setting('data.layout=OBJECT_SESSION_FILE')}, as anna_mug_1 data.layout=SESSION_OBJECT_FILE"

@@ -85,10 +85,10 @@ def joined(path: Path, groups: list[list[Path]], opened: Callable[..., list[Reco
     return Source(path, ids, shape, np.result_type(*dtypes), frames, blocks(), notes, channels)
 
 
-def side_by_side(recordings: Mapping[Path, list[Recording]]) -> list[Recording]:
+def side_by_side(recordings: Mapping[Path, list[Recording]], left_out: list[str]) -> list[Recording]:
     """The recordings of one file; or of several one, whose sensors are those of all, joined along the last axis.
 
-    Times and flags are those of the first file. Names of channels begin with the text by which a file's path differs.
+    Times and flags are the first file's. Channels, but those in `left_out`, are named by where a file's path differs.
     """
     first, *others = recordings
     if not others:
@@ -102,8 +102,11 @@ def side_by_side(recordings: Mapping[Path, list[Recording]]) -> list[Recording]:
             raise UserError(f"{file}: {what}; to join none, {setting('data.layout=auto')}")
         pressure.append(counts[()])
         channels += [f"{part.names['part']}_{name}" for name in part.channel_names or range(1, counts.shape[2] + 1)]
-    values = parts[0].values | {"pressure": np.concatenate(pressure, axis=-1)}
-    return [replace(parts[0], values=values, channel_names=channels if rows == 1 else [])]
+    names = channels if rows == 1 else []
+    kept = [at for at, name in enumerate(names) if name not in left_out] if names else slice(None)
+    values = parts[0].values | {"pressure": np.concatenate(pressure, axis=-1)[..., kept]}
+    left = [*(name for part in parts for name in part.left_out), *{*names}.intersection(left_out)]
+    return [replace(parts[0], values=values, channel_names=np.array(names)[kept].tolist(), left_out=left)]
 
 
 def _check(recording: Recording, file: Path, known: dict[str, tuple[Any, Path]]) -> np.dtype:

@@ -81,6 +81,7 @@ class Recording:
         channel_names: see `Source`.
         notes: what was taken for what.
         dropped: number of frames that were left out.
+        left_out: names in its files of what `data.columns` leaves out.
     """
 
     names: dict[str, str]
@@ -88,6 +89,7 @@ class Recording:
     channel_names: list[str] = field(default_factory=list)
     notes: list[Note] = field(default_factory=list)
     dropped: int = 0
+    left_out: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -96,8 +96,9 @@ def table_of(names: list[str], cells: "DataFrame", form: Form, file: str) -> Tab
     Raises:
         UserError: begins with `file`; a cell without a number or a name, or no column of a name that the form gives.
     """
-    if missing := [name for name in form.names.values() if name not in names]:
-        raise UserError(f"{file}: no column {missing[0]!r}; found {listed(names)}")
+    for kind, name in form.names.items():
+        if name not in names and (form.labelled or kind not in LABELS):
+            raise UserError(f"{file}: no column {name!r}; found {listed(names)}")
     labels, time = dict[str, np.ndarray](), dict[str, np.ndarray]()
     sensors, channels, notes = [], [], list[Note]()
     for at, name in enumerate(names):
@@ -123,7 +124,8 @@ def table_of(names: list[str], cells: "DataFrame", form: Form, file: str) -> Tab
             content = f"time, not used: {np.sum(~filled)} of {len(cells)} cells are no number, such as {example!r}"
         notes.append(Note(f"column {at + 1}{f' ({name!r})' if name else ''} is no sensor ({content})", topic="columns"))
     pressure = np.column_stack(sensors) if sensors else np.zeros((len(cells), 0))
-    return Recording({}, {"pressure": pressure} | time, channels if any(channels) else [], notes), labels
+    left_out = [name or str(at) for at, name in enumerate(names, 1) if (name or str(at)) in form.left_out]
+    return Recording({}, {"pressure": pressure} | time, channels if any(channels) else [], notes, 0, left_out), labels
 
 
 def recordings_in(table: Recording, labels: dict[str, np.ndarray], place: str) -> list[Recording]:
