@@ -70,19 +70,18 @@ def _motions(recordings: Recordings) -> tuple[np.ndarray, ...]:
         (R, S).
     """
     live, readings = recordings.live_counts(), list[np.ndarray]()
-    moves, uneven, rising, falling = np.zeros((4, int(recordings.live.sum())), dtype=np.int64)
+    moves, uneven, signs = np.zeros((3, int(recordings.live.sum())), dtype=np.int64)
     for index in frames_by_recording(recordings):
         counts = live[index].astype(np.float64)
         columns = np.flatnonzero(uneven <= moves / 2)  # the others are clearly sensors
         steps = np.diff(counts[:, columns], axis=0)
         usual = pd.DataFrame(np.where(steps, steps, np.nan)).median().to_numpy()
-        rising[columns] += usual > 0
-        falling[columns] += usual < 0
+        signs[columns] |= (usual > 0) + 2 * (usual < 0)
         moves[columns] += np.count_nonzero(steps, axis=0)
         uneven[columns] += ((np.abs(steps - usual) > np.abs(usual) / 2) & (steps != 0)).sum(axis=0)
         readings.append(np.stack([counts[0], counts.mean(axis=0), counts.min(axis=0), counts.max(axis=0)]))
     first, mean, low, high = np.stack(readings, axis=1)
-    even = (uneven <= UNEVEN * moves) & (np.minimum(rising, falling) == 0)
+    even = (uneven <= UNEVEN * moves) & (signs < 3)
     even &= not even.all()
     width = high.max(axis=0) - low.min(axis=0)
     differs = np.median(np.abs(mean - first), axis=0) <= first.std(axis=0)

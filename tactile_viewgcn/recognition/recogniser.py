@@ -57,7 +57,7 @@ class Recogniser:
         self.system = " + ".join(model.members) if on_sensors(model.system) else model.system
         self.shape = self.preprocessing.live.shape
         self._layout = self.shape, self.preprocessing.channel_names
-        with readable(path, *UNFIT), suppress(UserError), np.errstate(all="ignore"):
+        with readable(path, *UNFIT), suppress(UserError), np.errstate(all="ignore"):  # few frames: maybe off scale
             self.answer_recordings([recording_of(each, "example") for each in self.content.examples])
 
     def answer_recordings(self, recordings: Sequence[Recording]) -> tuple[list[Answer], list[Note]]:

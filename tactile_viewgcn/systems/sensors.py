@@ -11,7 +11,7 @@ from scipy.special import softmax
 
 from tactile_viewgcn.sensors.estimators import Estimator, added, probabilities
 from tactile_viewgcn.sensors.examples import Examples
-from tactile_viewgcn.sensors.features import every_few
+from tactile_viewgcn.sensors.features import MOST_FRAMES, every_few
 from tactile_viewgcn.sensors.representation import NETWORK, OF_EACH_FRAME, Representation, for_sets
 
 if TYPE_CHECKING:
@@ -166,6 +166,8 @@ class SensorClassifier:
             return {name: read.estimator(name).load_state_dict(each) for name, each in kept.items()}
 
         self.whole, self.weights, self.short = loaded(state["whole"]), state["weights"], state["short"]
+        if not 0 <= self.short <= MOST_FRAMES / 2:
+            raise ValueError(f"short is {self.short:g}; expected 0 to {MOST_FRAMES / 2:g} frames")
         self.sets = {int(size): loaded(each) for size, each in state["sets"].items()}
         if self.network:
             import torch

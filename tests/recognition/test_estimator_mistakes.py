@@ -63,19 +63,13 @@ def test_a_mistake_in_fit_ends_in_one_line(argument, value, line):
     "X, line",
     [
         (np.ones((2, 3)), r"X\[0\] is a frame \(3,\).*\[X\]"),
+        (recordings()[0], r"X \(5, 4, 4\) is one recording; .*\[X\]"),
         ([*recordings()[0]], r"X\[0\]: frames of 1 x 4; expected 4 x 4.*\[X\]"),
         ([[[[True] * 4] * 4]], r"X\[0\] holds true"),
     ],
 )
 def test_a_mistake_in_predict_ends_in_one_line(X, line):
     one_line(line, TactileClassifier(system="svm", params=CHOSEN).fit(recordings(), Y).predict, X)
-
-
-def test_an_array_of_one_recording_of_channels_is_no_list_of_recordings_of_one_frame():
-    X = np.array(recordings())[:, :, :1]
-    model = TactileClassifier(system="svm", params=CHOSEN).fit(X, Y)
-    one_line(r"X \(5, 1, 4\) is one recording; expected a list: \[X\]", model.predict, X[0])
-    assert (len(model.predict(X[:1])), len(model.predict([*X[0]]))) == (1, 5)
 
 
 def test_nothing_is_predicted_or_saved_before_fit(tmp_path):
