@@ -134,8 +134,9 @@ def test_the_scale_is_of_all_sensors_in_contact_and_all_frames_of_contact_but_th
     frame, counts = np.arange(12_000), np.zeros((12_000, 2, 3), dtype=np.int16)
     counts[:, 0] = 500 + (10 * (1 + frame // 2400))[:, None]
     counts[:, 1], counts[::2, 1, 2] = 504, 590
+    counts[frame // 10 % 3 == 0] = 590  # of the empty hand
     recordings = written(tmp_path / "t", counts, object=(frame // 10) % 3, recording=frame // 10)
-    contact = (frame % 2 == 1) & (frame // 10 % 3 > 0)  # in other frames a sensor reads 590
+    contact = frame % 2 == 1  # in other frames a sensor reads 590
     states = states_by_hand(recordings, contact)
     baseline = Baseline(np.full((1, 2, 3), 500.0), np.ones((1, 2, 3)), np.zeros(12_000, dtype=int))
     reading, number = np.unique(contact_readings(recordings, states, baseline), return_counts=True)

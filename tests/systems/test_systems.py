@@ -40,11 +40,13 @@ def test_fewer_and_more_views_are_taken_where_a_system_says_so(name):
         assert logits.isfinite().all()
 
 
+@pytest.mark.parametrize("classes", [2, 5])
 @pytest.mark.parametrize("name", NETWORKS)
-def test_a_loss_moves_every_weight(name):
-    classifier = built(name).train()
-    views, labels = 3 * some_views(classifier), torch.tensor([0, 1, 2])
+def test_a_loss_moves_every_weight(name, classes):
+    classifier = built(name, classes=classes).train()
+    views, labels = 3 * some_views(classifier), torch.tensor([0, 1, classes - 1])
     logits, aux = classifier.head(views)
+    assert logits.shape == (3, classes) and logits.isfinite().all()
     classifier.head.loss(logits, aux, labels).backward()
     still = {key for key, weight in classifier.head.named_parameters() if not weight.grad.abs().sum() > 0}
     assert still == set()
