@@ -85,7 +85,7 @@ def choose(recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, g
         chosen["baseline"] = kind, reason
         if kind == "none":
             zero = smallest_reading(training)
-            chosen["zero"] = zero, "what sensors without contact read" + ": about 0" * (not zero)
+            chosen["zero"] = zero, "what the sensors read at least" + ": about 0" * (not zero)
     baseline = measure_baseline(training, replace(asked, baseline=kind, zero=zero), moments, states)
     leak = check_leak(training, baseline, states, group[rows])
 
