@@ -146,7 +146,7 @@ def recordings_in(table: Recording, labels: dict[str, np.ndarray], place: str) -
     for line, key in enumerate(zip(*keys.values(), strict=True)):
         lines.setdefault(key, []).append(line)
     notes, counts = table.notes, sorted(map(len, lines.values()))
-    if labels and "recording" not in labels:
+    if labels and "recording" not in labels and len(lines) > 1:
         text = f"{several(len(lines), 'recording')} of {counts[0]:,} to {counts[-1]:,} lines are runs of an object; if "
         text += (
             f"these are not what was recorded, add a column `recording`, or {setting('data.columns=[recording:NAME]')}"

@@ -341,6 +341,7 @@ def test_runs_of_an_object_are_recordings_with_a_note_also_in_a_folder_of_tables
         (note,) = [note for note in table.notes if note.topic == "recordings"]
         assert "3 recordings of 1 to 2 lines" in note.text and "data.columns=[recording:NAME]" in note.text
         assert note.level == "warning"
+    assert not ingested(save(tmp_path / "one.csv", "label,a\nmug,1\nmug,2\n"))[1].notes[1:]  # that of the label alone
 
 
 def test_real_numbers_of_a_table_are_those_that_python_reads(tmp_path):
