@@ -49,7 +49,7 @@ def test_points_of_an_array_by_hand():
     assert [features.is_array(live) for live in (np.ones((4, 16)), np.ones((3, 40)), few)] == [True, False, False]
 
 
-@pytest.mark.parametrize("shape", [(6, 6), (5, 7), (8, 3), (9, 11)])
+@pytest.mark.parametrize("shape", [(6, 6), (5, 7), (8, 3), (9, 11), (4, 16)])
 def test_blocks_are_the_squares_of_any_glove(shape):
     """Also where the width is no multiple of the block: the naive loop over squares, half of whose cells are live."""
     live, expected = np.random.default_rng(0).random(shape) < 0.7, []
