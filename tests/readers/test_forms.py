@@ -327,6 +327,13 @@ def test_one_table_holds_all_recordings(tmp_path, name):
     np.testing.assert_allclose(table.columns["time"], frames // 2 / 5, atol=1e-9)
 
 
+def test_left_and_right_of_two_objects_are_two_recordings(tmp_path):
+    for hand in ("left", "right"):
+        save(tmp_path / "lab" / f"rec_{hand}.npy", COUNTS + len(hand))
+    save(tmp_path / "lab" / "labels.csv", "file,label\nrec_left,mug\nrec_right,pen")
+    assert "take" not in ingested(tmp_path / "lab")[1].columns
+
+
 def test_runs_of_an_object_are_recordings_with_a_note_also_in_a_folder_of_tables(tmp_path):
     rows = "label,a\nmug,1\nmug,2\npen,3\nmug,4\n"
     _, one = ingested(save(tmp_path / "all.csv", rows))

@@ -104,6 +104,8 @@ def test_a_random_state_gives_any_seed_and_scikit_learn_clones_and_searches():
     states = [np.random.RandomState(number) for number in range(2)]
     seeds = {made(system="svm", random_state=state).fit(X, y).params_.seed // 2**16 for state in states}
     assert len(seeds) == 2
+    set_by_key = made({"views": 3, "seed": 5, "model.members": ["svm"]}, system="kernel").fit(X, y).params_
+    assert (set_by_key.views, set_by_key.seed, set_by_key.model.members) == (3, 5, ["svm"])
     search = GridSearchCV(made(system="svm"), {"system": ["svm", "kernel"]}, cv=StratifiedGroupKFold(3))
     search.fit(X, y, groups=np.arange(9) // 3)
     assert search.best_score_ == 1 and clone(search.best_estimator_).get_params() == search.best_estimator_.get_params()

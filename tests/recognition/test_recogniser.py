@@ -1,5 +1,6 @@
 """The trained recogniser: answers to recordings by their frames in contact, and refusals."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from itertools import product
 
@@ -15,7 +16,7 @@ from tactile_viewgcn.recognition.model_file import FittedPreprocessing, build_cl
 from tactile_viewgcn.recognition.raw_counts import fault_of
 from tactile_viewgcn.recognition.recogniser import Recogniser, recording_of
 from tactile_viewgcn.tables.frames import TEST
-from tactile_viewgcn.tables.recordings import recordings_of
+from tactile_viewgcn.tables.recordings import ArrayRecordings, recordings_of
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.glove_data import CPU, HELD, SHAPE, answer_of, empty_hand, recipe, recogniser, recording, table, write
 
@@ -72,6 +73,14 @@ def test_readings_may_be_four_times_weaker_or_stronger_than_in_the_training_and_
         readings[kind] = np.full((3, *SHAPE), sign * reading)
         counts = np.concatenate([readings[1], np.full((2, *SHAPE), 1e6)])  # without contact they may read anything
         assert bool(fault_of(fitted, counts, np.arange(5) < 3, readings[0])) == fault
+
+
+@pytest.mark.parametrize("name", ["empty_hand", "pen"])
+def test_only_an_object_has_a_strength_that_is_compared_with_the_training_s(name):
+    counts, zero = empty_hand(92), np.zeros(1, dtype=np.int64)
+    counts[-3:] = 30_000
+    with nullcontext() if name == "empty_hand" else pytest.raises(UserError, match="one in a hundred"):
+        recogniser().answer_table(ArrayRecordings([counts], [name], zero, zero))
 
 
 def channels(folder, names, rate):
