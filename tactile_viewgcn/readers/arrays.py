@@ -195,8 +195,8 @@ def read_metadata(path: Path) -> Source:
     with reading(path):
         fields = {name: each for name, each in matlab_fields(path).items() if isinstance(each, list) == (name in NAMES)}
         if missing := [name for name in REQUIRED if name not in fields]:
-            found = f"found {listed(list(fields)) or 'nothing'}; if cut short, download it again"
-            raise UserError(f"{path}: no field {', '.join(missing)}; {found}")
+            what = f"no field {', '.join(missing)}; found {listed(list(fields)) or 'nothing'}"
+            raise UserError(f"{path}: {what}; if cut short, download it again")
         values = _values(fields)
         shape, dtype = check_values(values, str(path))
         if "split" in values:

@@ -153,8 +153,8 @@ def recordings_in(table: Recording, labels: dict[str, np.ndarray], place: str) -
         )
         notes = [*notes, Note(text, "info" if "time" in table.values else "warning", "recordings")]
     for key, index in lines.items():
-        own = [*key] if len(lines) > 1 or not place else []
-        names = dict(zip(keys, key, strict=True)) | {"recording": "/".join([*filter(None, [place]), *own])}
+        run = [*key] if len(lines) > 1 or not place else []
+        names = dict(zip(keys, key, strict=True)) | {"recording": "/".join([*filter(None, [place]), *run])}
         values = {name: each[index] for name, each in table.values.items()}
         parts.append(replace(table, names=names, values=values, notes=notes))
     return parts
