@@ -37,6 +37,7 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
         return f"finetune: {members} fitted in {fitted.progress.seconds:.1f} s"
     if not fitted.progress.epoch:
         return f"finetune: {params.model.system} is not fine-tuned"
+    job.record.counts["loss.first"] = fitted.progress.first_loss  # before a step: that of guessing
     return f"finetune: {fitted.progress} on {compute.device} in {compute.precision}"
 
 

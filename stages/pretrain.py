@@ -23,6 +23,8 @@ def pretrain(job: Job, needs: Path, frames: Path, out: Path) -> str:
         states = {"backbone": backbone.cpu().state_dict(), "classifier": classifier.cpu().state_dict()}
         write_tensors(out, states | {"classes": table.classes})
     job.record.counts["weights.backbone"] = sum(weight.numel() for weight in backbone.parameters())
+    if progress.epoch:
+        job.record.counts["loss.first"] = progress.first_loss  # before a step: that of guessing
     job.record.seconds = progress.resumed[1]  # before an interruption
     return f"pretrain: {progress} on {compute.device} in {compute.precision}"
 
