@@ -62,12 +62,15 @@ class Job:
     def compute(self) -> "Compute":
         """Choose device, precision and number of threads for the rest of the stage, and keep them in the record."""
         # here, since a stage may do without torch
+        from torch.cuda import get_device_name
+
         from tactile_viewgcn.device import keep_freed_memory, select_device, set_threads
 
         keep_freed_memory()
         self.record.counts["threads"] = set_threads()
         compute = select_device(self.params.device, self.params.precision)
-        self.record.origin |= {"device": str(compute.device), "precision": compute.precision}
+        device = get_device_name(compute.device) if compute.device.type == "cuda" else "cpu"
+        self.record.origin |= {"device": device, "precision": compute.precision}
         return compute
 
     def epoch(self, epoch: int, values: dict[str, float]) -> None:

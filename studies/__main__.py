@@ -1,12 +1,14 @@
 """`python -m studies` lists the studies; `python -m studies NAME` runs one as DVC experiments."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 from studies.cells import code_of_stages, key_of, read_answers, stored
 from studies.grid import FOLDER, Cell, Study, names, read_study
 from studies.run import run_cells
+from studies.take import take_cells
 from tactile_viewgcn.messages import UserError, program, several
 from tactile_viewgcn.params import unlike_the_file
 from tactile_viewgcn.provenance import committed_params
@@ -17,17 +19,20 @@ from tactile_viewgcn.schema import as_change
 @click.argument("name", required=False)
 @click.option("--jobs", type=click.IntRange(1), default=1, show_default=True, help="Cells at once on this machine.")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask's scheduler, tcp://HOST:8786: its workers run the cells.")
+@click.option(
+    "--take", type=click.Path(exists=True, file_okay=False, path_type=Path), help="Folder of cells that ran elsewhere."
+)
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Change a key of every cell; needs --out.")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results.")
-def main(name: str | None, jobs: int, scheduler: str | None, changes: tuple[str, ...], out: Path | None) -> None:
+def main(name: str | None, changes: tuple[str, ...], **options: Any) -> None:
     """Run the cells of the study NAME that are missing; without NAME, list all studies."""
     with program():
-        if changes and not out:
+        if changes and not options["out"]:
             raise UserError("--set without --out: name a folder, as the study's own results are those without changes")
         if name is None:
             list_studies()
         else:
-            run(read_study(name), jobs=jobs, scheduler=scheduler, changes=changes, out=out)
+            run(read_study(name), changes=changes, **options)
 
 
 def list_studies() -> None:
@@ -42,13 +47,16 @@ def run(
     *,
     jobs: int = 1,
     scheduler: str | None = None,
+    take: Path | None = None,
     changes: tuple[str, ...] = (),
     out: Path | None = None,
 ) -> None:
-    """Run the cells that are missing, then write the report of all finished ones; arguments are the options of `main`.
+    """Run the cells that are missing, or take those of a folder; then write the report of all finished ones.
+
+    The arguments are the options of `main`.
 
     Raises:
-        UserError: a cell's parameters are wrong, two cells are the same training, or cells failed.
+        UserError: a cell's parameters are wrong, two cells are the same training, cells failed, or see `take_cells`.
     """
     from studies.report import write_report  # here, since it loads Matplotlib
 
@@ -64,12 +72,14 @@ def run(
     if differ:
         print("note: params.yaml differs from the last commit, whose values the cells have")
     print(f"{study.name}: {several(len(cells), 'cell')}, finished before: {sum(map(stored, cells))}", flush=True)
-    faults = run_cells(study.name, cells, jobs=jobs, scheduler=scheduler)
-    answers = [read_answers(cell, key) for key, cell in cells.items() if key not in faults]
+    if take:
+        print(f"{study.name}: {several(take_cells(take, cells), 'cell')} taken from {take}")
+    faults = {} if take else run_cells(study.name, cells, jobs=jobs, scheduler=scheduler)
+    answers = [read_answers(cell, key) for key, cell in cells.items() if stored(key)]
     if answers:
         folder = out or FOLDER / study.name
         print(write_report(study, answers, folder, changes))
-        print(f"written: {folder}/results.csv, results.md and pictures, if any")
+        print(f"written: {folder}/results.csv, results.md and a picture, if any")
     if faults:
         raise UserError(
             f"{len(faults)} of {several(len(cells), 'cell')} failed, see above; the same command tries them again"

@@ -9,14 +9,22 @@ from pathlib import Path
 
 from stages.pipeline import code_of, stages
 from studies.grid import COLUMNS, FOLDER, Cell
+from studies.losses import Losses, losses_of
 from tactile_viewgcn.evaluation.trials import Predictions, read_predictions
 from tactile_viewgcn.files import md5, new_files
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import VIRTUAL, load
+from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.schema import flatten
 
 STORE = FOLDER / ".cells"
-RESULTS = ("predictions.npz", "metrics.json", "timing.json")
+RESULTS = (  # files of a cell that are kept, each by its name alone
+    "results/predictions.npz",
+    "results/timing.json",
+    "results/evaluate.json",
+    "runs/pretrain.json",
+    "runs/finetune.json",
+)
 
 
 @dataclass(frozen=True)
@@ -26,6 +34,8 @@ class Answers:
     cell: Cell
     predictions: Predictions
     costs: dict[str, float]  # by the names in `grid.COLUMNS`
+    losses: Losses
+    machine: str  # name of the card that trained it, or of the processor
 
 
 def key_of(cell: Cell, code: str) -> str:
@@ -50,10 +60,10 @@ def code_of_stages() -> str:
 
 
 def store(key: str, contents: dict[str, bytes]) -> None:
-    """Keep the files in `RESULTS` of a finished cell."""
+    """Keep the files of a finished cell, by their names."""
     with new_files(STORE / key) as folder:
-        for name in RESULTS:
-            (folder / name).write_bytes(contents[name])
+        for name, content in contents.items():
+            (folder / name).write_bytes(content)
 
 
 def stored(key: str) -> bool:
@@ -65,4 +75,7 @@ def read_answers(cell: Cell, key: str) -> Answers:
     """The stored results of a cell."""
     timing = json.loads((STORE / key / "timing.json").read_text())
     costs = {name: reduce(getitem, keys, timing) for name, keys in COLUMNS.items()}
-    return Answers(cell, read_predictions(STORE / key / "predictions.npz"), costs)
+    pretrain, finetune = (Record.read((STORE / key / f"{name}.json").read_text()) for name in ("pretrain", "finetune"))
+    predictions, origin = read_predictions(STORE / key / "predictions.npz"), finetune.origin
+    machine = origin["processor"] if origin["device"] == "cpu" else origin["device"]
+    return Answers(cell, predictions, costs, losses_of(pretrain, finetune), machine)

@@ -15,7 +15,8 @@ from tactile_viewgcn.messages import UserError, several
 
 MIN_SEEDS = 3  # for an interval over trainings
 ENOUGH = 5.0  # points: largest acceptable detectable difference of a study
-TRAINING = ["seed", "deal"]  # a training is the cells of all folds
+OPEN = "not decided"
+TRAINING = ["seed", "deal", "machine"]  # a training is the cells of all folds; machines differ by points
 
 
 def complete(answers: list[Answers]) -> list[Answers]:
@@ -25,7 +26,7 @@ def complete(answers: list[Answers]) -> list[Answers]:
         UserError: no training has all folds.
     """
     folds = len({each.cell.fold for each in answers})
-    trainings = pd.Series([(each.cell.variant, each.cell.seed, each.cell.deal) for each in answers])
+    trainings = pd.Series([(each.cell.variant, each.cell.seed, each.cell.deal, each.machine) for each in answers])
     whole = [
         each for each, count in zip(answers, trainings.map(trainings.value_counts()), strict=True) if count == folds
     ]
@@ -37,7 +38,7 @@ def complete(answers: list[Answers]) -> list[Answers]:
 
 
 def errors_of(answers: list[Answers]) -> pd.DataFrame:
-    """Rows of variant, seed, deal, protocol and split group, with its number of answers and share of wrong ones.
+    """Rows of variant, training, protocol and split group, with its number of answers and share of wrong ones.
 
     `protocol` has the titles of `trials.ASKED`; `wrong` is a mean over the group's answers and all trials.
     """
@@ -47,28 +48,36 @@ def errors_of(answers: list[Answers]) -> pd.DataFrame:
         for asked, trials in each.predictions.trials.items():
             wrong = pd.Series(1 - trials.correct.mean(axis=0))
             part = wrong.groupby(trials.groups).agg(answers="size", wrong="mean").rename_axis("group").reset_index()
-            parts.append(part.assign(variant=cell.variant, seed=cell.seed, deal=cell.deal, protocol=ASKED[asked]))
+            training = {"seed": cell.seed, "deal": cell.deal, "machine": each.machine}
+            parts.append(part.assign(variant=cell.variant, protocol=ASKED[asked], **training))
     return pd.concat(parts, ignore_index=True)
 
 
 def costs_of(answers: list[Answers]) -> pd.DataFrame:
     """Costs of the cheapest training of each variant: seconds summed over folds, other costs the maximum over folds."""
-    rows = [{"variant": a.cell.variant, "seed": a.cell.seed, "deal": a.cell.deal} | a.costs for a in answers]
+    rows = [vars(each.cell) | {"machine": each.machine} | each.costs for each in answers]
     over_folds = {name: "sum" if name.endswith(" s") else "max" for name in COLUMNS}
     return pd.DataFrame(rows).groupby(["variant", *TRAINING]).agg(over_folds).groupby("variant").min()
+
+
+def losses_of(answers: list[Answers]) -> pd.DataFrame:
+    """Mean losses of each variant, whether all of its cells are trained to their end, and the machines."""
+    rows = [{"variant": each.cell.variant, "machine": each.machine} | vars(each.losses) for each in answers]
+    functions = dict.fromkeys(("guessing", "before", "end"), "mean") | {"trained": "all"}
+    return pd.DataFrame(rows).groupby("variant").agg(functions | {"machine": lambda names: ", ".join(names.unique())})
 
 
 def rows_of(answers: list[Answers], references: Iterable[str], rng: np.random.Generator) -> pd.DataFrame:
     """A row for each protocol and variant, in per cent; every split group counts once. NaN: a missing number.
 
     The columns `vs R more`, `low` and `high` have the paired difference to the reference R and its interval over
-    groups, NaN for R itself; `seeds_low` and `seeds_high` are its interval over trainings. In a crossed study `A / x`
-    is compared with `R / x`.
+    groups, NaN for R itself; `seeds_low` and `seeds_high` are its interval over trainings, and `verdict` needs both
+    intervals, and both trained to their end. In a crossed study `A / x` is compared with `R / x`.
 
     Raises:
         UserError: a variant and a reference were tested on different view sets.
     """
-    errors, costs, rows = errors_of(answers), costs_of(answers), []
+    errors, once, rows = errors_of(answers), costs_of(answers).join(losses_of(answers)), []
     for protocol, of_protocol in errors.groupby("protocol", sort=False):
         parts = dict(iter(of_protocol.groupby("variant", sort=False)))
         for name, part in parts.items():
@@ -76,11 +85,13 @@ def rows_of(answers: list[Answers], references: Iterable[str], rng: np.random.Ge
             trainings = 100 * part.groupby(TRAINING)["wrong"].mean()
             row: dict[str, Any] = {"variant": name, "protocol": protocol}
             row |= percent(("error", "low", "high"), by_group, proportion_interval(*as_units(by_group), rng))
-            row |= {"trainings": len(trainings), "std": trainings.std()} | dict(costs.loc[name])
+            row |= {"trainings": len(trainings), "std": trainings.std()} | dict(once.loc[name])
             for reference in references:
                 same_place = f"{reference} / {name.partition(' / ')[2]}"
                 other = reference if reference in parts else same_place
                 row |= compared(part, parts.get(other) if other != name else None, f"vs {reference} ", rng)
+                trained = once["trained"].reindex([name, other]).all()
+                row[f"vs {reference} verdict"] = verdict(row, f"vs {reference} ") if trained else OPEN
             rows.append(row)
     return pd.DataFrame(rows)
 
@@ -122,10 +133,19 @@ def compared(
     return row
 
 
+def verdict(row: dict[str, Any], head: str) -> str:
+    """Whether a variant errs more or less than its reference by both intervals, else `OPEN`."""
+    lows, highs = (np.array([row[f"{head}{kind}{end}"] for kind in ("", "seeds_")]) for end in ("low", "high"))
+    return "errs more" if (lows > 0).all() else "errs less" if (highs < 0).all() else OPEN
+
+
 def power(rows: pd.DataFrame, groups: int) -> str:
-    """A sentence on the detectable difference: half of the widest interval over groups, and over trainings."""
+    """A sentence on the detectable difference: half of the widest interval over groups, and over trainings.
+
+    Rows that are not trained to their end do not count.
+    """
     protocol, widest = rows["protocol"].iloc[-1], {}
-    chosen = rows[rows["protocol"] == protocol]
+    chosen = rows[(rows["protocol"] == protocol) & rows["trained"]]
     for kind, end in ((f"over {several(groups, 'split group')}", " "), ("over trainings", " seeds_")):
         low, high = (chosen.filter(regex=f"^vs .*{end}{side}$").to_numpy() for side in ("low", "high"))
         if not np.isnan(high - low).all():
@@ -144,11 +164,6 @@ def power(rows: pd.DataFrame, groups: int) -> str:
         f"The smallest difference that this study detects is {points} ({protocol}, half of the "
         f"widest paired interval), {verdict}."
     )
-
-
-def with_seconds(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows with the `seconds` of both trainings."""
-    return rows.assign(seconds=rows["pretrain s"] + rows["finetune s"])
 
 
 def pareto_front(costs: np.ndarray, errors: np.ndarray) -> np.ndarray:

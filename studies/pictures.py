@@ -1,4 +1,4 @@
-"""The pictures of a study: errors against a cost, or along a crossing."""
+"""The picture of a study: errors against seconds of training, or along a crossing."""
 
 from collections.abc import Collection
 
@@ -7,17 +7,14 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from studies.comparison import pareto_front, with_seconds
+from studies.comparison import pareto_front
 
 
-def errors_by_cost(rows: pd.DataFrame, cost: str, label: str, references: Collection[str], title: str) -> Figure:
-    """Error against a cost, a panel for each protocol, with numbers for the Pareto fronts and the references.
-
-    Args:
-        cost: `seconds` of both trainings, or a column of the rows; label: label of its axis.
-    """
-    panels = [panel for _, panel in with_seconds(rows).groupby("protocol", sort=False)]
-    variants, costs = panels[0]["variant"].reset_index(drop=True), panels[0][cost].to_numpy()
+def errors_by_seconds(rows: pd.DataFrame, references: Collection[str], title: str) -> Figure:
+    """Error against seconds of training, a panel for each protocol, with numbers for Pareto fronts and references."""
+    rows = rows.assign(seconds=rows["pretrain s"] + rows["finetune s"])
+    panels = [panel for _, panel in rows.groupby("protocol", sort=False)]
+    variants, costs = panels[0]["variant"].reset_index(drop=True), panels[0]["seconds"].to_numpy()
     fronts = [pareto_front(costs, panel["error"].to_numpy()) for panel in panels]
     named = (variants.isin(references) | variants.str.partition(" / ")[0].isin(references)).to_numpy()
     numbered = sorted({*np.hstack(fronts), *np.flatnonzero(named)}, key=costs.__getitem__)
@@ -32,7 +29,7 @@ def errors_by_cost(rows: pd.DataFrame, cost: str, label: str, references: Collec
             axes.annotate(str(number), at, (-7, 0), textcoords="offset points", ha="right", va="center", fontsize=9)
             axes.plot([], [], " ", label=f"{number}  {variants[place]}")
         axes.grid(alpha=0.3)
-        axes.set(xscale="log", xlabel=label, title=panel["protocol"].iloc[0])
+        axes.set(xscale="log", xlabel="seconds of both trainings", title=panel["protocol"].iloc[0])
     stars = "; ".join(["blue: Pareto front", *(f"star: {name}" for name in variants[named])])
     _finish(figure, f"{title}\n{stars}", handlelength=0, handletextpad=0)
     return figure

@@ -7,12 +7,12 @@ from textwrap import fill
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from studies.cells import Answers
 from studies.comparison import complete, power, rows_of
 from studies.grid import COLUMNS, Study
-from studies.pictures import error_curves, errors_by_cost
+from studies.losses import EPOCHS, FALL, LEFT
+from studies.pictures import error_curves, errors_by_seconds
 from tactile_viewgcn.evaluation.trials import WHOLE
 from tactile_viewgcn.files import new_files
 from tactile_viewgcn.intervals import percent_interval
@@ -26,15 +26,19 @@ conditional on the trainings; where a view set mixes an object's groups, as unde
 the standard deviation over the trainings."""
 DEALT = """The groups were dealt to the folds in {deals} ways, so that each is tested {deals} times; each is resampled
 as one unit."""
-COMPARED = """Differences are paired, over the seeds and deals that both were trained on, with two intervals of 95 %:
-`over groups` resamples the split groups, `over trainings` is Student's, the range for other seeds. A claim on a method
-needs both."""
+COMPARED = """Differences are paired, over the seeds and deals that both were trained on by one kind of machine. Of the
+two intervals of 95 % `over groups` resamples the split groups, and `over trainings` is Student's, the range for other
+seeds. The verdict needs both."""
+TRAINED = f"""Losses of the training, each a mean of an epoch; `guessing` is that of the first batch, before a step. A
+row is marked as not trained to its end, and decides nothing, where the loss at the end is above {LEFT:.0%} of guessing
+or fell by more than {FALL:.0%} of it an epoch, over the last {EPOCHS}. A system that is not fine-tuned has those of
+pretraining, one on the sensors has none."""
 PAID = """Costs are those of the cheapest training, since other work only adds to them: seconds are summed over folds,
 milliseconds are of an answer, the memory is that of the stage that needs most."""
 
 
 def write_report(study: Study, answers: list[Answers], folder: Path, on_top: tuple[str, ...] = ()) -> str:
-    """Write results.csv, results.md and the pictures into `folder`, and return the text of results.md.
+    """Write results.csv, results.md and the picture, if any, into `folder`, and return the text of results.md.
 
     Raises:
         UserError: variants cannot be compared.
@@ -66,22 +70,11 @@ def write_report(study: Study, answers: list[Answers], folder: Path, on_top: tup
     with new_files(folder) as part:
         rows.drop(columns={*COLUMNS} - {*study.columns}).to_csv(part / "results.csv", index=False)
         (part / "results.md").write_text("\n\n".join(parts) + "\n")
-        for name, figure in pictures(study, rows, references, title).items():
-            figure.savefig(part / name, format="png", dpi=100)
+        if study.picture:
+            curves = study.picture == "curves"
+            figure = error_curves(rows, title) if curves else errors_by_seconds(rows, references, title)
+            figure.savefig(part / "results.png", dpi=100)
     return (folder / "results.md").read_text()
-
-
-def pictures(study: Study, rows: pd.DataFrame, references: Sequence[str], title: str) -> dict[str, Figure]:
-    """The study's pictures by the names of their files."""
-    if study.picture == "curves":
-        return {"results.png": error_curves(rows, title)}
-    if study.picture == "seconds":
-        costs = {
-            "results.png": ("seconds", "seconds of both trainings"),
-            "answers.png": ("ms alone", "ms of an answer to a view set, alone"),
-        }
-        return {name: errors_by_cost(rows, *cost, references, title) for name, cost in costs.items()}
-    return {}
 
 
 def missing(study: Study, answers: list[Answers], on_top: tuple[str, ...]) -> list[str]:
@@ -94,9 +87,10 @@ def missing(study: Study, answers: list[Answers], on_top: tuple[str, ...]) -> li
 
 def tables(rows: pd.DataFrame, references: Sequence[str], columns: Sequence[str]) -> list[str]:
     """The tables as Markdown, each after a line that names it; the last protocol, that of use, comes first."""
-    parts = []
+    parts, marked = [], rows["variant"].where(rows["trained"], rows["variant"] + ", not trained to its end")
+    rows = rows.assign(variant=marked).set_index("variant")
     for protocol in reversed(rows["protocol"].unique()):
-        chosen = rows[rows["protocol"] == protocol].set_index("variant")
+        chosen = rows[rows["protocol"] == protocol]
         errors = {"error": _intervals(chosen, "error"), "std": chosen["std"].map("{:.1f}".format)}
         parts += [f"Error, {protocol}:", _markdown(errors | {"trainings": chosen["trainings"]})]
         for name in references:
@@ -105,12 +99,15 @@ def tables(rows: pd.DataFrame, references: Sequence[str], columns: Sequence[str]
             differences = {
                 "over groups": _intervals(chosen, f"{vs}more", vs),
                 "over trainings": over_trainings.where(chosen[f"{vs}seeds_low"].notna(), ""),
+                "verdict": chosen[f"{vs}verdict"],
             }
             compared = chosen[f"{vs}more"].notna()
             if compared.any():
                 parts += [f"Points more than `{name}`, {protocol}:", _markdown(differences, compared)]
+    once = rows[~rows.index.duplicated()]
+    losses = {name: once[name].map("{:.3f}".format) for name in ("guessing", "before", "end")}
+    parts += ["Training:", _paragraph(TRAINED), _markdown(losses | {"machine": once["machine"]})]
     if columns:
-        once = rows.drop_duplicates("variant").set_index("variant")
         parts += ["Costs:", _paragraph(PAID), _markdown({name: once[name].map("{:.3g}".format) for name in columns})]
     return parts
 

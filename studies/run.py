@@ -151,7 +151,7 @@ def results(experiment: str, revision: str) -> dict[str, bytes]:
     try:
         with one_reader:
             files = DVCFileSystem(rev=revision)
-            return {name: files.cat_file(f"results/{name}") for name in RESULTS}
+            return {Path(name).name: files.cat_file(name) for name in RESULTS}
     except FileNotFoundError as error:
         raise UserError(f"{error} is not in DVC's cache; to run it again: dvc exp remove {experiment}") from None
 

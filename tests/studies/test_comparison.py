@@ -5,8 +5,9 @@ import pandas as pd
 import pytest
 
 from studies.cells import Answers
-from studies.comparison import complete, pareto_front, power, rows_of
+from studies.comparison import OPEN, complete, pareto_front, power, rows_of
 from studies.grid import Cell, Study
+from studies.losses import Losses
 from studies.report import write_report
 from tactile_viewgcn.evaluation.trials import ASKED, Predictions, Trials
 from tactile_viewgcn.messages import UserError
@@ -15,14 +16,14 @@ LABELS, GROUPS = np.repeat([0, 1], 40), np.repeat(np.arange(8), 10)
 COSTS = {"pretrain s": 2.0, "finetune s": 3.0, "ms alone": 1.0, "ms in batches": 0.5, "ms whole": 4.0, "peak MB": 100.0}
 
 
-def answers(variant, wrong, *, seed=0, deal=0, fold=0, groups=GROUPS, **costs):
+def answers(variant, wrong, *, seed=0, deal=0, fold=0, groups=GROUPS, trained=True, machine="H100", **costs):
     """Two trials in which the first `wrong` view sets of every group of ten are mistaken for the other object."""
     mistaken = np.tile(np.arange(10) < wrong, 8)
     predicted, names = np.tile(np.where(mistaken, 1 - LABELS, LABELS), (2, 1)), groups.astype(str)
     trials = {asked: Trials(predicted[..., None].copy(), LABELS, groups, names, 8) for asked in ASKED}
     predictions = Predictions(trials, np.array(["mug", "pen"]))
     cell = Cell(variant=variant, seed=seed, deal=deal, fold=fold, changes=(f"seed={seed}",))
-    return Answers(cell, predictions, COSTS | costs)
+    return Answers(cell, predictions, COSTS | costs, Losses(3.0, 1.0, 0.5, trained), machine)
 
 
 def table(*cells, references=("a",)):
@@ -43,6 +44,22 @@ def test_a_known_difference_has_its_size_and_its_interval():
     second = table(a, b)["b", "recording"]
     assert second["vs a more"] == pytest.approx((7 * 20 - 10) / 8)
     assert second["vs a low"] < second["vs a more"] < second["vs a high"]
+
+
+@pytest.mark.parametrize(("trained", "last", "decided"), [(True, 3, True), (True, 0, False), (False, 3, False)])
+def test_a_verdict_needs_both_intervals_and_trained_networks(trained, last, decided):
+    cells = [answers("a", 1, seed=seed) for seed in range(3)]
+    cells += [answers("b", wrong, seed=seed, trained=trained) for seed, wrong in enumerate((3, 4, last))]
+    rows = table(*cells, references=("a", "b"))
+    verdicts = rows["b", "object"]["vs a verdict"], rows["a", "object"]["vs b verdict"]
+    assert verdicts == (("errs more", "errs less") if decided else (OPEN, OPEN))
+
+
+def test_trainings_are_paired_on_one_kind_of_machine():
+    cells = [answers("a", 1), answers("b", 2), answers("b", 4, machine="EPYC"), answers("a", 0, seed=1, machine="EPYC")]
+    row = table(*cells)["b", "recording"]
+    assert (row["trainings"], row["error"], row["machine"]) == (2, pytest.approx(30), "H100, EPYC")
+    assert row["vs a more"] == pytest.approx(10)
 
 
 def test_a_small_group_counts_as_much_as_a_large_one():
@@ -117,10 +134,10 @@ def test_a_reference_of_a_crossed_study_stands_for_the_variant_in_the_same_place
 def test_the_detectable_difference_is_the_half_width_of_the_widest_paired_interval():
     def row(low, high, seeds=np.nan):
         ends = {"vs a low": low, "vs a high": high, "vs a seeds_low": -seeds, "vs a seeds_high": seeds}
-        return {"protocol": "recording", "vs a more": 0.0} | ends
+        return {"protocol": "recording", "trained": True, "vs a more": 0.0} | ends
 
     rows = [row(-9.0, 9.0) | {"protocol": "object"}]  # only the last protocol, that of use, counts
-    rows += [row(np.nan, np.nan), row(-2.0, 4.0), row(1.0, 3.0)]
+    rows += [row(np.nan, np.nan), row(-2.0, 4.0), row(1.0, 3.0), row(-9.0, 9.0) | {"trained": False}]
     assert all(words in power(pd.DataFrame(rows), 8) for words in ("3.0 points over 8 split groups", "below 5"))
     text = power(pd.DataFrame([*rows, row(-2.0, 12.0, seeds=10.0)]), 8)
     assert all(words in text for words in ("7.0 points over 8", "10.0 points over trainings", "above 5"))
@@ -129,16 +146,16 @@ def test_the_detectable_difference_is_the_half_width_of_the_widest_paired_interv
 
 @pytest.mark.parametrize("picture", [None, "seconds"])
 def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_missing(tmp_path, picture):
-    cells = [answers("a", 1), answers("b", 3)]
+    cells = [answers("a", 1), answers("b", 3, trained=False)]
     settings = {"reference": "a", "seeds": [0, 1], "folds": [0], "columns": ["finetune s"], "picture": picture}
     study = Study(name="made", question="Which?", variants={"a": {}, "b": {"views": 4}}, **settings)
     text = write_report(study, cells, tmp_path, ("split.by=grasp",)).replace("\n", " ")
-    pictures = {"results.png", "answers.png"} if picture else set()
+    pictures = {"results.png"} if picture else set()
     assert {file.name for file in tmp_path.glob("*.png") if file.stat().st_size > 1000} == pictures
     rows = pd.read_csv(tmp_path / "results.csv")
     assert len(rows) == 3 * 2 and "finetune s" in rows and "peak MB" not in rows
     assert rows["vs a more"].iloc[-1] == pytest.approx(20)
-    assert "| b         | 30.0 (" in text and "| b         | 20.0 (20.0 to 20.0) |" in text
+    assert "| b, not trained to its end | 30.0 (" in text and "| 20.0 (20.0 to 20.0) | not decided |" in text
     assert "Trainings that have not been run: a 1 of 2, b 1 of 2." in text
     assert (
         "`split.by=grasp`" in text

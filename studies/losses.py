@@ -1,0 +1,32 @@
+"""Whether a network is trained to its end: the training losses of its last epochs, beside that of guessing."""
+
+from dataclasses import dataclass
+from math import nan
+
+from tactile_viewgcn.provenance import Record
+
+LEFT = 1 / 3  # ours: largest loss at the end of a finished training, as a share of guessing
+FALL = 0.02  # ours: by how much it still falls an epoch, likewise
+EPOCHS = 3  # ours: over which the fall is averaged
+
+
+@dataclass(frozen=True)
+class Losses:
+    """Losses of a training: means of an epoch; NaN where nothing is trained in epochs."""
+
+    guessing: float = nan  # of the first batch, before a step
+    before: float = nan  # of the epoch before the last
+    end: float = nan  # of the last epoch
+    trained: bool = True  # whether to its end
+
+
+def losses_of(pretrain: Record, finetune: Record) -> Losses:
+    """The losses of fine-tuning, or of pretraining if the system is not fine-tuned."""
+    record = finetune if finetune.curves else pretrain
+    if not record.curves:
+        return Losses()
+    guessing, curve = record.counts["loss.first"], record.curves["loss"]
+    epochs = min(EPOCHS, len(curve) - 1)
+    fall = (curve[-1 - epochs] - curve[-1]) / max(epochs, 1)
+    trained = curve[-1] <= LEFT * guessing and fall <= FALL * guessing
+    return Losses(guessing, curve[-2] if epochs else nan, curve[-1], trained)
