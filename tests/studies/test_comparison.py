@@ -155,7 +155,7 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
     rows = pd.read_csv(tmp_path / "results.csv")
     assert len(rows) == 3 * 2 and "finetune s" in rows and "peak MB" not in rows
     assert rows["vs a more"].iloc[-1] == pytest.approx(20)
-    assert "| b, not trained to its end | 30.0 (" in text and "| 20.0 (20.0 to 20.0) | not decided |" in text
+    assert "| b *       | 30.0 (" in text and "| 20.0 (20.0 to 20.0) | not decided |" in text
     assert "Trainings that have not been run: a 1 of 2, b 1 of 2." in text
     assert (
         "`split.by=grasp`" in text
