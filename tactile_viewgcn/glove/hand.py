@@ -29,19 +29,41 @@ PALM = (0.090, 0.084)  # m: length and width that the sensors cover
 PALM_CUP = 0.007  # m by which the palm's edges are higher than its middle
 TILE = 6  # a patch of the palm has TILE x TILE sensors
 LINK_PATCHES = 15  # the first patches are the fingers' links, three each; the others belong to the palm
+#: of a hand: its size relative to the usual one, and m along and aside by which its glove is shifted
+Fit = tuple[float, tuple[float, float]]
+USUAL: Fit = (1.0, (0.0, 0.0))
 
 
 @dataclass(frozen=True)
-class Hand:
-    """S sensors, sorted by the patch that carries them. A patch belongs to one link or to the palm.
+class Pose:
+    """Positions and orientations of the N patches of R hands, in the palm's axes.
+
+    Attributes:
+        origin: (R, N, 3) m, the joint of a link; 0 for the palm.
+        axes: (R, N, 3, 3), columns: along the link, aside, and out of the skin.
+        hinge: (R, 5, 3) axis about which each finger flexes.
+    """
+
+    origin: np.ndarray
+    axes: np.ndarray
+    hinge: np.ndarray
+
+
+@dataclass
+class Hands:
+    """B hands with the same S sensors, sorted by the patch that carries them, of N patches.
+
+    A patch belongs to one link or to the palm. The hands differ in size and in the glove's shift.
 
     Attributes:
         row, column: (S,) cell in the frame.
         patch: (S,) 3 x finger + link, or LINK_PATCHES and above on the palm.
-        local: (S, 3) m, position; normal: (S, 3). The axes of a link point along it from its joint, aside, and out of
-            the skin; on the palm they are the palm's.
-        area: (S,) m^2 of skin under each sensor.
-        bases: (5, 3) m, the fingers' base joints; links: (5, 3) m, lengths.
+        local: (B, S, 3) m, position; normal: (B, S, 3). The axes of a link point along it from its joint, aside, and
+            out of the skin; on the palm they are the palm's.
+        area: (B, S) m^2 of skin under each sensor.
+        bases: (B, 5, 3) m, the fingers' base joints; links: (B, 5, 3) m, lengths.
+        start, count: (N,) first sensor of each patch, and number of its sensors.
+        centre: (B, N, 3) m in the patch's axes, and bounding_radius: (N,) m, of a sphere around each patch's sensors.
     """
 
     row: np.ndarray
@@ -53,18 +75,45 @@ class Hand:
     bases: np.ndarray
     links: np.ndarray
 
-    def __len__(self) -> int:
-        return len(self.row)
+    def __post_init__(self) -> None:
+        patches = np.arange(max(self.patch.max() + 1, LINK_PATCHES))
+        self.start = np.searchsorted(self.patch, patches)
+        self.count = np.searchsorted(self.patch, patches, side="right") - self.start
+        self.centre, self.bounding_radius = np.zeros((len(self.local), len(patches), 3)), np.zeros(len(patches))
+        for n, (first, count) in enumerate(zip(self.start, self.count, strict=True)):
+            if count:
+                local = self.local[:, first : first + count]
+                self.centre[:, n] = local.mean(axis=1)
+                self.bounding_radius[n] = np.linalg.norm(local - self.centre[:, n, None], axis=-1).max()
 
-    def frame(self, values: np.ndarray, elsewhere: float) -> np.ndarray:
-        """Frames (..., 32, 32) with the sensors' values (..., S) in their cells and `elsewhere` in the others."""
-        frame = np.full((*values.shape[:-1], *SHAPE), elsewhere, values.dtype)
-        frame[..., self.row, self.column] = values
-        return frame
+    def pose(self, rows: np.ndarray, q: np.ndarray, opposition: np.ndarray) -> "Pose":
+        """Forward kinematics of hands `rows` (R,) at joint coordinates q (R, 5, 2) rad and opposition (R,) rad."""
+        along, aside, skin = _finger_axes(opposition)  # (R, 5, 3) each
+        angle = np.cumsum(q @ COUPLING.T, axis=-1)[..., None]  # (R, 5, 3, 1)
+        cos, sin = np.cos(angle), np.sin(angle)
+        ahead = cos * along[:, :, None] + sin * skin[:, :, None]  # along each link (R, 5, 3, 3)
+        out = cos * skin[:, :, None] - sin * along[:, :, None]  # out of its skin
+        steps = self.links[rows][..., None] * ahead
+        origin = np.zeros((len(rows), len(self.start), 3))
+        axes = np.zeros((len(rows), len(self.start), 3, 3))
+        joint = self.bases[rows][:, :, None] + np.cumsum(steps, axis=2) - steps
+        origin[:, :LINK_PATCHES] = joint.reshape(len(rows), LINK_PATCHES, 3)
+        sides = np.broadcast_to(aside[:, :, None], ahead.shape)
+        axes[:, :LINK_PATCHES] = np.stack([ahead, sides, out], axis=-1).reshape(len(rows), LINK_PATCHES, 3, 3)
+        axes[:, LINK_PATCHES:] = np.eye(3)
+        return Pose(origin, axes, -aside)
 
 
-def stag_hand(*, scale: float = 1.0, slip: tuple[float, float] = (0.0, 0.0)) -> Hand:
-    """STAG's sensors on a hand of `scale` times the usual size, with the glove shifted by `slip` m along and aside."""
+def stag_hands(*fits: Fit) -> Hands:
+    """STAG's sensors on one hand of the usual size, or on a hand for each of the fits."""
+    each = [_stag_sensors(*fit) for fit in fits or (USUAL,)]
+    row, column, patch, local, normal, area = (np.stack(values) for values in zip(*each, strict=True))
+    scale = np.array([scale for scale, _ in fits or (USUAL,)])[:, None, None]
+    return Hands(row[0], column[0], patch[0], local, normal, area, BASES * scale, LINKS * scale)
+
+
+def _stag_sensors(scale: float, slip: tuple[float, float]) -> list[np.ndarray]:
+    """Row, column, patch, local, normal and area of the sensors of one hand, see `Fit`, sorted by patch."""
     parts = []
     for finger, first in enumerate((0, 6, 10, 15)):
         row, column = np.mgrid[first : first + 3, 0:14].reshape(2, -1)
@@ -73,11 +122,9 @@ def stag_hand(*, scale: float = 1.0, slip: tuple[float, float] = (0.0, 0.0)) -> 
     parts.append((row, column, *_on_finger(4, (row - 17.5) / 14, 26.5 - column, 4, scale, slip)))
     row, column = np.mgrid[0:18, 14:32].reshape(2, -1)
     parts.append((row, column, *_on_palm(row, column - 14, scale, slip)))
-    row, column, patch, local, normal, area = (np.concatenate(values) for values in zip(*parts, strict=True))
-    order = np.argsort(patch, kind="stable")
-    return Hand(
-        row[order], column[order], patch[order], local[order], normal[order], area[order], BASES * scale, LINKS * scale
-    )
+    values = [np.concatenate(each) for each in zip(*parts, strict=True)]
+    order = np.argsort(values[2], kind="stable")
+    return [each[order] for each in values]
 
 
 def _on_finger(
@@ -111,64 +158,6 @@ def _on_palm(
     local = np.stack([x, y, cup * y**2], axis=1)
     area = np.full(len(y), length * width / 18**2)
     return patch, local, normal / np.linalg.norm(normal, axis=1, keepdims=True), area
-
-
-@dataclass(frozen=True)
-class Pose:
-    """Positions and orientations of the N patches of R hands, in the palm's axes.
-
-    Attributes:
-        origin: (R, N, 3) m, the joint of a link; 0 for the palm.
-        axes: (R, N, 3, 3), columns: along the link, aside, and out of the skin.
-        hinge: (R, 5, 3) axis about which each finger flexes.
-    """
-
-    origin: np.ndarray
-    axes: np.ndarray
-    hinge: np.ndarray
-
-
-class Hands:
-    """B hands with the same sensors and N patches, which differ in size and in the glove's shift.
-
-    Attributes:
-        local, normal, area, bases, links: those of `Hand`, with a first axis of length B.
-        patch: (S,), the same for all hands.
-        centre: (B, N, 3) m in the patch's axes, and bounding_radius: (N,) m, of a sphere around each patch's sensors.
-        start, count: (N,) first sensor of each patch, and number of its sensors.
-    """
-
-    def __init__(self, hands: list[Hand]):
-        self.patch = hands[0].patch
-        self.local, self.normal, self.area, self.bases, self.links = (
-            np.stack([getattr(hand, name) for hand in hands]) for name in ("local", "normal", "area", "bases", "links")
-        )
-        patches = np.arange(max(self.patch.max() + 1, LINK_PATCHES))
-        self.start = np.searchsorted(self.patch, patches)
-        self.count = np.searchsorted(self.patch, patches, side="right") - self.start
-        self.centre, self.bounding_radius = np.zeros((len(hands), len(patches), 3)), np.zeros(len(patches))
-        for n, (first, count) in enumerate(zip(self.start, self.count, strict=True)):
-            if count:
-                local = self.local[:, first : first + count]
-                self.centre[:, n] = local.mean(axis=1)
-                self.bounding_radius[n] = np.linalg.norm(local - self.centre[:, n, None], axis=-1).max()
-
-    def pose(self, rows: np.ndarray, q: np.ndarray, opposition: np.ndarray) -> Pose:
-        """Forward kinematics of hands `rows` (R,) at joint coordinates q (R, 5, 2) rad and opposition (R,) rad."""
-        along, aside, skin = _finger_axes(opposition)  # (R, 5, 3) each
-        angle = np.cumsum(q @ COUPLING.T, axis=-1)[..., None]  # (R, 5, 3, 1)
-        cos, sin = np.cos(angle), np.sin(angle)
-        ahead = cos * along[:, :, None] + sin * skin[:, :, None]  # along each link (R, 5, 3, 3)
-        out = cos * skin[:, :, None] - sin * along[:, :, None]  # out of its skin
-        steps = self.links[rows][..., None] * ahead
-        origin = np.zeros((len(rows), len(self.start), 3))
-        axes = np.zeros((len(rows), len(self.start), 3, 3))
-        joint = self.bases[rows][:, :, None] + np.cumsum(steps, axis=2) - steps
-        origin[:, :LINK_PATCHES] = joint.reshape(len(rows), LINK_PATCHES, 3)
-        sides = np.broadcast_to(aside[:, :, None], ahead.shape)
-        axes[:, :LINK_PATCHES] = np.stack([ahead, sides, out], axis=-1).reshape(len(rows), LINK_PATCHES, 3, 3)
-        axes[:, LINK_PATCHES:] = np.eye(3)
-        return Pose(origin, axes, -aside)
 
 
 def _finger_axes(opposition: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -6,7 +6,7 @@ Each effect is a separate step, skipped where a recipe does not name it. The con
 
 import numpy as np
 
-from tactile_viewgcn.glove.hand import Hand
+from tactile_viewgcn.glove.hand import SHAPE, Hands
 from tactile_viewgcn.randomness import stream
 
 NO_SENSOR = 510  # counts of a cell without a sensor
@@ -31,7 +31,7 @@ class Sensors:
     """Reads B recordings block by block; hysteresis and common mode carry over from one block to the next.
 
     Args:
-        hand: positions of the S sensors.
+        hands: with the cells of the S sensors.
         seed: seed of the glove and its sessions.
         sessions: (B,) session of each recording; gain, baseline and common mode differ between sessions.
         rngs: B generators of the noise.
@@ -46,9 +46,9 @@ class Sensors:
     """
 
     def __init__(
-        self, hand: Hand, seed: int, sessions: list[int], rngs: list[np.random.Generator], effects: frozenset[str]
+        self, hands: Hands, seed: int, sessions: list[int], rngs: list[np.random.Generator], effects: frozenset[str]
     ):
-        self.hand, self.effects = hand, effects
+        self.hands, self.effects = hands, effects
         self.rngs = [(rng, *rng.spawn(1)) for rng in rngs]  # for the sensors' noise, and for the common mode
         electronics = [self._electronics(stream(seed, "glove"), stream(seed, "glove session", n)) for n in sessions]
         self.gain, self.stuck, self.bend, self.baseline, self.noise, self.common = (
@@ -58,13 +58,13 @@ class Sensors:
 
     def _electronics(self, glove: np.random.Generator, session: np.random.Generator) -> tuple[np.ndarray | float, ...]:
         """Gain, stuck, bend, baseline, noise (S,) and common mode, drawn for a glove in a session."""
-        count = len(self.hand)
+        count = len(self.hands.row)
         gain = np.exp(glove.normal(0, GAIN, count) - GAIN**2 / 2)
         defect = glove.random(count)
         bend = BENDING * glove.normal(0, 1, count) ** 2
         noise = np.exp(glove.normal(np.log(NOISE[0]), NOISE[1], count))
         gain = gain * np.exp(session.normal(0, GAIN_OF_SESSION, count))
-        baseline = session.normal(*BASELINE) + session.normal(0, ROW, 32)[self.hand.row]
+        baseline = session.normal(*BASELINE) + session.normal(0, ROW, 32)[self.hands.row]
         baseline = baseline + session.normal(0, SENSOR, count)
         common = session.uniform(*COMMON)
         stuck = np.full(count, np.nan)
@@ -92,7 +92,9 @@ class Sensors:
             excess = np.where(np.isnan(self.stuck)[:, None], excess, self.stuck[:, None])
         counts = self.baseline[:, None] + excess
         self._add_noise(counts)
-        return self.hand.frame(np.clip(np.rint(counts), 0, MAX_COUNT).astype(np.int16), NO_SENSOR)
+        frames = np.full((*counts.shape[:-1], *SHAPE), NO_SENSOR, np.int16)
+        frames[..., self.hands.row, self.hands.column] = np.clip(np.rint(counts), 0, MAX_COUNT)
+        return frames
 
     def _add_noise(self, counts: np.ndarray) -> None:
         """Add noise and common mode to counts (B, T, S), in place, frame by frame: the length of a block is free."""
@@ -101,7 +103,7 @@ class Sensors:
             if "noise" in self.effects:
                 draws = sensor_rng.standard_normal((frames, sensors + 32))
                 of_sensors, of_rows = draws[:, :sensors], draws[:, sensors:]
-                counts[b] += self.noise[b] * of_sensors + ROW_NOISE * of_rows[:, self.hand.row]
+                counts[b] += self.noise[b] * of_sensors + ROW_NOISE * of_rows[:, self.hands.row]
             if "common_mode" in self.effects:
                 for t, draw in enumerate(common_rng.standard_normal((frames,))):
                     self.drift[b] = DRIFT * self.drift[b] + np.sqrt(1 - DRIFT**2) * self.common[b] * draw
@@ -110,7 +112,7 @@ class Sensors:
     def _crosstalk(self, excess: np.ndarray) -> np.ndarray:
         """Leakage of a passive matrix: adds to each sensor of (B, T, S) a share of its row's and column's mean."""
         leaked = excess.copy()
-        for share, index in zip(CROSSTALK, (self.hand.row, self.hand.column), strict=True):
+        for share, index in zip(CROSSTALK, (self.hands.row, self.hands.column), strict=True):
             sums = np.zeros((*excess.shape[:-1], 32))
             for line in range(32):
                 sums[..., line] = excess[..., index == line].sum(axis=-1)

@@ -13,7 +13,7 @@ from joblib import Parallel, delayed
 from tqdm import tqdm
 
 from tactile_viewgcn.glove.contact import Drive, Layer, Mechanics
-from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, Hand, Hands, stag_hand
+from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, USUAL, Fit, stag_hands
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
 from tactile_viewgcn.glove.objects import GraspObject, select_objects
 from tactile_viewgcn.glove.scene import HOLD, OPEN, OPENING, plan, schedule
@@ -90,8 +90,8 @@ class Simulation:
 
     def __init__(self, recipe: Recipe, recordings: list[SessionObject] | None = None):
         self.recipe, self.recordings = recipe, recipe.recordings if recordings is None else recordings
-        fits = [self._fit(session) for session in range(recipe.sessions)]
-        self.hands = Hands([fits[session] for session, _ in self.recordings])
+        sessions = [session for session, _ in self.recordings]
+        self.hands = stag_hands(*map(self._fit, sessions))
         objects = [recipe.objects[number] for _, number in self.recordings]
         self.names = [one.name for one in objects]
         self.solids = Solids([list(one.parts) for one in objects])
@@ -101,8 +101,7 @@ class Simulation:
             [stream(recipe.seed, f"glove habit {name}") for name in self.names], self._streams("scene"),
             frames=recipe.frames, grasps=recipe.grasps, effects=recipe.effects,
         )  # fmt: skip
-        sessions = [session for session, _ in self.recordings]
-        self.sensors = Sensors(fits[0], recipe.seed, sessions, self._streams("noise"), recipe.effects)
+        self.sensors = Sensors(self.hands, recipe.seed, sessions, self._streams("noise"), recipe.effects)
         self.statistics: Counter[str] = Counter()
 
     def blocks(self) -> Iterator[np.ndarray]:
@@ -139,12 +138,12 @@ class Simulation:
         flexion[..., on_link] = (bend @ COUPLING.T)[:, :, patch[on_link] // 3, patch[on_link] % 3]
         return pressure, flexion
 
-    def _fit(self, session: int) -> Hand:
-        """The hand with the fit of its glove in a session."""
+    def _fit(self, session: int) -> Fit:
+        """Size of the hand, and place of its glove, in a session."""
         if "fit" not in self.recipe.effects:
-            return stag_hand()
+            return USUAL
         rng = stream(self.recipe.seed, "glove fit", session)
-        return stag_hand(scale=1 + SCALE_STD * rng.normal(), slip=tuple(SLIP_STD * rng.normal(size=2)))
+        return 1 + SCALE_STD * rng.normal(), tuple(SLIP_STD * rng.normal(size=2))
 
     def _streams(self, purpose: str) -> list[np.random.Generator]:
         """A generator for each recording, the same whatever other recordings there are."""

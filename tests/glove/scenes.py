@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.solver.other_integrators import integrate_with_scipy
 from benchmarks.solver.scenes import THICKNESS, ball_grasp, stiffness
 from tactile_viewgcn.glove.contact import HOLDING, Drive, Layer, Mechanics
-from tactile_viewgcn.glove.hand import BASES, LINK_PATCHES, LINKS, Hand, Hands, Pose, stag_hand
+from tactile_viewgcn.glove.hand import BASES, LINK_PATCHES, LINKS, USUAL, Hands, Pose, stag_hands
 from tactile_viewgcn.glove.objects import OBJECTS, select_objects
 from tactile_viewgcn.glove.scene import OPEN
 from tactile_viewgcn.glove.shapes import Primitive, Solids, box, capsule, sphere
@@ -25,6 +25,7 @@ GRASPS = (
     (3e11, 1e12, 0.0007, 2.0),
 )  # fmt: skip
 BALL, BALL_AT = sphere(0.034), (0.075, 0.0, 0.037)  # m: above the palm, so that only fingers touch it at first
+TILES = 4  # patches of a bed along each side
 SPHERE_RADIUS = 0.1  # m, of the sphere on a bed
 RTOL, MOST = 1e-6, 60_000  # of Radau, and the evaluations it may take
 FLAT = (0.08, 0.04, 0.03)  # m: a plate that lies on the palm between the fingers and the thumb
@@ -32,24 +33,25 @@ MIDDLE, FIRM = 0.02, 15_000.0  # m: its x; N/m of its sensors together, or more:
 SUNK = 2e-4  # m: its two outer rows of sensors carry it, the next ones are 0.5 mm lower
 OBJECTS_BY_NAME = {one.name: one for one in OBJECTS}
 GRIPPED = [OBJECTS_BY_NAME[name] for name in ("ball", "mug", "chain", "empty_hand", "tea_box", "safety_glasses")]
-FITS = [{}, {"scale": 1.03}, {"slip": (0.002, -0.001)}, {}, {"scale": 0.97}, {}]  # of the hands that grip them
+FITS = [USUAL, (1.03, (0, 0)), (1.0, (0.002, -0.001)), USUAL, (0.97, (0, 0)), USUAL]  # of the hands that grip them
 
 
-def bed(count: int, width: float, *, tiles: int = 4) -> Hand:
-    """A flat palm of count x count sensors that fill a square about the origin, z up; its fingers feel nothing."""
+def bed(count: int, width: float, *, hands: int = 1) -> Hands:
+    """Flat palms of count x count sensors that fill a square about the origin, z up; the fingers feel nothing."""
     pitch = width / count
     row, column = np.mgrid[:count, :count].reshape(2, -1)
-    patch = LINK_PATCHES + row * tiles // count * tiles + column * tiles // count
+    patch = LINK_PATCHES + row * TILES // count * TILES + column * TILES // count
     order = np.argsort(patch, kind="stable")
     row, column, patch = row[order], column[order], patch[order]
     middle = (count - 1) / 2
     local = np.stack([(column - middle) * pitch, (row - middle) * pitch, np.zeros(len(row))], axis=1)
     normal = np.tile([0.0, 0.0, 1.0], (len(row), 1))
-    return Hand(row, column, patch, local, normal, np.full(len(row), pitch**2), BASES, LINKS)
+    values = (local, normal, np.full(len(row), pitch**2), BASES, LINKS)
+    return Hands(row, column, patch, *(np.stack([each] * hands) for each in values))
 
 
 def scene(
-    parts: list[list[Primitive]], position, *, posture=0.0, hands: list[Hand] | None = None, stiffness=2e7, layer=LAYER,
+    parts: list[list[Primitive]], position, *, posture=0.0, hands: Hands | None = None, stiffness=2e7, layer=LAYER,
     motion=True, knots=2, squeeze=0.0, opposition=0.3, rotation=(0.0, 0.0, 0.0), load=(0.0, 0.0, 0.0),
 ) -> Mechanics:  # fmt: skip
     """B hands around objects, the drive the same at all knots: one union of `parts` for all, or one each.
@@ -68,7 +70,7 @@ def scene(
     )
     solids = Solids([list(one) for one in parts] * (count if len(parts) == 1 else 1))
     stiffness = np.broadcast_to(np.asarray(stiffness, dtype=float), count)
-    return Mechanics(Hands(hands or [stag_hand()] * count), solids, stiffness, drive, layer, motion=motion)
+    return Mechanics(hands or stag_hands(*[USUAL] * count), solids, stiffness, drive, layer, motion=motion)
 
 
 def gripping_hands(*, motion: bool, seed: int = 0) -> tuple[Mechanics, np.ndarray]:
@@ -81,7 +83,7 @@ def gripping_hands(*, motion: bool, seed: int = 0) -> tuple[Mechanics, np.ndarra
     q = rng.uniform(0.5, 1.3, (count, 5, 2))
     q[0, 3] = 1.75, 2.0  # beyond the joints' limits
     mechanics = scene(
-        [one.parts for one in GRIPPED], position, posture=q[:, None] - 0.1, hands=[stag_hand(**fit) for fit in FITS],
+        [one.parts for one in GRIPPED], position, posture=q[:, None] - 0.1, hands=stag_hands(*FITS),
         stiffness=[one.stiffness for one in GRIPPED], motion=motion, squeeze=0.1, opposition=0.9,
         rotation=np.stack([one.as_rotvec() for one in rotations])[:, None], load=(0.1, -0.2, -0.5),
     )  # fmt: skip
@@ -92,7 +94,7 @@ def gripping_hands(*, motion: bool, seed: int = 0) -> tuple[Mechanics, np.ndarra
 def sphere_on_bed() -> tuple[Mechanics, np.ndarray]:
     """A sphere that stays in contact with all of a small bed's sensors while it moves, and its state (1, 13)."""
     mechanics = scene(
-        [[sphere(SPHERE_RADIUS)]], [0.002, 0.001, SPHERE_RADIUS - 0.001], posture=0.3, hands=[bed(4, 0.01)],
+        [[sphere(SPHERE_RADIUS)]], [0.002, 0.001, SPHERE_RADIUS - 0.001], posture=0.3, hands=bed(4, 0.01),
         stiffness=1e12, layer=replace(LAYER, stiffness=1e6), load=(0, 0, -3.0), squeeze=0.05,
     )  # fmt: skip
     return mechanics, np.array([[0.1] * 10 + [0, 0, SPHERE_RADIUS - 0.003]])
@@ -101,7 +103,7 @@ def sphere_on_bed() -> tuple[Mechanics, np.ndarray]:
 def free_finger(*, posture=0.3, squeeze=0.0, knots=2, **layer: float) -> Mechanics:
     """Fingers and an object's position without any contact."""
     layer = replace(LAYER, **layer)
-    return scene([[]], [0, 0, 0.5], posture=posture, hands=[bed(4, 0.01)], layer=layer, squeeze=squeeze, knots=knots)
+    return scene([[]], [0, 0, 0.5], posture=posture, hands=bed(4, 0.01), layer=layer, squeeze=squeeze, knots=knots)
 
 
 def rod(damping: float) -> Mechanics:
@@ -163,14 +165,15 @@ def plate(lambda_h: float, *, frames: int) -> tuple[Mechanics, np.ndarray, np.nd
     Returns:
         The mechanics, the state (1, 13) at first, and the exact forces (1, frames, S) N on the sensors.
     """
-    hand = stag_hand()
-    x, y = hand.local[:, 0] - MIDDLE, np.abs(hand.local[:, 1])
+    hand = stag_hands()
+    (x, y, z), area = hand.local[0].T, hand.area[0]
+    x, y = x - MIDDLE, np.abs(y)
     below = (hand.patch >= LINK_PATCHES) & (np.abs(x) < FLAT[0] / 2) & (y < FLAT[1] / 2)
     carry = below & (y > y[below].max() - 1e-6)
     damping = max(2.0, (FIRM + HOLDING) * FRAME / lambda_h)  # N s/m
     whole = damping * lambda_h / FRAME  # N/m: sensors and holding
-    per_area = (whole - HOLDING) / hand.area[carry].sum()
-    height = hand.local[carry, 2].mean() + FLAT[2] / 2
+    per_area = (whole - HOLDING) / area[carry].sum()
+    height = z[carry].mean() + FLAT[2] / 2
     # Layer and plate in series, half as stiff as each; the open fingers are no stiffer than the plate.
     layer = Layer(2 * per_area, THICKNESS, max(LAYER.joint_damping, FRAME / lambda_h), damping)
     place = [MIDDLE, 0, height]
@@ -182,13 +185,13 @@ def plate(lambda_h: float, *, frames: int) -> tuple[Mechanics, np.ndarray, np.nd
         lag = (end - begin) / FRAME * damping / whole
         depth = (end - lag) / whole + (depth - (begin - lag) / whole) * np.exp(-FRAME * whole / damping)
         exact.append(depth)
-    force = np.array(exact)[:, None] * np.where(carry, per_area * hand.area, 0.0)
+    force = np.array(exact)[:, None] * np.where(carry, per_area * area, 0.0)
     return mechanics, np.concatenate([mechanics.drive.posture[:, 0].reshape(1, 10), start], axis=1), force[None]
 
 
-def points(hand: Hand, pose: Pose, row: int) -> np.ndarray:
-    """Positions (S, 3) m of the sensors of one hand, computed one by one."""
-    sensors = zip(hand.patch, hand.local, strict=True)
+def points(hands: Hands, hand: int, pose: Pose, row: int) -> np.ndarray:
+    """Positions (S, 3) m of the sensors of one of the hands, which is a row of the pose, computed one by one."""
+    sensors = zip(hands.patch, hands.local[hand], strict=True)
     return np.array([pose.origin[row, n] + pose.axes[row, n] @ local for n, local in sensors])
 
 
@@ -201,5 +204,4 @@ def recipe(objects=("ball", "coin"), *, without=(), **changes) -> Recipe:
 def simulated_counts(recipe: Recipe) -> tuple[np.ndarray, Simulation]:
     """Counts (B, T, S) of all recordings of a recipe, and the simulation."""
     run = Simulation(recipe)
-    hand = stag_hand()
-    return np.concatenate(list(run.blocks()), axis=1)[..., hand.row, hand.column], run
+    return np.concatenate(list(run.blocks()), axis=1)[..., run.hands.row, run.hands.column], run

@@ -5,13 +5,12 @@ from scipy.spatial.transform import Rotation
 
 from tactile_viewgcn.glove import scene
 from tactile_viewgcn.glove.contact import GRAVITY, collisions
-from tactile_viewgcn.glove.hand import LINK_PATCHES, Hands, stag_hand
+from tactile_viewgcn.glove.hand import LINK_PATCHES, USUAL, stag_hands
 from tactile_viewgcn.glove.scene import closure, plan, schedule
 from tactile_viewgcn.glove.shapes import Solids
 from tactile_viewgcn.randomness import stream
 from tests.glove.scenes import OBJECTS_BY_NAME
 
-HAND = stag_hand()
 FIXED = sum(scene.PHASES.values())
 FRAMES, GRASPS = 50, 2
 PHASE, _, GRASP = schedule(FRAMES, GRASPS)
@@ -27,7 +26,7 @@ def planned(names, *, effects=(), frames=FRAMES, grasps=GRASPS, habit=0, seed=0)
     objects = [OBJECTS_BY_NAME[name] for name in names]
     habits, rngs = [stream(habit, name) for name in names], [stream(seed, f"scene {name}") for name in names]
     return plan(
-        objects, Hands([HAND] * len(objects)), solids(objects), habits, rngs, frames=frames, grasps=grasps,
+        objects, stag_hands(*[USUAL] * len(objects)), solids(objects), habits, rngs, frames=frames, grasps=grasps,
         effects=frozenset(effects),
     )  # fmt: skip
 
@@ -64,7 +63,7 @@ def test_weight_pulls_down_with_mass_times_gravity_while_the_object_is_held():
 
 def test_fingers_close_until_they_touch():
     grasp_objects = [OBJECTS_BY_NAME[name] for name in ("mug", "ball", "empty_hand")]
-    hands, shapes, rows = Hands([HAND] * 3), solids(grasp_objects), np.arange(3)
+    hands, shapes, rows = stag_hands(*[USUAL] * 3), solids(grasp_objects), np.arange(3)
     position = np.tile([0.080, 0.002, 0.042], (3, 1))
     rotation = np.array([grasp_object.orientation for grasp_object in grasp_objects])
     share = closure(hands, shapes, position, rotation, np.full(3, 0.95))

@@ -5,12 +5,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.glove import sensor
-from tactile_viewgcn.glove.hand import stag_hand
+from tactile_viewgcn.glove.hand import stag_hands
 from tactile_viewgcn.glove.sensor import Sensors
 from tactile_viewgcn.randomness import stream
 
-HAND = stag_hand()
-COUNT = len(HAND)
+HAND = stag_hands()
+COUNT = len(HAND.row)
 FLAT = np.zeros((1, 1, 1))  # no flexion
 PA = 1 / sensor.SENSITIVITY  # of one count at little pressure
 
@@ -77,7 +77,8 @@ def test_hysteresis_by_hand():
 @given(seed=st.integers(0, 100))
 def test_crosstalk_is_what_a_double_loop_over_rows_and_columns_gives(seed):
     pressure = np.random.default_rng(seed).uniform(0, 400, COUNT)
-    frame = HAND.frame(pressure, np.nan)
+    frame = np.full((32, 32), np.nan)
+    frame[HAND.row, HAND.column] = pressure
     expected = frame.copy()
     for row in range(32):
         for column in range(32):

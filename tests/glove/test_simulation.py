@@ -9,7 +9,7 @@ import pytest
 from tactile_viewgcn.files import md5
 from tactile_viewgcn.glove import simulation
 from tactile_viewgcn.glove.contact import Mechanics
-from tactile_viewgcn.glove.hand import stag_hand
+from tactile_viewgcn.glove.hand import stag_hands
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
 from tactile_viewgcn.glove.scene import HOLD, OPEN, OPENING, schedule
 from tactile_viewgcn.glove.simulation import EFFECTS, VERSION, Simulation, recipe_from_params, simulate
@@ -18,7 +18,7 @@ from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.formats import open_source
 from tests.glove.scenes import LAYER, recipe, simulated_counts
 
-HAND, PARAMS = stag_hand(), Path(__file__).parents[2] / "params.yaml"
+HAND, PARAMS = stag_hands(), Path(__file__).parents[2] / "params.yaml"
 
 
 @pytest.mark.parametrize(("sessions", "sides"), [(2, "RE"), (3, "RRE"), (4, "RREE")])

@@ -14,7 +14,7 @@ BALL, NOTHING = [sphere(RADIUS)], []
 def over_a_bed(paths, parts=(BALL,)):
     """Whether balls, or objects of these parts, on paths (B, 2, 3) m tunnel through a bed at z = 0; evaluations."""
     paths, count = np.asarray(paths, dtype=float), len(paths)
-    mechanics = scene(list(parts), paths[:, 0], hands=[bed(20, 0.04)] * count, stiffness=1e9)
+    mechanics = scene(list(parts), paths[:, 0], hands=bed(20, 0.04, hands=count), stiffness=1e9)
     before, after = np.concatenate([np.zeros((2, count, 10)), paths.swapaxes(0, 1)], axis=2)
     tunnelling, evaluations = tunnels(mechanics, np.arange(count), np.zeros(count), before, np.ones(count), after)
     return tunnelling.tolist(), evaluations
