@@ -23,10 +23,20 @@ class NonLocalMessagePassing(nn.Module):
         self.norm = nn.BatchNorm1d(features)
 
     def received(self, nodes: Tensor) -> Tensor:
-        """Sums r (B, N, C) of the messages from all nodes (B, N, C) to each, itself included."""
+        """Sums r (B, N, C) of the messages from all nodes (B, N, C) to each, itself included.
+
+        At most `MAX_MESSAGES` numbers, or the messages of one sender, are in memory at once. Where that takes several
+        parts, the backward pass computes the messages again instead of keeping them.
+        """
         sender, receiver = self.message.weight.chunk(2, dim=1)
-        sent = functional.linear(nodes, sender)
-        return message_sum(functional.linear(nodes, receiver, self.message.bias), sent)
+        parts = functional.linear(nodes, sender).split(max(1, MAX_MESSAGES // max(1, nodes.numel())), dim=1)
+        receivers = functional.linear(nodes, receiver, self.message.bias)
+        if len(parts) == 1:
+            return _sum_over(parts[0], receivers)
+        total = torch.zeros_like(receivers)
+        for part in parts:
+            total = total + checkpoint(_sum_over, part, receivers, use_reentrant=False)
+        return total
 
     def forward(self, nodes: Tensor) -> Tensor:
         """(B, N, C) -> (B, N, C)."""
@@ -34,21 +44,6 @@ class NonLocalMessagePassing(nn.Module):
         return functional.leaky_relu(self.norm(fused.flatten(0, 1)), SLOPE).view_as(nodes)
 
 
-def message_sum(receivers: Tensor, senders: Tensor) -> Tensor:
-    """Sum over the senders j of LeakyReLU(receiver_i + sender_j); receivers, senders (B, N, C) -> (B, N, C).
-
-    At most `MAX_MESSAGES` numbers, or the messages of one sender, are in memory at once. Where that takes several
-    parts, the backward pass computes the messages again instead of keeping them.
-    """
-    parts = senders.split(max(1, MAX_MESSAGES // max(1, senders.numel())), dim=1)
-    if len(parts) == 1:
-        return _sum_over(senders, receivers)
-    total = torch.zeros_like(receivers)
-    for part in parts:
-        total = total + checkpoint(_sum_over, part, receivers, use_reentrant=False)
-    return total
-
-
 def _sum_over(senders: Tensor, receivers: Tensor) -> Tensor:
-    """The sum over senders (B, M, C) alone: (B, N, C)."""
+    """Sum over M senders j of LeakyReLU(receiver_i + sender_j): (B, M, C), (B, N, C) -> (B, N, C)."""
     return functional.leaky_relu(receivers.unsqueeze(1) + senders.unsqueeze(2), SLOPE).sum(dim=1)

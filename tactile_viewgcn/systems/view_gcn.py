@@ -19,12 +19,7 @@ from tactile_viewgcn.params import Model
 
 RELATION_UNITS = 10  # hidden units of equation 1's MLP
 SELECTOR_NEIGHBOURS = 4  # released: candidates for a sampled view, itself included
-LEVELS = 3  # V, V / 2, V / 4 nodes
-
-
-def level_sizes(views: int) -> list[int]:
-    """Nodes at each level: [V, V // 2, V // 4], without levels of fewer than two nodes; none for one view."""
-    return [views >> level for level in range(LEVELS) if views >> level >= 2]
+LEVELS = 3  # of V, V // 2 and V // 4 nodes; one of fewer than two nodes is left out
 
 
 class LocalGraphConvolution(nn.Module):
@@ -76,7 +71,7 @@ class ViewGCN(ViewSystem):
         super().__init__()
         self.view_loss, features = model.view_loss, sizes.features
         self.takes_fewer = model.selector != "joint"  # its weights are for V views
-        levels = level_sizes(len(sizes.viewpoints))
+        levels = [nodes for level in range(LEVELS) if (nodes := len(sizes.viewpoints) >> level) >= 2]
         neighbours = model.neighbours if isinstance(model.neighbours, list) else [model.neighbours] * len(levels)
         self.register_buffer("viewpoints", sizes.viewpoints.float(), persistent=False)
         self.convolutions = nn.ModuleList(

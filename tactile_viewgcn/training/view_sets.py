@@ -130,19 +130,16 @@ class SetLoss(nn.Module):
                 self.bank[self.compute.to_device(index)] = self.network.backbone(frames.noisy(index))
 
     def forward(self, frames: Tensor, labels: Tensor, sets: Tensor, passing: Tensor) -> Tensor:
-        """The loss of a `Batch`, a scalar; the features of its frames are stored."""
+        """The loss of a `Batch`, a scalar; the features of its frames are stored.
+
+        Of a frame that passes several times the first of its features is stored.
+        """
         with self.compute.autocast():
-            features = self.network.backbone(frames)
-        views = self.with_bank(features, sets.flatten(), passing) if len(self.bank) else features
+            views = features = self.network.backbone(frames)
+        if len(self.bank):
+            flat = sets.flatten()
+            views, passed = self.bank[flat].index_put((passing,), features), flat[passing]
+            first = (passed[:, None] == passed).byte().argmax(dim=1)
+            self.bank[passed] = features.detach()[first]
         logits, aux = self.network.head(views.unflatten(0, sets.shape))
         return self.network.head.loss(logits, aux, labels)
-
-    def with_bank(self, features: Tensor, sets: Tensor, passing: Tensor) -> Tensor:
-        """Features (B * k, ...) of frames `sets` (B * k,): new ones at the places `passing`, stored ones elsewhere.
-
-        The new `features` (n, ...) are stored; of a frame that passes several times, the first of them.
-        """
-        views, passed = self.bank[sets].index_put((passing,), features), sets[passing]
-        first = (passed[:, None] == passed).byte().argmax(dim=1)
-        self.bank[passed] = features.detach()[first]
-        return views

@@ -22,36 +22,23 @@ def viewpoints(views: int, kind: str = "auto", seed: int = 0) -> np.ndarray:
 
     Args:
         views: V; 8 for a cube.
-        kind: `cube`, in lexicographic order; `circle`; `sphere`: evenly spread; `random`: anywhere on the sphere, as a
-            control of whether the geometry matters; `auto`: 8 cube, 12 circle, any other number sphere.
+        kind: `cube`, in lexicographic order; `circle` at 30 degrees of elevation; `sphere`: evenly spread; `random`:
+            anywhere on the sphere, as a control of whether the geometry matters; `auto`: 8 cube, 12 circle, any other
+            number sphere.
         seed: of `random`.
     """
     match AUTO.get(views, "sphere") if kind == "auto" else kind:
         case "cube":
             return np.array(list(product((-1.0, 1.0), repeat=3)))
         case "circle":
-            return _circle(views)
+            angle = 2 * np.pi * np.arange(views) / views
+            flat = np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.cos(ELEVATION)
+            return RADIUS * np.column_stack([flat, np.full(views, np.sin(ELEVATION))])
         case "random":
-            return _random(views, stream(seed, "viewpoints"))
-    return _sphere(views)
-
-
-def _circle(views: int) -> np.ndarray:
-    """Equal steps (V, 3) of a circle at 30 degrees of elevation."""
-    angle = 2 * np.pi * np.arange(views) / views
-    flat = np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.cos(ELEVATION)
-    return RADIUS * np.column_stack([flat, np.full(views, np.sin(ELEVATION))])
-
-
-def _sphere(views: int) -> np.ndarray:
-    """Fibonacci lattice (V, 3): equal steps of height, each turned by the golden angle."""
+            directions = stream(seed, "viewpoints").standard_normal((views, 3))
+            return RADIUS * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    # a Fibonacci lattice: equal steps of height, each turned by the golden angle
     height = 1 - (2 * np.arange(views) + 1) / views
-    angle = 2 * np.pi * np.arange(views) / GOLDEN
+    turn = 2 * np.pi * np.arange(views) / GOLDEN
     across = np.sqrt(1 - height**2)
-    return RADIUS * np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)
-
-
-def _random(views: int, rng: np.random.Generator) -> np.ndarray:
-    """Points (V, 3) distributed uniformly over the sphere."""
-    directions = rng.standard_normal((views, 3))
-    return RADIUS * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    return RADIUS * np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=1)

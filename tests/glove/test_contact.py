@@ -1,6 +1,5 @@
 """Contact: forces are slopes of the energy, and a sphere on a flat bed obeys the elastic foundation's closed form."""
 
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
