@@ -36,49 +36,20 @@ WIDE = 0.25  # of an interval
 ROUNDING = 1e-9  # of a share
 
 
-@dataclass(frozen=True)
+@dataclass
 class FinishedRun:
-    """The files of an evaluated pipeline.
+    """An evaluated pipeline, by its files, and its result on whole recordings, which its page speaks of.
 
-    Attributes:
+    Args:
         name: as the user named it; empty for the workspace.
         metrics, timing: results/metrics.json and timing.json.
         predictions: of every trial.
         records: by stage.
-    """
-
-    name: str
-    metrics: dict[str, Any]
-    timing: dict[str, Any]
-    predictions: Predictions
-    records: dict[str, Record]
-
-    @property
-    def params(self) -> dict[str, Any]:
-        """Every parameter, by dotted key."""
-        return self.records["evaluate"].params["values"]
-
-    @property
-    def changed(self) -> dict[str, Any]:
-        """Parameters that differ from the committed ones, by dotted key."""
-        return self.records["evaluate"].params["changed"]
-
-    @property
-    def repeated(self) -> dict[str, Any]:
-        """Parameters of a line that repeats the run: the changed ones, those unlike params.yaml here, the source."""
-        source = str(everywhere(Path(self.params["data.source"])))
-        return self.changed | unlike_the_file(self.params) | {"data.source": source}
-
-    def notes(self, level: str) -> list[Note]:
-        """The stages' notes of that level, in the order of the stages."""
-        return [note for record in self.records.values() for note in record.notes if note.level == level]
-
-
-class Outcome:
-    """The result of a run on whole recordings, which its page speaks of.
 
     Attributes:
-        score: its numbers in metrics.json; ends: of the error's 95 % interval, None with one split group.
+        params: every parameter, by dotted key; changed: those that differ from the committed ones.
+        score: numbers of whole recordings in metrics.json; ends: of the error's 95 % interval, None with one split
+            group.
         counts: int64 (C, C), row the true class, column the answer.
         chance: error of always naming the object that most recordings are of.
         guesses: whether the interval reaches that error.
@@ -92,15 +63,20 @@ class Outcome:
         warnings: notes of the stages.
     """
 
-    def __init__(self, run: FinishedRun):
-        predictions, choices = run.predictions, {note.key: note.value for note in run.notes("choice")}
-        self.run = run
-        self.score: dict[str, Any] = run.metrics[WHOLE]
+    name: str
+    metrics: dict[str, Any]
+    timing: dict[str, Any]
+    predictions: Predictions
+    records: dict[str, Record]
+
+    def __post_init__(self) -> None:
+        self.params, self.changed = (self.records["evaluate"].params[kind] for kind in ("values", "changed"))
+        self.score: dict[str, Any] = self.metrics[WHOLE]
         error = self.score["error"]
         self.ends = (error["low"], error["high"]) if error["low"] is not None else None
-        self.counts = predictions.trials[WHOLE].confusion(len(predictions.classes))
+        self.counts = self.predictions.trials[WHOLE].confusion(len(self.predictions.classes))
         self.chance = float(1 - self.counts.sum(axis=1).max() / self.counts.sum())
-        ((self.side, self.groups),) = run.metrics["groups"].items()
+        ((self.side, self.groups),) = self.metrics["groups"].items()
         self.guesses = not self.ends or self.ends[1] >= self.chance - ROUNDING
         self.uncertain = not self.ends or self.groups < FEW or self.ends[1] - self.ends[0] > WIDE
         rows = [self._object(label) for label in np.flatnonzero(self.counts.any(axis=1)).tolist()]
@@ -108,13 +84,24 @@ class Outcome:
         recordings = [row[1] for row in rows]
         each = f"{min(recordings)} to {max(recordings)}" if min(recordings) < max(recordings) else recordings[0]
         self.tested = f"{several(sum(recordings), 'recording')}, {each} of each object"
-        self.weights = [note.value for note in run.notes("info") if note.topic == "members"]
-        self.members = choices.get("model.members", run.params["model.members"])
-        self.warnings = run.notes("warning")
+        self.weights = [note.value for note in self.notes("info") if note.topic == "members"]
+        choices = {note.key: note.value for note in self.notes("choice")}
+        self.members = choices.get("model.members", self.params["model.members"])
+        self.warnings = self.notes("warning")
+
+    @property
+    def repeated(self) -> dict[str, Any]:
+        """Parameters of a line that repeats the run: the changed ones, those unlike params.yaml here, the source."""
+        source = str(everywhere(Path(self.params["data.source"])))
+        return self.changed | unlike_the_file(self.params) | {"data.source": source}
+
+    def notes(self, level: str) -> list[Note]:
+        """The stages' notes of that level, in the order of the stages."""
+        return [note for record in self.records.values() for note in record.notes if note.level == level]
 
     def _object(self, label: int) -> tuple[str, int, float, str]:
         """See `objects`."""
-        classes, wrong = self.run.predictions.classes, self.counts[label].copy()
+        classes, wrong = self.predictions.classes, self.counts[label].copy()
         recordings, wrong[label] = int(wrong.sum()), 0
         other = int(wrong.argmax())
         taken_for = f"{classes[other]} ({percent(wrong[other] / recordings)})" if wrong[other] else ""
@@ -123,7 +110,7 @@ class Outcome:
     def verdict(self) -> Verdict:
         """Whether the result is good, and why."""
         warned, reasons = len(self.warnings), []
-        session = self.run.metrics.get("new_session")
+        session = self.metrics.get("new_session")
         if session and self.ends and session["error"]["mean"] > self.ends[1]:
             reasons.append(f"For {NEW_SESSION} it errs more: record more sessions.")
         if self.uncertain:
@@ -142,17 +129,17 @@ class Outcome:
         return Verdict("good", "Yes: it is better than guessing, and no stage gave a warning.", [below])
 
 
-def next_steps(outcome: Outcome) -> list[tuple[str, str]]:
+def next_steps(run: FinishedRun) -> list[tuple[str, str]]:
     """What to do next, each with its command or "": mend what stages warned of, test more, use or inspect."""
-    run, params, changed, steps = outcome.run, outcome.run.params, outcome.run.repeated, list[tuple[str, str]]()
-    if outcome.warnings:
-        unheeded = (note for note in outcome.warnings if note.key in params)
+    params, changed, steps = run.params, run.repeated, list[tuple[str, str]]()
+    if run.warnings:
+        unheeded = (note for note in run.warnings if note.key in params)
         remedies = {note.key: note.value for note in unheeded if note.value not in (None, params[note.key])}
         if columns := remedies.get("data.columns"):
             remedies["data.columns"] = [*params["data.columns"], *columns]
         command = again(changed | remedies) if remedies else ""
         steps.append(("Mend the causes of the warnings, and run again.", command))
-    if outcome.uncertain:
+    if run.uncertain:
         others = {key: value for key, value in changed.items() if key != "split.fold"}
         folds = ",".join(map(str, range(params["split.folds"])))
         sweep = again(others, f"dvc exp run --queue -S split.fold={folds}")
@@ -164,7 +151,7 @@ def next_steps(outcome: Outcome) -> list[tuple[str, str]]:
         steps.append((f"Test it on {NEW_SESSION}.", command))
     form = {key: params[key] for key in ("data.shape", "data.layout", "data.columns")}
     form = {key: value for key, value in form.items() if value not in ("auto", [])}
-    if outcome.guesses:
+    if run.guesses:
         command = again(form, f"tactile-viewgcn inspect {shlex.quote(params['data.source'])}", "--set")
         steps.append(("See whether the recordings tell the objects apart.", f"{command} --html inspection.html"))
     else:
@@ -184,18 +171,18 @@ def again(changes: dict[str, Any], command: str = "dvc exp run", option: str = "
 
 def report_lines(run: FinishedRun, page: str) -> list[str]:
     """Lines for a terminal: the errors with their intervals, whether that is good, the page, and what to do first."""
-    outcome, metrics = Outcome(run), run.metrics
+    metrics = run.metrics
     errors = {NEW_SESSION if metrics["new_sessions"] else "a new recording": metrics[WHOLE]["error"]}
     errors |= {NEW_SESSION: metrics["new_session"]["error"]} if "new_session" in metrics else {}
     lines = [f"error for {each}: {percent_interval(e['mean'], e['low'], e['high'])} %" for each, e in errors.items()]
-    what, command = next(step for step in next_steps(outcome) if step[1])
-    lines[0] += f"; guessing: {percent(outcome.chance)}"
-    return [*lines, outcome.verdict().answer, page, f"next: {what}", *command.split("\n")]
+    what, command = next(step for step in next_steps(run) if step[1])
+    lines[0] += f"; guessing: {percent(run.chance)}"
+    return [*lines, run.verdict().answer, page, f"next: {what}", *command.split("\n")]
 
 
 def run_page(run: FinishedRun) -> str:
     """The page as HTML."""
-    outcome, origin = Outcome(run), run.records["evaluate"].origin
+    origin = run.records["evaluate"].origin
     date = f"{datetime.fromisoformat(origin['time']):%d %B %Y, %H:%M} UTC"
     by_frames = {ASKED[name]: errors for name, errors in errors_by_frames(run.metrics).items()}
     return html.render(
@@ -205,13 +192,12 @@ def run_page(run: FinishedRun) -> str:
         origin=origin,
         title=f"Report: {run.name or run.params['model.system']}, {date}",
         date=date,
-        outcome=outcome,
-        steps=next_steps(outcome),
+        steps=next_steps(run),
         scores={name: run.metrics[name] for name in SCORED if name in run.metrics},
         asked=SCORED,
         interval=percent_interval,
-        by_frames=plots.errors_by_frames(by_frames, outcome.chance),
-        confusion=plots.confusion(outcome.counts, run.predictions.classes.tolist()),
+        by_frames=plots.errors_by_frames(by_frames, run.chance),
+        confusion=plots.confusion(run.counts, run.predictions.classes.tolist()),
         without_network=on_sensors(run.params["model.system"]),
         remarks=[note for note in run.notes("info") if note.topic != "members"],
         again=again(run.repeated),

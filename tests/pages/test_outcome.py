@@ -8,7 +8,7 @@ import pytest
 from tactile_viewgcn.evaluation.evaluate import scores_of
 from tactile_viewgcn.evaluation.trials import WHOLE, Predictions, Trials
 from tactile_viewgcn.messages import Note
-from tactile_viewgcn.pages.run_page import FinishedRun, Outcome, next_steps
+from tactile_viewgcn.pages.run_page import FinishedRun, next_steps
 from tests.records import RECORD
 
 NAMES = ["ball", "cup", "pen"]
@@ -51,8 +51,8 @@ def finished(answers, *, notes=(), **changes):
 
 def advice(run):
     """The verdict, what to do, and the commands."""
-    steps = next_steps(Outcome(run))
-    return Outcome(run).verdict(), [what for what, _ in steps], "\n".join(command for _, command in steps)
+    steps = next_steps(run)
+    return run.verdict(), [what for what, _ in steps], "\n".join(command for _, command in steps)
 
 
 def test_a_line_names_what_params_yaml_now_has_otherwise(elsewhere):
@@ -66,7 +66,7 @@ def test_objects_and_guessing_by_hand():
     labels = np.array([0] * 8 + [1] * 4)  # recordings of a cup and a pen; no tape
     answers = np.array([[0, 0, 1, 2, 0, 1, 1, 0, 1, 1, 1, 0]])
     trials, names = Trials(answers[..., None], labels, labels, labels, 48), np.array(["cup", "pen", "tape"])
-    outcome = Outcome(replace(finished(FEW), predictions=Predictions({WHOLE: trials}, names)))
+    outcome = replace(finished(FEW), predictions=Predictions({WHOLE: trials}, names))
     assert outcome.tested == "12 recordings, 4 to 8 of each object"
     assert outcome.objects == [("cup", 8, 0.5, "pen (37.5\xa0%)"), ("pen", 4, 0.25, "cup (25.0\xa0%)")]
     assert outcome.chance == pytest.approx(4 / 12)
@@ -115,7 +115,7 @@ def test_few_groups_a_wide_interval_and_a_new_session_above_it_are_doubts(groups
     run = finished(RIGHT)
     run.metrics["groups"], run.metrics["new_session"] = {"test": groups}, {"error": {"mean": new}}
     run.metrics[WHOLE]["error"] |= {"mean": 0.1, "low": high and 0.0, "high": high}
-    assert Outcome(run).verdict().kind == kind
+    assert replace(run).verdict().kind == kind
 
 
 def test_sessions_are_left_out_in_no_more_folds_than_there_are(elsewhere):
