@@ -64,9 +64,8 @@ class Job:
         # here, since a stage may do without torch
         from torch.cuda import get_device_name
 
-        from tactile_viewgcn.device import keep_freed_memory, select_device, set_threads
+        from tactile_viewgcn.device import select_device, set_threads
 
-        keep_freed_memory()
         self.record.counts["threads"] = set_threads()
         compute = select_device(self.params.device, self.params.precision)
         device = get_device_name(compute.device) if compute.device.type == "cuda" else "cpu"

@@ -115,7 +115,3 @@ def main() -> None:
             stream.reconfigure(errors="backslashreplace")
     with program(debug="--debug" in sys.argv):
         cli()
-
-
-if __name__ == "__main__":
-    main()

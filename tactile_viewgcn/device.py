@@ -1,8 +1,6 @@
 """Device and precision of the computation, chosen by the hardware's abilities, never by a timing."""
 
-import ctypes
 import os
-from contextlib import suppress
 from dataclasses import dataclass
 
 import torch
@@ -86,16 +84,3 @@ def set_threads() -> int:
         torch.set_num_threads(threads)
         threadpool_limits(threads)
     return torch.get_num_threads()
-
-
-def keep_freed_memory() -> None:
-    """Make glibc reuse freed memory instead of returning it to the kernel; no effect with other C libraries.
-
-    By default every step maps, zeroes and unmaps each large activation page by page, a tenth of the step's time. The
-    setting holds for the whole process: call it from a program, not a library.
-    """
-    trim_threshold, mmap_max = -1, -4  # the names of mallopt(3)
-    with suppress(AttributeError, OSError, TypeError):
-        mallopt = ctypes.CDLL(None).mallopt
-        mallopt(mmap_max, 0)
-        mallopt(trim_threshold, 2**31 - 1)

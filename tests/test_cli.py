@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def call(*words, cwd=ROOT):
-    command = [sys.executable, "-m", "tactile_viewgcn.cli", *map(str, words)]
+    command = [sys.executable, "-m", "tactile_viewgcn", *map(str, words)]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
 
@@ -77,7 +77,7 @@ def test_control_characters_of_names_reach_neither_a_terminal_nor_a_page(tmp_pat
 def test_a_command_that_is_ended_leaves_no_temporary_folder(tmp_path):
     (place := tmp_path / "temporary").mkdir()
     source = glove(tmp_path / "lab", "mug", number=1, shape=(120_000, 16, 16))
-    command = [sys.executable, "-m", "tactile_viewgcn.cli", "inspect", source]
+    command = [sys.executable, "-m", "tactile_viewgcn", "inspect", source]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(place)}
     process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while not list(place.glob("tactile-viewgcn-*/recordings")):

@@ -100,7 +100,7 @@ def place(tmp_path_factory) -> Path:
 
 @pytest.mark.parametrize("command", commands("tactile-viewgcn ", without="tactile-viewgcn report"))
 def test_a_command_of_the_package_runs(command, place):
-    assert call("tactile_viewgcn.cli", *shlex.split(command)[1:], cwd=place).strip()
+    assert call("tactile_viewgcn", *shlex.split(command)[1:], cwd=place).strip()
 
 
 @pytest.mark.parametrize("page, program", fences("python"))

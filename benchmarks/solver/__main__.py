@@ -13,7 +13,7 @@ from benchmarks.solver.scenes import FRAMES, SETTINGS, ball_grasp, stiffness
 from tactile_viewgcn.glove.contact import Mechanics
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
 from tactile_viewgcn.glove.objects import select_objects
-from tactile_viewgcn.glove.simulation import RATE, TOLERANCE, Recipe, Simulation, recipe_from_params
+from tactile_viewgcn.glove.simulation import RATE, TOLERANCE, Simulation, recipe_from_params
 from tactile_viewgcn.params import Params
 
 SEED = 3000
@@ -48,7 +48,7 @@ def solver(params: Params, quick: bool) -> Result:
         on_balls, on_objects = ({name: values[:2] for name, values in each.items()} for each in (on_balls, on_objects))
     rows = []
     for setting in settings:
-        grasp = ball_grasp(*setting, rate=RATE, seed=SEED)
+        grasp = ball_grasp(*setting, seed=SEED)
         rows += measure(grasp, on_balls, ball_rtol, MAX_EVALUATIONS)
     rows += measure(Simulation(recipe), on_objects, objects_rtol, NO_LIMIT)
     text = TEXT.format(tolerance=TOLERANCE, ball_rtol=ball_rtol, objects_rtol=objects_rtol)
@@ -60,15 +60,15 @@ def measure(simulation: Simulation, methods: dict, reference_rtol: float, max_ev
 
     The scene is named by its stiffness lambda h, or where there are several hands by their number.
     """
-    mechanics, frame = simulation.mechanics(0, FRAMES), 1 / simulation.recipe.rate
-    exact = solve("Radau", reference_rtol, mechanics, simulation.recipe, NO_LIMIT)[0]
+    mechanics, frame = simulation.mechanics(0, FRAMES), 1 / RATE
+    exact = solve("Radau", reference_rtol, mechanics, NO_LIMIT)[0]
     exact_pressure = simulation.sensor_inputs(mechanics, exact)[0]
     scene = f"{len(exact)} recordings" if len(exact) > 1 else f"{stiffness(mechanics, exact, frame):.1e}"
     rows = []
     for method, setting in [(method, setting) for method, settings in methods.items() for setting in settings]:
         error, evaluations, remark, begin = np.nan, np.nan, "", time.process_time()
         try:
-            states, evaluations = solve(method, setting, mechanics, simulation.recipe, max_evaluations)
+            states, evaluations = solve(method, setting, mechanics, max_evaluations)
         except IntegrationFailed as reason:
             remark = str(reason)
         seconds = time.process_time() - begin  # of the processor: other programs do not count
@@ -81,9 +81,7 @@ def measure(simulation: Simulation, methods: dict, reference_rtol: float, max_ev
     return rows
 
 
-def solve(
-    method: str, setting: float, mechanics: Mechanics, recipe: Recipe, max_evaluations: int
-) -> tuple[np.ndarray, int]:
+def solve(method: str, setting: float, mechanics: Mechanics, max_evaluations: int) -> tuple[np.ndarray, int]:
     """States (B, FRAMES, n) and number of evaluations.
 
     The setting is the tolerance of ours and of SciPy's methods, else the number of steps in a frame.
@@ -91,11 +89,11 @@ def solve(
     Raises:
         IntegrationFailed: as in `other_integrators`; SciPy's methods solve hand by hand, each within the limit.
     """
-    y, frame = mechanics.initial_state(), 1 / recipe.rate
+    y, frame = mechanics.initial_state(), 1 / RATE
     if method == "explicit Euler":
         return explicit_euler(mechanics, y, FRAMES, frame, setting), FRAMES * setting
     if method.startswith("ours"):
-        tolerance, step = (setting, None) if method == "ours" else (recipe.tolerance, frame / setting)
+        tolerance, step = (setting, None) if method == "ours" else (TOLERANCE, frame / setting)
         integrator = ImplicitIntegrator(mechanics, frame, tolerance, step)
         return integrator.run(y, FRAMES), integrator.statistics["evaluations"]
     limits = {"rtol": setting, "max_evaluations": max_evaluations}

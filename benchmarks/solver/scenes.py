@@ -22,14 +22,11 @@ SETTINGS = (  # stiffness of skin and object, Pa/m; damping of joints, N m s / r
 )
 
 
-def ball_grasp(
-    skin: float, surface: float, joint_damping: float, object_damping: float, *, rate: float, seed: int,
-    tolerance: float = 0.02,
-) -> Simulation:  # fmt: skip
+def ball_grasp(skin: float, surface: float, joint_damping: float, object_damping: float, *, seed: int) -> Simulation:
     """One grasp of a ball; the first four arguments are one of SETTINGS."""
     ball = replace(select_objects(["ball"])[1], stiffness=surface)
     layer = Layer(skin, THICKNESS, joint_damping, object_damping)
-    return Simulation(Recipe((ball,), 1, FRAMES, 1, seed, layer, rate, tolerance=tolerance))
+    return Simulation(Recipe((ball,), 1, FRAMES, 1, seed, layer))
 
 
 def hessian(mechanics: Mechanics, balance: Balance) -> np.ndarray:

@@ -47,8 +47,6 @@ class Recipe:
         frames, grasps: number of them in each recording.
         seed: seed of every random draw.
         layer: skin, glove and damping.
-        rate: frames a second.
-        tolerance: relative error of the sensors' forces in a step, see `integrator.py`.
         effects: those of EFFECTS that are simulated; the others are not computed. Without `weight` nothing pulls on the
             object, but the squeeze still follows its weight. `weight` needs `motion`.
     """
@@ -59,8 +57,6 @@ class Recipe:
     grasps: int
     seed: int
     layer: Layer = LAYER
-    rate: float = RATE
-    tolerance: float = TOLERANCE
     effects: frozenset[str] = frozenset(EFFECTS)
 
     def side(self, session: int) -> str:
@@ -111,7 +107,7 @@ class Simulation:
             stop = min(start + BLOCK, recipe.frames)
             mechanics = self.mechanics(start, stop)
             y = mechanics.initial_state() if y is None else y
-            integrator = ImplicitIntegrator(mechanics, 1 / recipe.rate, recipe.tolerance, statistics=self.statistics)
+            integrator = ImplicitIntegrator(mechanics, 1 / RATE, TOLERANCE, statistics=self.statistics)
             states = integrator.run(y, stop - start)
             y = states[:, -1]
             yield self.sensors.read(*self.sensor_inputs(mechanics, states))
@@ -177,13 +173,13 @@ def _write(recipe: Recipe, recordings: list[SessionObject], folder: Path, *, bar
         grasp_object, content = recipe.objects[number], BytesIO()  # HDF5 may say nothing where a disk is full
         with h5py.File(content, "w") as file:
             file.create_dataset("pressure", data=counts, compression="gzip", compression_opts=1, shuffle=True)
-            file["time"] = np.arange(recipe.frames) / recipe.rate
+            file["time"] = np.arange(recipe.frames) / RATE
             file["valid"], file["grasp"] = phase == HOLD, grasp.astype(np.int16)
             file.attrs.update({
                 "object": grasp_object.name, "session": f"{session:03d}", "weight": float(grasp_object.weight),
                 "split": recipe.side(session),
                 "simulated": f"virtual glove, version {VERSION}, seed {recipe.seed}",
-                "effects": " ".join(sorted(recipe.effects)), "layer": str(recipe.layer), "tolerance": recipe.tolerance,
+                "effects": " ".join(sorted(recipe.effects)), "layer": str(recipe.layer), "tolerance": TOLERANCE,
             })  # fmt: skip
         path = folder / f"{session:03d}" / f"{number:03d}-{grasp_object.name}.h5"
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -132,7 +132,7 @@ def around_a_ball(setting: tuple[float, float, float, float], posture, *, hands:
 
 def grasp(setting: tuple[float, float, float, float], *, seed: int, frames: int) -> Mechanics:
     """A grasp of a ball from the moment the fingers begin to close; the ball is in place and the hand open."""
-    return ball_grasp(*setting, rate=RATE, seed=seed).mechanics(9, 9 + frames)
+    return ball_grasp(*setting, seed=seed).mechanics(9, 9 + frames)
 
 
 def forces(mechanics: Mechanics, states: np.ndarray) -> np.ndarray:
