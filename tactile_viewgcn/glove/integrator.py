@@ -101,45 +101,6 @@ class StageSolver:
         return ended, solved
 
 
-class _Steps:
-    """The current step of each of B hands.
-
-    Attributes:
-        y: (B, n) state at the start of the step; slope: (B, n) of its first stage.
-        knot: (B,) frames completed; elapsed: (B,) s in the current frame.
-        h: (B,) s, size of the step; proposed: (B,) s, what the error control wants.
-        second: (B,) in the second stage; solved: (B,) no stage of the step has failed.
-    """
-
-    def __init__(self, y: np.ndarray, frame: float, first: float, solver: StageSolver):
-        count = len(y)
-        self.y, self.slope, self.frame, self.solver = y, np.zeros_like(y), frame, solver
-        self.knot, self.elapsed = np.zeros(count, dtype=int), np.zeros(count)
-        self.h, self.proposed = np.zeros(count), np.full(count, first)
-        self.second, self.solved = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
-
-    def begin(self, rows: np.ndarray) -> None:
-        """Begin the first stage of a new step, which ends at the frame's end at the latest."""
-        left = self.frame - self.elapsed[rows]
-        fills = left - self.proposed[rows] < ARRIVED * self.frame
-        self.h[rows] = np.where(fills, left, self.proposed[rows])
-        self.second[rows], self.solved[rows] = False, True
-        self.solver.start(rows, self.y[rows], GAMMA * self.h[rows], self.y[rows])
-
-    def begin_second(self, rows: np.ndarray) -> None:
-        """Begin the second stage, extrapolated from the first."""
-        scaled = GAMMA * self.h[rows]
-        self.slope[rows] = (self.solver.best[rows] - self.y[rows]) / scaled[:, None]
-        base = self.y[rows] + ((1 - GAMMA) * self.h[rows])[:, None] * self.slope[rows]
-        self.second[rows] = True
-        self.solver.start(rows, base, scaled, base + scaled[:, None] * self.slope[rows])
-
-    def time(self, rows: np.ndarray) -> np.ndarray:
-        """Time (R,) of the current stages, in frames."""
-        part = np.where(self.second[rows], 1.0, GAMMA)
-        return self.knot[rows] + (self.elapsed[rows] + part * self.h[rows]) / self.frame
-
-
 @dataclass
 class ImplicitIntegrator:
     """Integrates a batch of hands from frame to frame.
@@ -152,6 +113,12 @@ class ImplicitIntegrator:
         statistics: cost, summed over hands: `steps`; of these `rejected`, repeated with a shorter step, and `forced`,
             accepted in spite of their error because they are as short as SMALLEST; `evaluations` of the mechanics;
             `unsolved` stages, whose Newton iteration did not converge.
+
+    Attributes:
+        y: (B, n) state at the start of each hand's step; slope: (B, n) of its first stage.
+        knot: (B,) frames completed; elapsed: (B,) s in the current frame.
+        h: (B,) s, size of the step; proposed: (B,) s, what the error control wants.
+        second: (B,) in the second stage; solved: (B,) no stage of the step has failed.
     """
 
     mechanics: Mechanics
@@ -163,69 +130,94 @@ class ImplicitIntegrator:
     def run(self, y: np.ndarray, frames: int) -> np.ndarray:
         """States (B, frames, n) at knots 1 to `frames`, from y (B, n) at knot 0."""
         states, mechanics, rows = np.empty((len(y), frames, y.shape[1])), self.mechanics, np.arange(len(y))
+        count = len(y)
         solver = StageSolver(y, STAGE_TOLERANCE * self.tolerance, NEWTON if self.step is None else 5 * NEWTON)
-        steps = _Steps(y.copy(), self.frame, self.frame if self.step is None else self.step, solver)
-        steps.begin(rows)
+        self.solver, self.y, self.slope = solver, y.copy(), np.zeros_like(y)
+        self.knot, self.elapsed = np.zeros(count, dtype=int), np.zeros(count)
+        self.h, self.proposed = np.zeros(count), np.full(count, self.step or self.frame)
+        self.second, self.solved = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
+        self._begin(rows)
         while len(rows):
             tried = solver.tried[rows]
-            balance = mechanics.evaluate(rows, steps.time(rows), tried, palm=mechanics.motion)
+            balance = mechanics.evaluate(rows, self._time(rows), tried, palm=mechanics.motion)
             ended, solved = solver.iterate(rows, mechanics, balance)
             self.statistics["evaluations"] += len(rows)
             self.statistics["unsolved"] += int((ended & ~solved).sum())
-            steps.solved[rows[ended]] &= solved[ended]
-            second = ended & steps.second[rows]
+            self.solved[rows[ended]] &= solved[ended]
+            second = ended & self.second[rows]
             first = rows[ended & ~second]
             if second.any():
-                error = self._error(rows, balance, tried, steps)[second]
-                self._end_step(rows[second], error, steps, states)
+                error = self._error(rows, balance, tried)[second]
+                self._end_step(rows[second], error, states)
             if len(first):
-                steps.begin_second(first)
-            rows = rows[steps.knot[rows] < frames]
+                self._begin_second(first)
+            rows = rows[self.knot[rows] < frames]
         return states
 
-    def _end_step(self, rows: np.ndarray, error: np.ndarray, steps: _Steps, states: np.ndarray) -> None:
+    def _begin(self, rows: np.ndarray) -> None:
+        """Begin the first stage of a new step, which ends at the frame's end at the latest."""
+        left = self.frame - self.elapsed[rows]
+        fills = left - self.proposed[rows] < ARRIVED * self.frame
+        self.h[rows] = np.where(fills, left, self.proposed[rows])
+        self.second[rows], self.solved[rows] = False, True
+        self.solver.start(rows, self.y[rows], GAMMA * self.h[rows], self.y[rows])
+
+    def _begin_second(self, rows: np.ndarray) -> None:
+        """Begin the second stage, extrapolated from the first."""
+        scaled = GAMMA * self.h[rows]
+        self.slope[rows] = (self.solver.best[rows] - self.y[rows]) / scaled[:, None]
+        base = self.y[rows] + ((1 - GAMMA) * self.h[rows])[:, None] * self.slope[rows]
+        self.second[rows] = True
+        self.solver.start(rows, base, scaled, base + scaled[:, None] * self.slope[rows])
+
+    def _time(self, rows: np.ndarray) -> np.ndarray:
+        """Time (R,) of the current stages, in frames."""
+        part = np.where(self.second[rows], 1.0, GAMMA)
+        return self.knot[rows] + (self.elapsed[rows] + part * self.h[rows]) / self.frame
+
+    def _end_step(self, rows: np.ndarray, error: np.ndarray, states: np.ndarray) -> None:
         """Accept or reject the steps of rows (R,), whose errors (R,) are in tolerances, and begin the next ones."""
-        error = np.where(steps.solved[rows], error, UNSOLVED)
+        error = np.where(self.solved[rows], error, UNSOLVED)
         if self.step is None:
-            self._reject_tunnelling(rows, error, steps)
-        accepted = (error <= 1) | (steps.h[rows] <= SMALLEST * self.frame) | (self.step is not None)
+            self._reject_tunnelling(rows, error)
+        accepted = (error <= 1) | (self.h[rows] <= SMALLEST * self.frame) | (self.step is not None)
         self.statistics["steps"] += len(rows)
         self.statistics["rejected"] += int((~accepted).sum())
         self.statistics["forced"] += int((accepted & (error > 1)).sum())
         advanced = rows[accepted]
-        steps.y[advanced] = steps.solver.best[advanced]
-        steps.elapsed[advanced] += steps.h[advanced]
-        arrived = self.frame - steps.elapsed[rows] < ARRIVED * self.frame
+        self.y[advanced] = self.solver.best[advanced]
+        self.elapsed[advanced] += self.h[advanced]
+        arrived = self.frame - self.elapsed[rows] < ARRIVED * self.frame
         if self.step is None:
-            ideal = steps.h[rows] * np.clip(SAFETY / np.sqrt(np.maximum(error, 1e-12)), SHRINK, GROW)
+            ideal = self.h[rows] * np.clip(SAFETY / np.sqrt(np.maximum(error, 1e-12)), SHRINK, GROW)
             # A step cut short by the frame's end says little about the next one.
-            ideal = np.where(accepted & arrived, np.maximum(steps.proposed[rows], ideal), ideal)
-            steps.proposed[rows] = np.clip(ideal, SMALLEST * self.frame, self.frame)
+            ideal = np.where(accepted & arrived, np.maximum(self.proposed[rows], ideal), ideal)
+            self.proposed[rows] = np.clip(ideal, SMALLEST * self.frame, self.frame)
         complete = rows[accepted & arrived]
-        states[complete, steps.knot[complete]] = steps.y[complete]
-        steps.knot[complete] += 1
-        steps.elapsed[complete] = 0
-        steps.begin(rows)
+        states[complete, self.knot[complete]] = self.y[complete]
+        self.knot[complete] += 1
+        self.elapsed[complete] = 0
+        self._begin(rows)
 
-    def _reject_tunnelling(self, rows: np.ndarray, error: np.ndarray, steps: _Steps) -> None:
+    def _reject_tunnelling(self, rows: np.ndarray, error: np.ndarray) -> None:
         """Set the error (R,) of acceptable steps that tunnel to UNSOLVED, in place."""
-        candidates = np.flatnonzero((error <= 1) & (steps.h[rows] > SMALLEST * self.frame))
+        candidates = np.flatnonzero((error <= 1) & (self.h[rows] > SMALLEST * self.frame))
         hands = rows[candidates]
-        begin = steps.knot[hands] + steps.elapsed[hands] / self.frame
-        end = begin + steps.h[hands] / self.frame
-        tunnelling, evaluations = tunnels(self.mechanics, hands, begin, steps.y[hands], end, steps.solver.best[hands])
+        begin = self.knot[hands] + self.elapsed[hands] / self.frame
+        end = begin + self.h[hands] / self.frame
+        tunnelling, evaluations = tunnels(self.mechanics, hands, begin, self.y[hands], end, self.solver.best[hands])
         error[candidates[tunnelling]] = UNSOLVED
         self.statistics["evaluations"] += evaluations
 
-    def _error(self, rows: np.ndarray, balance: Balance, y: np.ndarray, steps: _Steps) -> np.ndarray:
+    def _error(self, rows: np.ndarray, balance: Balance, y: np.ndarray) -> np.ndarray:
         """Errors (R,), in tolerances, of steps that end at y (R, n).
 
         An error is the larger of two: that of the sensors' forces relative to them, and that of positions relative to
         the skin's thickness.
         """
-        mechanics, scaled = self.mechanics, steps.solver.scaled_step[rows, None]
+        mechanics, scaled = self.mechanics, self.solver.scaled_step[rows, None]
         shift = mechanics.damping / scaled
-        error = mechanics.solve(balance, shift, shift * (y - steps.solver.base[rows] - scaled * steps.slope[rows]))
+        error = mechanics.solve(balance, shift, shift * (y - self.solver.base[rows] - scaled * self.slope[rows]))
         change = mechanics.force_change(balance, rows, error)
         force_error = np.sqrt(np.bincount(balance.contacts.row, change**2, len(rows)))
         force = np.sqrt(np.bincount(balance.contacts.row, balance.force**2, len(rows)))
