@@ -99,13 +99,15 @@ def principal_components(points: np.ndarray, count: int) -> np.ndarray:
 def kmeans(scores: np.ndarray, views: int, *, restarts: int, seed: int) -> np.ndarray:
     """Cluster int64 (n,), 0 to V - 1, of each row of scores (n, c): the best of `restarts` runs of k-means.
 
-    If at most V rows are distinct, each is a cluster, and the other clusters are empty.
+    If at most V rows are distinct, each is a cluster, and the other clusters are empty. Two rows are equal if their
+    scores round to the same steps of `MIN_DIFFERENCE`: rounding errors hardly ever count.
     """
     from sklearn.cluster import KMeans
 
-    distinct = distinct_rows(scores, views)
-    if distinct is not None:
-        return distinct
+    step = MIN_DIFFERENCE * np.abs(scores).max(initial=0)
+    rows, number = np.unique(np.rint(scores / step) if step else scores, axis=0, return_inverse=True)
+    if len(rows) <= views:
+        return number.ravel()
     with _libraries().limit(limits=1):  # small problems: more threads cost time, and change the order of sums
         return KMeans(views, n_init=restarts, random_state=seed).fit_predict(scores).astype(np.int64)
 
@@ -116,13 +118,3 @@ def _libraries() -> ThreadpoolController:
     import sklearn.cluster  # noqa: F401  loads them
 
     return ThreadpoolController()
-
-
-def distinct_rows(scores: np.ndarray, most: int) -> np.ndarray | None:
-    """Number int64 (n,) of the distinct row that each row of scores (n, c) equals; None if more than `most` differ.
-
-    Two rows are equal if their scores round to the same steps of `MIN_DIFFERENCE`: rounding errors hardly ever count.
-    """
-    step = MIN_DIFFERENCE * np.abs(scores).max(initial=0)
-    rows, number = np.unique(np.rint(scores / step) if step else scores, axis=0, return_inverse=True)
-    return number.ravel() if len(rows) <= most else None
