@@ -204,7 +204,7 @@ def test_letters_of_labels_are_composed_and_blanks_at_their_ends_go(tmp_path):
 
 
 ONE_TABLE = {  # names and columns of an object's part, and the names of recordings and sessions
-    "trials": ("label,trial", lambda o, i: (o, i), ["ball/1", "ball/2", "mug/1", "mug/2"], ["session"]),
+    "trials": ("label,trial,class", lambda o, i: (o, i, "toy"), ["ball/1", "ball/2", "mug/1", "mug/2"], ["session"]),
     "times that fall": ("Class", lambda o, i: (o,), ["ball/1", "ball/2", "mug/3", "mug/4"], ["session"]),
     "sessions": ("object,subject", lambda o, i: (o, i), ["1/ball/1", "2/ball/2", "1/mug/3", "2/mug/4"], ["1", "2"]),
 }
@@ -317,11 +317,12 @@ def test_a_recording_needs_no_object_where_none_is_asked_for(tmp_path, name, pla
 def test_frames_that_read_nan_and_are_marked_as_not_held_are_left_out_and_counted(tmp_path):
     pressure, valid = COUNTS.astype(np.float32), np.array([False, True, False, True])
     pressure[2, 1] = np.nan
-    path = record(tmp_path / "a.h5", pressure=pressure, valid=valid, time=np.arange(4))
-    counts, table = ingested(path)
-    np.testing.assert_array_equal(counts, COUNTS[[0, 1, 3]])
-    assert table.columns["frame"].tolist() == table.columns["time"].tolist() == [0, 1, 3]
-    assert [note.text.partition(" ")[0] for note in table.notes] == ["1"]
+    for name in "ab":
+        path = record(tmp_path / "lab" / f"{name}.h5", pressure=pressure, valid=valid, time=np.arange(4))
+    counts, table = ingested(path.parent)
+    np.testing.assert_array_equal(counts, np.tile(COUNTS[[0, 1, 3]], (2, 1, 1)))
+    assert table.columns["frame"].tolist() == table.columns["time"].tolist() == [0, 1, 3] * 2
+    assert [note.text.partition(" ")[0] for note in table.notes] == ["2"]
     assert "valid" in refusal(record(path, pressure=pressure, valid=~valid), tmp_path)
 
 

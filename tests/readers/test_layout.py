@@ -146,6 +146,12 @@ def test_folders_are_objects_and_above_them_sessions(tmp_path, places, order, le
         assert set(source.names["object"]) == {place.split("/")[0] for place in places.split()} and not source.notes
 
 
+def test_what_hdf5_says_of_itself_counts_more_than_its_place(tmp_path):
+    record(tmp_path / "lab" / "mon" / "ball" / "1.h5", attributes={"object": None, "recording": "first"})
+    _, table = ingested(tmp_path / "lab")
+    assert (table.objects, table.recordings, table.sessions) == (["ball"], ["first"], ["s1"])
+
+
 @pytest.mark.parametrize(
     ("layout", "name"),
     [

@@ -34,7 +34,8 @@ def test_features_are_the_shares_above_the_biases_by_naive_loops(frames):
 
 
 def test_biases_are_quantiles_so_that_known_shares_of_the_fitted_recordings_are_above_them():
-    recordings = np.random.default_rng(0).normal(size=(12, 100, 11))
+    """Also where the recordings of one object are all before those of another, whose readings are nine times as far."""
+    recordings = np.random.default_rng(0).normal(size=(40, 100, 11)) * np.repeat([1, 9], 20)[:, None, None]
     convolutions = Convolutions().fit(recordings, 0)
     assert convolutions.dilations.tolist() == [1, 2, 4, 5, 8, 12]  # eight from 1 to 99 / 8, evenly by their logarithms
     assert set(convolutions.channels.sum(axis=2).ravel()) == set(range(1, 10))  # of eleven

@@ -24,8 +24,9 @@ def data(classes):
     rng = np.random.default_rng(0)
     labels = 2 * rng.permutation(np.maximum(np.arange(150) % (classes + 2) - 2, 0))
     points, asked = rng.normal(size=(150, 5)) + labels[:, None] * rng.normal(size=5), 3 * rng.normal(size=(50, 5))
-    points[:, -1] = asked[:, -1] = 0.1
-    return (points + 1000).astype(np.float32).astype(float), labels, (asked + 1000).astype(np.float32).astype(float)
+    points, asked = ((each + 1000).astype(np.float32).astype(float) for each in (points, asked))
+    points[:, -1] = asked[:, -1] = 0.1  # its standard deviation is not 0 but rounding
+    return points, labels, asked
 
 
 def ridge(points, labels, asked):

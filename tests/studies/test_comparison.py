@@ -146,8 +146,9 @@ def test_the_detectable_difference_is_the_half_width_of_the_widest_paired_interv
 
 @pytest.mark.parametrize("picture", [None, "seconds"])
 def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_missing(tmp_path, picture):
-    cells = [answers("a", 1), answers("b", 3, trained=False)]
-    settings = {"reference": "a", "seeds": [0, 1], "folds": [0], "columns": ["finetune s"], "picture": picture}
+    folds = [{"fold": fold, "groups": GROUPS + 8 * fold} for fold in (0, 1)]
+    cells = [each for at in folds for each in (answers("a", 1, **at), answers("b", 3, trained=False, **at))]
+    settings = {"reference": "a", "seeds": [0, 1], "folds": [0, 1], "columns": ["finetune s"], "picture": picture}
     study = Study(name="made", question="Which?", variants={"a": {}, "b": {"views": 4}}, **settings)
     text = write_report(study, cells, tmp_path, ("split.by=grasp",)).replace("\n", " ")
     pictures = {"results.png"} if picture else set()
@@ -159,6 +160,6 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
     assert "Trainings that have not been run: a 1 of 2, b 1 of 2." in text
     assert (
         "`split.by=grasp`" in text
-        and "80 view sets, 80 whole recordings, 2 classes" in text
-        and "8 split groups" in text
+        and "160 view sets, 160 whole recordings, 2 classes" in text
+        and "16 split groups" in text
     )
