@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import torch
 
-from tactile_viewgcn.nn.system import Sizes, ViewSystem
+from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.params import load, preset_changes
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tests import glove_data
@@ -112,7 +112,7 @@ def test_a_program_runs(page, program, place, monkeypatch, tmp_path):
     names = runpy.run_path(str(tmp_path / "program.py"))
     for made in names.values():
         if isinstance(made, type) and issubclass(made, ViewSystem) and made is not ViewSystem:
-            logits, aux = made(Sizes(torch.rand(4, 3), (6,), 3), recipe().model)(torch.rand(2, 4, 6))
+            logits, aux = made(torch.rand(4, 3), (6,), 3, recipe().model)(torch.rand(2, 4, 6))
             assert logits.shape == (2, 3) and aux == []
     if "probabilities" in names:
         np.testing.assert_allclose(np.sum(names["probabilities"], axis=-1), 1, rtol=1e-5)

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.backbone import INFERENCE_BATCH, Backbone, extract_features
-from tactile_viewgcn.nn.system import Sizes, ViewSystem
+from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.params import Model
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class ViewNetwork(nn.Module):
         maps = system.takes == "maps"
         self.backbone = Backbone(model.backbone, maps=maps)
         self.feature_shape = self.backbone.map_shape(shape) if maps else (self.backbone.features,)
-        self.head = system(Sizes(viewpoints, self.feature_shape, classes), model)
+        self.head = system(viewpoints, self.feature_shape, classes, model)
 
     @property
     def views(self) -> int:

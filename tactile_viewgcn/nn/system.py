@@ -3,38 +3,20 @@
 A system is one file of systems/, named as `model.system` names it, with one subclass of `ViewSystem`.
 """
 
-from dataclasses import dataclass
-
 import torch.nn.functional as functional
 from torch import Tensor, nn
 
 DROPOUT = 0.5  # ours: on the shape descriptor
 
 
-@dataclass(frozen=True)
-class Sizes:
-    """Sizes of a system.
-
-    Attributes:
-        viewpoints: (V, 3).
-        feature_shape: of a view's features, (C,), or (C, H, W) of its maps.
-        classes: number of classes.
-    """
-
-    viewpoints: Tensor
-    feature_shape: tuple[int, ...]
-    classes: int
-
-    @property
-    def features(self) -> int:
-        """C."""
-        return self.feature_shape[0]
-
-
 class ViewSystem(nn.Module):
     """Views (B, k, ...) to logits (B, classes); k is V, or what else the system takes.
 
-    A subclass is built from `Sizes` and the section `model` of params.yaml.
+    Args:
+        viewpoints: (V, 3).
+        shape: of a view's features, (C,), or of its maps, (C, H, W).
+        classes: number of classes.
+        model: the section of params.yaml.
 
     Attributes:
         takes: the backbone's `features` (B, k, C), or its `maps` (B, k, C, H, W).

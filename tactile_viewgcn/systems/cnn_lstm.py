@@ -5,7 +5,7 @@ Hochreiter and Schmidhuber, "Long short-term memory" (1997).
 
 from torch import Tensor, nn
 
-from tactile_viewgcn.nn.system import Sizes, ViewSystem
+from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.params import Model
 
 
@@ -15,10 +15,10 @@ class CNNLSTM(ViewSystem):
     in_time_order = True
     takes_fewer = True
 
-    def __init__(self, sizes: Sizes, model: Model):
+    def __init__(self, viewpoints: Tensor, shape: tuple[int, ...], classes: int, model: Model):
         super().__init__()
-        self.memory = nn.LSTM(sizes.features, sizes.features, batch_first=True)
-        self.classifier = nn.Linear(sizes.features, sizes.classes)
+        self.memory = nn.LSTM(shape[0], shape[0], batch_first=True)
+        self.classifier = nn.Linear(shape[0], classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         states, _ = self.memory(views)

@@ -8,7 +8,7 @@ backbone's are, since they take most of the time.
 import torch
 from torch import Tensor, nn
 
-from tactile_viewgcn.nn.system import Sizes, ViewSystem
+from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.params import Model
 
 
@@ -19,10 +19,10 @@ class ConvLSTM(ViewSystem):
     in_time_order = True
     takes_fewer = True
 
-    def __init__(self, sizes: Sizes, model: Model):
+    def __init__(self, viewpoints: Tensor, shape: tuple[int, ...], classes: int, model: Model):
         super().__init__()
-        self.gates = nn.Conv2d(2 * sizes.features, 4 * sizes.features, 3, padding=1)
-        self.classifier = nn.Linear(sizes.features, sizes.classes)
+        self.gates = nn.Conv2d(2 * shape[0], 4 * shape[0], 3, padding=1)
+        self.classifier = nn.Linear(shape[0], classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         hidden = torch.zeros_like(views[:, 0])

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from tactile_viewgcn.nn.graph import first_places, nearest
-from tactile_viewgcn.nn.system import Sizes, ViewSystem, shape_classifier
+from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
 from tactile_viewgcn.params import Model
 
 
@@ -21,12 +21,12 @@ class GCN(ViewSystem):
     takes_fewer = True
     viewpoints: Tensor
 
-    def __init__(self, sizes: Sizes, model: Model):
+    def __init__(self, viewpoints: Tensor, shape: tuple[int, ...], classes: int, model: Model):
         super().__init__()
-        self.register_buffer("viewpoints", sizes.viewpoints.float(), persistent=False)
+        self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
         self.neighbours = model.neighbours[0] if isinstance(model.neighbours, list) else model.neighbours
-        self.layers = nn.ModuleList(nn.Linear(sizes.features, sizes.features) for _ in range(2))
-        self.classifier = shape_classifier(sizes.features, sizes.features, sizes.classes)
+        self.layers = nn.ModuleList(nn.Linear(shape[0], shape[0]) for _ in range(2))
+        self.classifier = shape_classifier(shape[0], shape[0], classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         positions = first_places(self.viewpoints, views.shape[1])

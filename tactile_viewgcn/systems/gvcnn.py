@@ -8,7 +8,7 @@ import math
 import torch
 from torch import Tensor, nn
 
-from tactile_viewgcn.nn.system import Sizes, ViewSystem, shape_classifier
+from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
 from tactile_viewgcn.params import Model
 
 
@@ -23,11 +23,11 @@ class GVCNN(ViewSystem):
     takes_fewer = True
     takes_more = True
 
-    def __init__(self, sizes: Sizes, model: Model):
+    def __init__(self, viewpoints: Tensor, shape: tuple[int, ...], classes: int, model: Model):
         super().__init__()
-        self.groups = len(sizes.viewpoints)
-        self.score = nn.Linear(math.prod(sizes.feature_shape), 1)
-        self.classifier = shape_classifier(sizes.features, sizes.features, sizes.classes)
+        self.groups = len(viewpoints)
+        self.score = nn.Linear(math.prod(shape), 1)
+        self.classifier = shape_classifier(shape[0], shape[0], classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         views = views.to(self.score.weight.dtype)

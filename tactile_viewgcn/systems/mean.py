@@ -2,7 +2,7 @@
 
 from torch import Tensor
 
-from tactile_viewgcn.nn.system import Sizes, ViewSystem, shape_classifier
+from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
 from tactile_viewgcn.params import Model
 
 
@@ -12,9 +12,9 @@ class MeanViews(ViewSystem):
     takes_fewer = True
     takes_more = True
 
-    def __init__(self, sizes: Sizes, model: Model):
+    def __init__(self, viewpoints: Tensor, shape: tuple[int, ...], classes: int, model: Model):
         super().__init__()
-        self.classifier = shape_classifier(sizes.features, sizes.features, sizes.classes)
+        self.classifier = shape_classifier(shape[0], shape[0], classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         return self.classifier(views.mean(dim=1)), []

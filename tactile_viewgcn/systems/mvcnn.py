@@ -5,7 +5,7 @@ Su et al., "Multi-view convolutional neural networks for 3D shape recognition" (
 
 from torch import Tensor
 
-from tactile_viewgcn.nn.system import Sizes, ViewSystem, shape_classifier
+from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
 from tactile_viewgcn.params import Model
 
 
@@ -15,9 +15,9 @@ class MVCNN(ViewSystem):
     takes_fewer = True
     takes_more = True
 
-    def __init__(self, sizes: Sizes, model: Model):
+    def __init__(self, viewpoints: Tensor, shape: tuple[int, ...], classes: int, model: Model):
         super().__init__()
-        self.classifier = shape_classifier(sizes.features, sizes.features, sizes.classes)
+        self.classifier = shape_classifier(shape[0], shape[0], classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         return self.classifier(views.amax(dim=1)), []

@@ -11,7 +11,7 @@ import torch.nn.functional as functional
 from scipy.optimize import linear_sum_assignment
 from torch import Tensor, nn
 
-from tactile_viewgcn.nn.system import Sizes, ViewSystem
+from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.params import Model
 
 
@@ -21,10 +21,10 @@ class RotationNet(ViewSystem):
     An assignment is a permutation; the best one is computed exactly (Kuhn 1955).
     """
 
-    def __init__(self, sizes: Sizes, model: Model):
+    def __init__(self, viewpoints: Tensor, shape: tuple[int, ...], classes: int, model: Model):
         super().__init__()
-        self.views, self.classes = len(sizes.viewpoints), sizes.classes
-        self.classifier = nn.Linear(sizes.features, self.views * (self.classes + 1))
+        self.views, self.classes = len(viewpoints), classes
+        self.classifier = nn.Linear(shape[0], self.views * (self.classes + 1))
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         """Features (B, V, C) -> scores (B, classes), and log-probabilities (B, V views, V viewpoints, classes + 1).

@@ -7,17 +7,17 @@ features, with the same weights and the same result.
 
 from torch import Tensor, nn
 
-from tactile_viewgcn.nn.system import Sizes, ViewSystem
+from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.params import Model
 
 
 class STAGNet(ViewSystem):
     """Features (B, V, C) to logits (B, classes); each place in the set has different weights."""
 
-    def __init__(self, sizes: Sizes, model: Model):
+    def __init__(self, viewpoints: Tensor, shape: tuple[int, ...], classes: int, model: Model):
         super().__init__()
-        self.join = nn.Linear(len(sizes.viewpoints) * sizes.features, sizes.features)
-        self.classifier = nn.Linear(sizes.features, sizes.classes)
+        self.join = nn.Linear(len(viewpoints) * shape[0], shape[0])
+        self.classifier = nn.Linear(shape[0], classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         return self.classifier(self.join(views.flatten(1))), []

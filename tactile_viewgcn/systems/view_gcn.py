@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from tactile_viewgcn.nn.graph import edge_geometry, first_places, nearest
 from tactile_viewgcn.nn.message_passing import SLOPE, NonLocalMessagePassing
-from tactile_viewgcn.nn.system import Sizes, ViewSystem, shape_classifier
+from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
 from tactile_viewgcn.nn.view_selection import SelectiveViewSampling
 from tactile_viewgcn.params import Model
 
@@ -67,13 +67,13 @@ class ViewGCN(ViewSystem):
     takes_fewer = True
     viewpoints: Tensor
 
-    def __init__(self, sizes: Sizes, model: Model):
+    def __init__(self, viewpoints: Tensor, shape: tuple[int, ...], classes: int, model: Model):
         super().__init__()
-        self.view_loss, features = model.view_loss, sizes.features
+        self.view_loss, features = model.view_loss, shape[0]
         self.takes_fewer = model.selector != "joint"  # its weights are for V views
-        levels = [nodes for level in range(LEVELS) if (nodes := len(sizes.viewpoints) >> level) >= 2]
+        levels = [nodes for level in range(LEVELS) if (nodes := len(viewpoints) >> level) >= 2]
         neighbours = model.neighbours if isinstance(model.neighbours, list) else [model.neighbours] * len(levels)
-        self.register_buffer("viewpoints", sizes.viewpoints.float(), persistent=False)
+        self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
         self.convolutions = nn.ModuleList(
             LocalGraphConvolution(features, count, model.edge_distance)
             for count, _ in zip(neighbours, levels, strict=False)
@@ -82,14 +82,14 @@ class ViewGCN(ViewSystem):
         self.samplers = nn.ModuleList(
             SelectiveViewSampling(
                 features,
-                sizes.classes,
+                classes,
                 below,
                 neighbours=min(SELECTOR_NEIGHBOURS, above),
                 joint=model.selector == "joint",
             )
             for above, below in pairwise(levels)
         )
-        self.classifier = shape_classifier(max(1, len(levels)) * features, features, sizes.classes)
+        self.classifier = shape_classifier(max(1, len(levels)) * features, features, classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         """views (B, k, C) -> logits (B, classes), and each sampler's logits (B, m, K, classes) for the view loss."""

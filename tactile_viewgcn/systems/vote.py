@@ -2,7 +2,7 @@
 
 from torch import Tensor, nn
 
-from tactile_viewgcn.nn.system import Sizes, ViewSystem
+from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.params import Model
 
 
@@ -13,9 +13,9 @@ class Vote(ViewSystem):
     takes_more = True
     trainable = False
 
-    def __init__(self, sizes: Sizes, model: Model):
+    def __init__(self, viewpoints: Tensor, shape: tuple[int, ...], classes: int, model: Model):
         super().__init__()
-        self.classifier = nn.Linear(sizes.features, sizes.classes)
+        self.classifier = nn.Linear(shape[0], classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         return self.classifier(views).log_softmax(dim=-1).mean(dim=1), []

@@ -4,7 +4,6 @@ from typing import get_args
 
 import torch
 
-from tactile_viewgcn.nn.system import Sizes
 from tactile_viewgcn.params import System
 from tactile_viewgcn.recognition.model_file import build_classifier
 from tests.glove_data import recipe
@@ -37,7 +36,7 @@ def built(name, *changes, places=LINE, classes=5):
 def head_of(kind, *changes, places=LINE, classes=5, features=16):
     """A system's network alone; `features` is C, or the shape (C, H, W) of maps."""
     shape = features if isinstance(features, tuple) else (features,)
-    return kind(Sizes(torch.as_tensor(places), shape, classes), recipe(*changes).model)
+    return kind(torch.as_tensor(places), shape, classes, recipe(*changes).model)
 
 
 def some_views(classifier, count=None):
