@@ -6,7 +6,7 @@ once, and all answers gather features.
 
 import time
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,34 +24,24 @@ MAX_REPEATS = 50
 BATCH = 64  # view sets
 
 
-class Evaluation(NamedTuple):
-    """The answers to the evaluated side, their scores and their cost.
-
-    Attributes:
-        predictions: all answers.
-        metrics: sizes, whether all sessions are other ones than the training's, and `scores_of` each of
-            `trials.ASKED`; equal on every run with one seed.
-        latency_ms: see `latency`; empty if it was not measured.
-    """
-
-    predictions: Predictions
-    metrics: dict[str, Any]
-    latency_ms: dict[str, dict[str, float]]
+def evaluated_frames(classifier: Classifier, table: Frames, params: Params) -> Gathered:
+    """What the classifier reads of the frames (n, H, W) of the side `evaluate.side`, computed when it is indexed."""
+    return Gathered(lambda at: table.inputs(at, classifier.transform), table.on(SIDES.index(params.evaluate.side)))
 
 
 def evaluate_table(
-    classifier: Classifier, table: Frames, params: Params, compute: Compute, *, timed: bool = True
-) -> Evaluation:
+    classifier: Classifier, table: Frames, params: Params, compute: Compute
+) -> tuple[Predictions, dict[str, Any]]:
     """Classify the side `evaluate.side`: a view set for each anchor, trial and protocol, and each recording once.
 
-    Args:
-        timed: measure the latency too.
+    Returns:
+        All answers; and metrics: sizes, whether all sessions are other ones than the training's, and `scores_of` each
+        of `trials.ASKED`. They are equal on every run with one seed.
     """
     side = params.evaluate.side
     train, tested = (table.on(SIDES.index(name)) for name in ("train", side))
-    inputs = Gathered(lambda at: table.inputs(at, classifier.transform), tested)
     classifier.prepare(compute)
-    values = classifier.frame_values(inputs)
+    values = classifier.frame_values(evaluated_frames(classifier, table, params))
     trials = {protocol: run_trials(classifier, values, table, params, protocol) for protocol in PROTOCOLS}
     trials[WHOLE] = answer_recordings(classifier, values, table, params)
     metrics: dict[str, Any] = {
@@ -65,8 +55,7 @@ def evaluate_table(
     }
     for number, (asked, answers) in enumerate(trials.items()):
         metrics[asked] = scores_of(answers, stream(params.seed, "interval", number), len(table.classes))
-    latency_ms = latency(classifier, inputs, trials[WHOLE].frames) if timed else {}
-    return Evaluation(Predictions(trials, np.array(table.classes)), metrics, latency_ms)
+    return Predictions(trials, np.array(table.classes)), metrics
 
 
 def error_of(correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator) -> dict[str, float | None]:

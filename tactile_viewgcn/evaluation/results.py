@@ -4,8 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from tactile_viewgcn.evaluation.evaluate import Evaluation
-from tactile_viewgcn.evaluation.trials import ASKED, PROTOCOLS, WHOLE, write_predictions
+from tactile_viewgcn.evaluation.trials import ASKED, PROTOCOLS, WHOLE, Predictions, write_predictions
 from tactile_viewgcn.files import new_files, readable
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import NEW_SESSION, csv_text, several
@@ -34,7 +33,7 @@ def simulation(records: Records) -> Records:
     return {"simulate": Record.read(path.read_text())} if simulated and path.exists() else {}
 
 
-def costs(evaluation: Evaluation, records: Records, seconds: float, peak_mb: float) -> dict[str, Any]:
+def costs(latency_ms: dict[str, dict[str, float]], records: Records, seconds: float, peak_mb: float) -> dict[str, Any]:
     """Seconds of each stage and of all, latency in ms per answer, and the peak memory of the hungriest stage in MB.
 
     Args:
@@ -44,7 +43,7 @@ def costs(evaluation: Evaluation, records: Records, seconds: float, peak_mb: flo
     peak = max([peak_mb, *(record.peak_mb for record in records.values())])
     return {
         "seconds": {name: round(value, 3) for name, value in (each | {"total": sum(each.values())}).items()},
-        "latency_ms": evaluation.latency_ms,
+        "latency_ms": latency_ms,
         "peak_mb": round(peak, 1),
     }
 
@@ -74,12 +73,11 @@ def errors_by_frames(metrics: dict[str, Any]) -> dict[str, list[tuple[int, dict[
     return {name: [(int(count), error) for count, error in each] for name, each in errors.items()}
 
 
-def write_results(folder: Path, evaluation: Evaluation, timing: dict[str, Any]) -> None:
+def write_results(folder: Path, predictions: Predictions, metrics: dict[str, Any], timing: dict[str, Any]) -> None:
     """Write predictions, metrics.json, tables of trials, views, confusion and classes, and the costs in timing.json.
 
     All but the costs are equal on every run with one seed. DVC shows summary.json, which has some of both.
     """
-    predictions, metrics = evaluation.predictions, evaluation.metrics
     classes = predictions.classes.tolist()
     trees = {"metrics": metrics, "timing": timing, "summary": summary(metrics, timing)}
     tables: dict[str, list[list]] = {

@@ -31,7 +31,7 @@ def drawn(monkeypatch):
 
 
 def evaluated(*changes, classifier=None, frames=None):
-    return evaluate_table(classifier or trained(), frames or table(), recipe(*changes), CPU, timed=False)
+    return evaluate_table(classifier or trained(), frames or table(), recipe(*changes), CPU)
 
 
 def test_each_test_frame_passes_the_backbone_once():
@@ -60,17 +60,17 @@ def test_trials_and_seeds_draw_other_view_sets_and_one_seed_the_same(drawn):
 
 
 def test_a_result_repeats_in_whatever_mode_the_classifier_comes_and_is_far_above_chance():
-    first, again = evaluated(), evaluated(classifier=trained().train())
-    assert first.metrics == again.metrics
-    for asked, trials in first.predictions.trials.items():
-        np.testing.assert_array_equal(trials.best, again.predictions.trials[asked].best)
-        assert first.metrics[asked]["error"]["mean"] < 0.4  # chance: 0.75
+    (first, metrics), (again, equal) = evaluated(), evaluated(classifier=trained().train())
+    assert metrics == equal
+    for asked, trials in first.trials.items():
+        np.testing.assert_array_equal(trials.best, again.trials[asked].best)
+        assert metrics[asked]["error"]["mean"] < 0.4  # chance: 0.75
 
 
 def test_sessions_are_new_where_the_training_has_none_of_them():
     frames, known = table(), table().side != TEST
     for session, new in ((0 * known, False), (1 - known, True), (np.where(known, 0, table().recording % 2), False)):
-        metrics = evaluated("evaluate.trials=1", frames=replace(frames, session=session.astype(int))).metrics
+        _, metrics = evaluated("evaluate.trials=1", frames=replace(frames, session=session.astype(int)))
         assert metrics["new_sessions"] == new
 
 

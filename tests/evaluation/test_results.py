@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.evaluation.evaluate import Evaluation, scores_of
+from tactile_viewgcn.evaluation.evaluate import scores_of
 from tactile_viewgcn.evaluation.results import (
     costs,
     new_session,
@@ -48,23 +48,23 @@ def evaluation():
     metrics = {"views": 4, "classes": 4, "trials": 2, "frames": {"train": 9, "test": 4}}
     metrics |= {"recordings": {"test": 2}, "groups": {"test": 2}}
     metrics |= {name: scores_of(one, np.random.default_rng(0), 4) for name, one in trials.items()}
-    return Evaluation(predictions, metrics, LATENCY)
+    return predictions, metrics
 
 
 @pytest.fixture
-def timing(evaluation):
-    return costs(evaluation, RECORDS, 50.0, 1000.0)
+def timing():
+    return costs(LATENCY, RECORDS, 50.0, 1000.0)
 
 
 @pytest.mark.parametrize(("source", "total"), [(VIRTUAL, 1341.8), ("my_glove", 1296.8)])
-def test_the_total_has_the_simulation_where_its_recordings_were_read(tmp_path, monkeypatch, evaluation, source, total):
+def test_the_total_has_the_simulation_where_its_recordings_were_read(tmp_path, monkeypatch, source, total):
     monkeypatch.chdir(tmp_path)
     ingest = replace(RECORD, stage="ingest", seconds=0.0, inputs={"source": {"path": source}})
     simulate = replace(RECORD, stage="simulate", seconds=45.0)
     (tmp_path / VIRTUAL).parent.mkdir(parents=True)
     (tmp_path / f"{VIRTUAL}.json").write_text(simulate.text)
     records = simulation({"ingest": ingest}) | RECORDS
-    assert costs(evaluation, records, 50.0, 1.0)["seconds"]["total"] == pytest.approx(total, abs=0.1)
+    assert costs(LATENCY, records, 50.0, 1.0)["seconds"]["total"] == pytest.approx(total, abs=0.1)
 
 
 def test_the_error_for_a_new_session_is_that_of_the_training():
@@ -85,8 +85,9 @@ def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tm
     def rows(name):
         return list(csv.reader((tmp_path / name).read_text().splitlines()))
 
-    write_results(tmp_path, evaluation, timing)
-    numbers = evaluation.metrics, timing, summary(evaluation.metrics, timing)
+    _, metrics = evaluation
+    write_results(tmp_path, *evaluation, timing)
+    numbers = metrics, timing, summary(metrics, timing)
     for name, tree in zip(("metrics", "timing", "summary"), numbers, strict=True):
         assert json.loads((tmp_path / f"{name}.json").read_text()) == tree
     heading, *by_trial = rows("trials.csv")
@@ -99,7 +100,7 @@ def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tm
     assert [row[:3] for row in by_views] == [
         ["object", "4", "0.375"], ["recording", "1", "0.875"], ["recording", "4", "0.625"], ["recording", "30", "0.5"]
     ]  # fmt: skip
-    assert by_views[0][3:] == [str(evaluation.metrics["object"]["error"][end]) for end in ("low", "high")]
+    assert by_views[0][3:] == [str(metrics["object"]["error"][end]) for end in ("low", "high")]
     heading, *by_object = rows("per_class.csv")
     assert heading == ["protocol", "object", "answers", "error"] and len(by_object) == 3 * 2
     assert by_object[2:4] == [["recording", "cup", "4", "0.75"], ["recording", "pen, red", "4", "0.5"]]
@@ -110,7 +111,7 @@ def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tm
 
 
 def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation, timing):
-    metrics, error = evaluation.metrics, evaluation.metrics["object"]["error"]
+    metrics, error = evaluation[1], evaluation[1]["object"]["error"]
     text = f"37.5 ({100 * error['low']:.1f} to {100 * error['high']:.1f})"
     assert f"object protocol: error {text} %, std over trials 17.7, top-3 error 12.5 %" in "\n".join(
         summary_lines(metrics, timing)
@@ -123,4 +124,4 @@ def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation,
     seconds = {"pretrain": 12.346, "finetune": 1234.5, "evaluate": 50.0, "total": 1296.846}
     expected |= {f"seconds.{name}": value for name, value in seconds.items()} | {"ms_per_answer": 1.5}
     assert scores == pytest.approx(expected | {"peak_mb": 1300.5})  # of the hungriest stage
-    assert costs(evaluation, RECORDS, 50.0, 2000.04)["peak_mb"] == 2000.0
+    assert costs(LATENCY, RECORDS, 50.0, 2000.04)["peak_mb"] == 2000.0

@@ -91,9 +91,9 @@ def test_fewer_views_are_the_anchor_and_nested_others_of_its_set_and_move_no_oth
 )
 def test_answers_belong_to_the_anchors_of_the_evaluated_side(tmp_path, side, code, changes):
     params, frames = recipe(*changes), fewer_anchors(table(*changes), 5)
-    evaluation = evaluate_table(trained(), frames, params, CPU, timed=False)
-    write_predictions(tmp_path / "predictions.npz", evaluation.predictions)
-    predictions, metrics = read_predictions(tmp_path / "predictions.npz"), evaluation.metrics
+    predictions, metrics = evaluate_table(trained(), frames, params, CPU)
+    write_predictions(tmp_path / "predictions.npz", predictions)
+    predictions = read_predictions(tmp_path / "predictions.npz")
     on_side = frames.side == code
     anchors = np.flatnonzero(frames.anchor & on_side)
     firsts = np.flatnonzero(on_side)[np.unique(frames.recording[on_side], return_index=True)[1]]

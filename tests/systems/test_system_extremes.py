@@ -19,6 +19,6 @@ def test_it_trains_and_evaluates_with_one_view_and_with_more_views_than_frames(n
     assert np.isfinite(progress.curves["loss"]).all() if classifier.head.trainable else not progress.curves
     logits = []
     classifier.head.register_forward_hook(lambda _, __, out: logits.append(out[0]))
-    evaluate_table(classifier, frames, params, CPU, timed=False)
+    evaluate_table(classifier, frames, params, CPU)
     assert len(logits) >= 3  # of both protocols, of whole recordings, and of fewer views
     assert all(part.shape[1] == 4 and part.isfinite().all() for part in logits)
