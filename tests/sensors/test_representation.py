@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from tactile_viewgcn.sensors.convolutions import Ridge
+from tactile_viewgcn.sensors.estimators import Forest
+from tactile_viewgcn.sensors.kernels import KernelRidge, NormalisedVectors, SupportVectors
 from tactile_viewgcn.sensors.representation import Representation, contact_unit, successive_noise
 
 
@@ -42,3 +45,15 @@ def test_channels_are_in_standard_deviations_from_their_mean_and_arrays_in_units
     np.testing.assert_allclose(channels.spread, [(26 / 3) ** 0.5, 1, 2**0.5], rtol=1e-6)
     array = Representation.of(np.ones((8, 8), bool), np.tile(sample, (1, 22))[:, :64], 2.0)
     np.testing.assert_array_equal(array.scaled(np.full(64, 6)), np.full(64, 3))
+
+
+@pytest.mark.parametrize(("shape", "vectors"), [((1, 64), NormalisedVectors), ((8, 8), SupportVectors)])
+def test_each_member_has_an_estimator_and_a_quick_one_of_fewer_frames_or_trees(shape, vectors):
+    read = Representation(np.ones(shape, bool), np.zeros(64), np.ones(64))
+    of = {"trees": Forest, "svm": vectors, "convolutions": Ridge, "kernel": KernelRidge, "pooled_kernel": KernelRidge}
+    assert {member: type(read.estimator(member)) for member in of} == of
+    points, labels = np.arange(2100.0)[:, None], np.arange(2100) // 1050
+    for quick, frames, trees in ((False, 2000, 300), (True, 1000, 100)):
+        kernel, forest = (read.estimator(name, quick=quick).fit(points, labels, 0) for name in ("kernel", "trees"))
+        assert frames <= len(kernel.points) <= frames + 2 and len(forest.roots) == trees
+    assert len(read.estimator("pooled_kernel").fit(points, labels, 0).points) == 2100
