@@ -139,7 +139,9 @@ class ImplicitIntegrator:
         self._begin(rows)
         while len(rows):
             tried = solver.tried[rows]
-            balance = mechanics.evaluate(rows, self._time(rows), tried, palm=mechanics.motion)
+            part = np.where(self.second[rows], 1.0, GAMMA)
+            time = self.knot[rows] + (self.elapsed[rows] + part * self.h[rows]) / self.frame  # in frames
+            balance = mechanics.evaluate(rows, time, tried, palm=mechanics.motion)
             ended, solved = solver.iterate(rows, mechanics, balance)
             self.statistics["evaluations"] += len(rows)
             self.statistics["unsolved"] += int((ended & ~solved).sum())
@@ -169,11 +171,6 @@ class ImplicitIntegrator:
         base = self.y[rows] + ((1 - GAMMA) * self.h[rows])[:, None] * self.slope[rows]
         self.second[rows] = True
         self.solver.start(rows, base, scaled, base + scaled[:, None] * self.slope[rows])
-
-    def _time(self, rows: np.ndarray) -> np.ndarray:
-        """Time (R,) of the current stages, in frames."""
-        part = np.where(self.second[rows], 1.0, GAMMA)
-        return self.knot[rows] + (self.elapsed[rows] + part * self.h[rows]) / self.frame
 
     def _end_step(self, rows: np.ndarray, error: np.ndarray, states: np.ndarray) -> None:
         """Accept or reject the steps of rows (R,), whose errors (R,) are in tolerances, and begin the next ones."""

@@ -55,7 +55,9 @@ def plan(
     tightening = np.select([phase <= 0, close, release], [0, progress, 1 - progress], 1.0)
     closing = np.where(phase < 0, 0, LOOSE + (1 - LOOSE) * tightening)
     loaded = np.select([squeezing, hold, release], [progress, 1, np.maximum(1 - 2 * progress, 0)], 0.0)
-    drift = np.stack([_drift(rng, frames, 11) for rng in rngs])
+    noise = np.stack([rng.normal(size=(frames, 11)) for rng in rngs])
+    noise[:, 1:] *= np.sqrt(1 - CORRELATION**2)
+    drift = lfilter([1.0], [1.0, -CORRELATION], noise, axis=1)  # autoregressive, of order 1 and unit variance
     squeeze *= loaded[:, None]
     if "shift" in effects:
         moved = loaded[:, None] * np.array([_freedom(one) for one in grasp_objects])[:, None, None]
@@ -141,10 +143,3 @@ def _draw(
 def _freedom(grasp_object: GraspObject) -> float:
     """Share of the deviations of a grasp: with more, fingertips would lose a thin object."""
     return PINCHED if grasp_object.pinch else 1.0
-
-
-def _drift(rng: np.random.Generator, frames: int, channels: int) -> np.ndarray:
-    """Autoregressive noise (T, channels) of order 1 and unit variance."""
-    noise = rng.normal(size=(frames, channels))
-    noise[1:] *= np.sqrt(1 - CORRELATION**2)
-    return lfilter([1.0], [1.0, -CORRELATION], noise, axis=0)

@@ -29,7 +29,8 @@ class ViewNetwork(nn.Module):
     Attributes:
         backbone: frames (n, 1, H, W) to features (n, *feature_shape).
         head: features (B, k, *feature_shape) of view sets to logits, see `ViewSystem`.
-        viewpoints: (V, 3).
+        viewpoints: (V, 3); views: V.
+        takes_fewer: whether it also answers fewer views than V, cheaply.
     """
 
     transform: str | None = None  # of frames: the table's
@@ -48,17 +49,8 @@ class ViewNetwork(nn.Module):
         maps = system.takes == "maps"
         self.backbone = Backbone(model.backbone, maps=maps)
         self.feature_shape = self.backbone.map_shape(shape) if maps else (self.backbone.features,)
-        self.head = system(viewpoints, self.feature_shape, classes, model)
-
-    @property
-    def views(self) -> int:
-        """V."""
-        return len(self.viewpoints)
-
-    @property
-    def takes_fewer(self) -> bool:
-        """Whether it also answers fewer views than V, cheaply: on maps the head costs more than the backbone."""
-        return self.head.takes_fewer and self.head.takes == "features"
+        self.head, self.views = system(viewpoints, self.feature_shape, classes, model), len(viewpoints)
+        self.takes_fewer = self.head.takes_fewer and not maps  # on maps the head costs more than the backbone
 
     def prepare(self, compute: Compute) -> None:
         """Prepare for answers: evaluation mode, on the device of `compute`."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tactile_viewgcn.frames.auto import Choice, choose
+from tactile_viewgcn.frames.auto import choose
 from tactile_viewgcn.frames.folds import left_out
 from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.split import SPLIT_SEED, published_test, split_groups
@@ -46,7 +46,8 @@ class Overview:
         states: of the hand, in all frames.
         in_contact: bool (T,), frames of contact with an object.
         rates: see `frame_rates`.
-        settings: recommended values with reasons, of level `choice`.
+        settings: recommended values with reasons, of level `choice`: what `auto` becomes, but for the scale, which
+            networks alone read; the preset; and the split.
         label, session: (R,) index of each recording's object and session.
     """
 
@@ -61,7 +62,11 @@ class Overview:
         self.in_contact = self.states.contact & ~recordings.empty_hand
         self.rates = frame_rates(columns["time"], columns["recording"])
         self.remarks += warnings_of(self.choice.notes)
-        self.settings = [*preprocess_settings(recordings, self.choice), *split]
+        settings = [note for note in self.choice.notes if note.level == "choice" and note.key != "preprocess.scale"]
+        if len(np.unique(columns["recording"])) == len(recordings):
+            settings.append(_choice("views", 1, "every recording is one frame"))
+        best = _choice("preset", "best", "it weighs classifiers on your training recordings")
+        self.settings = [*settings, best, *split]
         first = np.unique(columns["recording"], return_index=True)[1]
         self.label, self.session = columns["object"][first], columns["session"][first]
 
@@ -194,11 +199,3 @@ def split_settings(groups: dict[str, np.ndarray]) -> list[Note]:
         _choice("split.by", by, f"an object has {fewest} {by}s or more, of which whole ones are held out"),
         _choice("split.folds", folds, f"{by}s in {folds} parts; split.fold says which is tested"),
     ]
-
-
-def preprocess_settings(recordings: Recordings, choice: Choice) -> list[Note]:
-    """What `auto` becomes, but for the scale, which networks alone read, number of views, and preset."""
-    settings = [note for note in choice.notes if note.level == "choice" and note.key != "preprocess.scale"]
-    if len(np.unique(recordings.columns["recording"])) == len(recordings):
-        settings.append(_choice("views", 1, "every recording is one frame"))
-    return [*settings, _choice("preset", "best", "it weighs classifiers on your training recordings")]
