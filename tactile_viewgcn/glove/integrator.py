@@ -173,10 +173,19 @@ class ImplicitIntegrator:
         self.solver.start(rows, base, scaled, base + scaled[:, None] * self.slope[rows])
 
     def _end_step(self, rows: np.ndarray, error: np.ndarray, states: np.ndarray) -> None:
-        """Accept or reject the steps of rows (R,), whose errors (R,) are in tolerances, and begin the next ones."""
+        """Accept or reject the steps of rows (R,), whose errors (R,) are in tolerances, and begin the next ones.
+
+        The error of a step that tunnels is UNSOLVED.
+        """
         error = np.where(self.solved[rows], error, UNSOLVED)
         if self.step is None:
-            self._reject_tunnelling(rows, error)
+            candidates = np.flatnonzero((error <= 1) & (self.h[rows] > SMALLEST * self.frame))
+            hands = rows[candidates]
+            begin = self.knot[hands] + self.elapsed[hands] / self.frame
+            end = begin + self.h[hands] / self.frame
+            tunnelling, evaluations = tunnels(self.mechanics, hands, begin, self.y[hands], end, self.solver.best[hands])
+            error[candidates[tunnelling]] = UNSOLVED
+            self.statistics["evaluations"] += evaluations
         accepted = (error <= 1) | (self.h[rows] <= SMALLEST * self.frame) | (self.step is not None)
         self.statistics["steps"] += len(rows)
         self.statistics["rejected"] += int((~accepted).sum())
@@ -195,16 +204,6 @@ class ImplicitIntegrator:
         self.knot[complete] += 1
         self.elapsed[complete] = 0
         self._begin(rows)
-
-    def _reject_tunnelling(self, rows: np.ndarray, error: np.ndarray) -> None:
-        """Set the error (R,) of acceptable steps that tunnel to UNSOLVED, in place."""
-        candidates = np.flatnonzero((error <= 1) & (self.h[rows] > SMALLEST * self.frame))
-        hands = rows[candidates]
-        begin = self.knot[hands] + self.elapsed[hands] / self.frame
-        end = begin + self.h[hands] / self.frame
-        tunnelling, evaluations = tunnels(self.mechanics, hands, begin, self.y[hands], end, self.solver.best[hands])
-        error[candidates[tunnelling]] = UNSOLVED
-        self.statistics["evaluations"] += evaluations
 
     def _error(self, rows: np.ndarray, balance: Balance, y: np.ndarray) -> np.ndarray:
         """Errors (R,), in tolerances, of steps that end at y (R, n).

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.glove.shapes import BOX, Primitive, Vector, box, capsule, cylinder, sphere, torus, tube
+from tactile_viewgcn.glove.shapes import Primitive, Vector, box, capsule, cylinder, sphere, torus, tube
 from tactile_viewgcn.messages import EMPTY_HAND
 
 # Stiffness of surfaces, Pa/m: pressure per depth.
@@ -48,7 +48,7 @@ class GraspObject:
         for part in self.parts:
             local = Rotation.from_rotvec(part.rotation).as_matrix().T @ rotation.T
             below = -local[:, 2]  # in the part's axes
-            if part.kind == BOX:
+            if len(part.half) == 3:
                 size = np.abs(below) @ np.array(part.half)
             else:
                 size = np.hypot(below[0], below[1]) * (part.offset + part.half[0]) + abs(below[2]) * part.half[1]

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-REVOLVED, BOX = 0, 1
 NO_CUT = (0.0, 0.0, 1.0, np.inf)
 
 Vector = tuple[float, float, float]
@@ -25,8 +24,7 @@ class Primitive:
     """One primitive and its place in the object. Lengths are in m.
 
     Args:
-        kind: REVOLVED or BOX.
-        half: half sizes without the rounding: (rho, z) of a solid of revolution, (x, y, z) of a box.
+        half: half sizes without the rounding: two, (rho, z), make a solid of revolution, three, (x, y, z), a box.
         round: radius of the rounding.
         offset: distance of a solid of revolution's section from its axis.
         centre: (3,) in the object's axes.
@@ -34,7 +32,6 @@ class Primitive:
         cut: (nx, ny, nz, c), in the primitive's axes: keeps the points x with n . x <= c; n has length 1.
     """
 
-    kind: int
     half: tuple[float, ...]
     round: float = 0.0
     offset: float = 0.0
@@ -45,7 +42,7 @@ class Primitive:
     @property
     def bounding_radius(self) -> float:
         """Radius (m) of the smallest sphere about its centre that contains it without its cut."""
-        if self.kind == BOX:
+        if len(self.half) == 3:
             return float(np.linalg.norm(self.half)) + self.round
         return float(np.hypot(self.offset + self.half[0], self.half[1])) + self.round
 
@@ -57,34 +54,34 @@ def _inner_half(size: float, round: float) -> float:
 
 def sphere(radius: float, **placement: Any) -> Primitive:
     """A sphere. `placement` of this and the other shapes: `centre`, `rotation` and `cut` of `Primitive`."""
-    return Primitive(REVOLVED, (0, 0), radius, 0, **placement)
+    return Primitive((0, 0), radius, 0, **placement)
 
 
 def box(x: float, y: float, z: float, round: float = 0.0, **placement: Any) -> Primitive:
     """A box of full sizes x, y and z with edges rounded by `round`, m."""
-    return Primitive(BOX, tuple(_inner_half(size, round) for size in (x, y, z)), round, 0, **placement)
+    return Primitive(tuple(_inner_half(size, round) for size in (x, y, z)), round, 0, **placement)
 
 
 def cylinder(radius: float, length: float, round: float = 0.0, **placement: Any) -> Primitive:
     """A cylinder about z with edges rounded by `round`, m."""
     half = _inner_half(2 * radius, round), _inner_half(length, round)
-    return Primitive(REVOLVED, half, round, 0, **placement)
+    return Primitive(half, round, 0, **placement)
 
 
 def capsule(radius: float, length: float, **placement: Any) -> Primitive:
     """A cylinder about z that ends in hemispheres; `length` m includes them."""
-    return Primitive(REVOLVED, (0, _inner_half(length, radius)), radius, 0, **placement)
+    return Primitive((0, _inner_half(length, radius)), radius, 0, **placement)
 
 
 def torus(ring: float, tube: float, **placement: Any) -> Primitive:
     """A torus about z: `ring` m from its centre to that of the tube, whose radius is `tube` m."""
-    return Primitive(REVOLVED, (0, 0), tube, ring, **placement)
+    return Primitive((0, 0), tube, ring, **placement)
 
 
 def tube(inner: float, outer: float, length: float, round: float = 0.0, **placement: Any) -> Primitive:
     """A hollow cylinder about z of radii `inner` and `outer` m, its edges rounded."""
     half = _inner_half(outer - inner, round), _inner_half(length, round)
-    return Primitive(REVOLVED, half, round, (inner + outer) / 2, **placement)
+    return Primitive(half, round, (inner + outer) / 2, **placement)
 
 
 class Solids:
@@ -98,15 +95,15 @@ class Solids:
 
     def __init__(self, parts: list[list[Primitive]]):
         size = (len(parts), max(map(len, parts), default=0))
-        self.kind, self.bounding_radius = np.zeros(size, dtype=int), np.full(size, -np.inf)
+        self.revolved, self.bounding_radius = np.ones(size, dtype=bool), np.full(size, -np.inf)
         self.round, self.offset = np.zeros(size), np.zeros(size)
         self.half, self.centre = np.zeros((*size, 3)), np.zeros((*size, 3))
         self.cut, self.rotation = np.zeros((*size, 4)), np.zeros((*size, 3, 3))
         for b, solids in enumerate(parts):
             for p, part in enumerate(solids):
-                for name in ("kind", "bounding_radius", "round", "offset", "centre"):
+                for name in ("bounding_radius", "round", "offset", "centre"):
                     getattr(self, name)[b, p] = getattr(part, name)
-                self.cut[b, p] = part.cut
+                self.cut[b, p], self.revolved[b, p] = part.cut, len(part.half) == 2
                 self.half[b, p, : len(part.half)] = part.half
                 self.rotation[b, p] = Rotation.from_rotvec(part.rotation).as_matrix()
         inradii = ([min(part.half) + part.round for part in solids] for solids in parts)
@@ -144,7 +141,7 @@ class Solids:
 
         A solid of revolution's point is (rho - offset, z, .), and its third face infinitely far inside.
         """
-        revolved, folded = self.kind[b, p] == REVOLVED, x.copy()
+        revolved, folded = self.revolved[b, p], x.copy()
         rho = np.sqrt(x[:, 0] ** 2 + x[:, 1] ** 2)
         folded[:, 0] = np.where(revolved, rho - self.offset[b, p], x[:, 0])
         folded[:, 1] = np.where(revolved, x[:, 2], x[:, 1])

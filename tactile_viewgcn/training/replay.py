@@ -1,10 +1,13 @@
 """Losses whose kernels, with those of their gradients, a CUDA card repeats as one graph."""
 
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
+
+#: a graph, the arguments that it reads, and the loss and gradients that it writes
+Recorded = tuple[torch.cuda.CUDAGraph, tuple[Tensor, ...], Tensor, list]
 
 
 class Replay:
@@ -21,7 +24,7 @@ class Replay:
 
     def __init__(self, function: Callable[..., Tensor], parameters: Iterable[torch.nn.Parameter]):
         self._function, self._parameters = function, list(parameters)
-        self._graphs: dict[tuple[torch.Size, ...], _Recorded | None] = {}
+        self._graphs: dict[tuple[torch.Size, ...], Recorded | None] = {}
         self._pool: Any = None
         self._stream: torch.cuda.Stream | None = None
 
@@ -36,11 +39,12 @@ class Replay:
         recorded = self._graphs[shapes]
         if recorded is None:
             recorded = self._graphs[shapes] = self._record(arguments)
-        for recorded_argument, argument in zip(recorded.arguments, arguments, strict=True):
+        graph, kept, loss, gradients = recorded
+        for recorded_argument, argument in zip(kept, arguments, strict=True):
             recorded_argument.copy_(argument)
-        recorded.graph.replay()
-        leaf = torch.zeros((), device=recorded.loss.device, requires_grad=True)
-        return _PrecomputedGradients.apply(leaf, recorded.loss, self._parameters, recorded.gradients)
+        graph.replay()
+        leaf = torch.zeros((), device=loss.device, requires_grad=True)
+        return _PrecomputedGradients.apply(leaf, loss, self._parameters, gradients)
 
     def _compute(self, arguments: tuple[Tensor, ...]) -> Tensor:
         """The loss computed without a graph, on the stream that graphs are recorded on.
@@ -55,7 +59,7 @@ class Replay:
         torch.cuda.current_stream().wait_stream(self._stream)
         return loss
 
-    def _record(self, arguments: tuple[Tensor, ...]) -> "_Recorded":
+    def _record(self, arguments: tuple[Tensor, ...]) -> Recorded:
         kept = tuple(each.clone() for each in arguments)
         for parameter in self._parameters:
             parameter.grad = None
@@ -64,16 +68,7 @@ class Replay:
             loss = self._function(*kept)
             loss.backward()
         self._pool = graph.pool()
-        return _Recorded(graph, kept, loss.detach(), [parameter.grad for parameter in self._parameters])
-
-
-class _Recorded(NamedTuple):
-    """A graph, the tensors that it reads and the ones that it writes."""
-
-    graph: torch.cuda.CUDAGraph
-    arguments: tuple[Tensor, ...]
-    loss: Tensor
-    gradients: list
+        return graph, kept, loss.detach(), [parameter.grad for parameter in self._parameters]
 
 
 class _PrecomputedGradients(torch.autograd.Function):
