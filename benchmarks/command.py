@@ -1,21 +1,17 @@
-"""The command of a benchmark: its options, timing in turns, and the table and picture that it leaves."""
+"""The command of a benchmark: its options, and the table and picture that it leaves."""
 
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
 
 import click
-import numpy as np
 import pandas as pd
-import torch
 from matplotlib.figure import Figure
-from torch.utils.benchmark import Timer
 
 from tactile_viewgcn.files import new_files
 from tactile_viewgcn.messages import program
 from tactile_viewgcn.params import Params, load
 
-BLOCK = 0.2  # seconds that a variant runs in a round, at least
 Result = tuple[str, list[dict], Figure | None]  # text above the table, its rows, and the picture
 
 
@@ -38,23 +34,6 @@ def benchmark(measure: Callable[[Params, bool], Result]) -> click.Command:
             write_table(out or folder, rows, text, picture)
 
     return command
-
-
-def interleaved(variants: dict[str, Callable[[], object]], rounds: int) -> dict[str, np.ndarray]:
-    """Seconds (rounds,) of a call of each variant, the median of as many calls as fill a block.
-
-    The variants take turns, so that what else the machine does meets all alike. `torch.utils.benchmark` warms up and
-    waits for a device.
-    """
-    threads = torch.get_num_threads()
-    timers = [Timer("variant()", globals={"variant": variant}, num_threads=threads) for variant in variants.values()]
-    seconds = [[timer.blocked_autorange(min_run_time=BLOCK).median for timer in timers] for _ in range(rounds)]
-    return dict(zip(variants, np.array(seconds).T, strict=True))
-
-
-def median_ratio(seconds: np.ndarray, other: np.ndarray) -> float:
-    """The median over rounds of the ratio within a round."""
-    return float(np.median(seconds / other))
 
 
 def write_table(folder: Path, rows: list[dict], text: str, picture: Figure | None = None) -> None:

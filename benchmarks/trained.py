@@ -1,4 +1,4 @@
-"""The pipeline's trained classifier and its frames, which the benchmarks of speed and stability measure."""
+"""The pipeline's trained classifier and its frames, on which the table of stability is measured."""
 
 from dataclasses import replace
 from pathlib import Path

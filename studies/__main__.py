@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from studies.cells import code_of_stages, key_of, read_answers, stored
+from studies.cells import answers_of, code_of_stages, key_of, read_results, stored
 from studies.grid import FOLDER, Cell, Study, names, read_study
 from studies.run import run_cells
 from studies.take import take_cells
@@ -27,6 +27,8 @@ from tactile_viewgcn.schema import as_change
 def main(name: str | None, changes: tuple[str, ...], **options: Any) -> None:
     """Run the cells of the study NAME that are missing; without NAME, list all studies."""
     with program():
+        if options["take"] and (options["scheduler"] or not name):
+            raise UserError("--take runs no cell: expected python -m studies NAME --take FOLDER")
         if changes and not options["out"]:
             raise UserError("--set without --out: name a folder, as the study's own results are those without changes")
         if name is None:
@@ -75,7 +77,7 @@ def run(
     if take:
         print(f"{study.name}: {several(take_cells(take, cells), 'cell')} taken from {take}")
     faults = {} if take else run_cells(study.name, cells, jobs=jobs, scheduler=scheduler)
-    answers = [read_answers(cell, key) for key, cell in cells.items() if stored(key)]
+    answers = [answers_of(cell, read_results(key)) for key, cell in cells.items() if stored(key)]
     if answers:
         folder = out or FOLDER / study.name
         print(write_report(study, answers, folder, changes))

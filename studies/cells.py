@@ -4,6 +4,7 @@ import hashlib
 import json
 from dataclasses import dataclass
 from functools import reduce
+from io import BytesIO
 from operator import getitem
 from pathlib import Path
 
@@ -18,13 +19,8 @@ from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.schema import flatten
 
 STORE = FOLDER / ".cells"
-RESULTS = (  # files of a cell that are kept, each by its name alone
-    "results/predictions.npz",
-    "results/timing.json",
-    "results/evaluate.json",
-    "runs/pretrain.json",
-    "runs/finetune.json",
-)
+RECORDS = ("results/evaluate.json", "runs/pretrain.json", "runs/finetune.json")
+RESULTS = ("results/predictions.npz", "results/timing.json", *RECORDS)  # what is kept, each by its name alone
 
 
 @dataclass(frozen=True)
@@ -36,6 +32,7 @@ class Answers:
     costs: dict[str, float]  # by the names in `grid.COLUMNS`
     losses: Losses
     machine: str  # name of the card that trained it, or of the processor
+    frames: str  # their md5
 
 
 def key_of(cell: Cell, code: str) -> str:
@@ -71,11 +68,17 @@ def stored(key: str) -> bool:
     return (STORE / key).is_dir()
 
 
-def read_answers(cell: Cell, key: str) -> Answers:
-    """The stored results of a cell."""
-    timing = json.loads((STORE / key / "timing.json").read_text())
+def read_results(key: str) -> dict[str, bytes]:
+    """The files of a stored cell, by their names."""
+    return {Path(name).name: (STORE / key / Path(name).name).read_bytes() for name in RESULTS}
+
+
+def answers_of(cell: Cell, contents: dict[str, bytes]) -> Answers:
+    """The results of a cell from its files, by their names; any exception where one is damaged."""
+    timing = json.loads(contents["timing.json"])
     costs = {name: reduce(getitem, keys, timing) for name, keys in COLUMNS.items()}
-    pretrain, finetune = (Record.read((STORE / key / f"{name}.json").read_text()) for name in ("pretrain", "finetune"))
-    predictions, origin = read_predictions(STORE / key / "predictions.npz"), finetune.origin
+    pretrain, finetune = (Record.read(contents[Path(name).name]) for name in RECORDS[1:])
+    origin, frames = finetune.origin, finetune.inputs["frames"]["md5"]
     machine = origin["processor"] if origin["device"] == "cpu" else origin["device"]
-    return Answers(cell, predictions, costs, losses_of(pretrain, finetune), machine)
+    predictions = read_predictions(BytesIO(contents["predictions.npz"]))
+    return Answers(cell, predictions, costs, losses_of(pretrain, finetune), machine, frames)

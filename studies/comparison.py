@@ -15,8 +15,9 @@ from tactile_viewgcn.messages import UserError, several
 
 MIN_SEEDS = 3  # for an interval over trainings
 ENOUGH = 5.0  # points: largest acceptable detectable difference of a study
-OPEN = "not decided"
-TRAINING = ["seed", "deal", "machine"]  # a training is the cells of all folds; machines differ by points
+OPEN, UNTRAINED = "not decided", "not trained to its end"
+TRAINING = ["seed", "deal"]  # a training is the cells of all folds
+PAIRED = [*TRAINING, "machine"]  # trainings are paired on one kind of machine: they differ by points
 
 
 def complete(answers: list[Answers]) -> list[Answers]:
@@ -26,7 +27,7 @@ def complete(answers: list[Answers]) -> list[Answers]:
         UserError: no training has all folds.
     """
     folds = len({each.cell.fold for each in answers})
-    trainings = pd.Series([(each.cell.variant, each.cell.seed, each.cell.deal, each.machine) for each in answers])
+    trainings = pd.Series([(each.cell.variant, each.cell.seed, each.cell.deal) for each in answers])
     whole = [
         each for each, count in zip(answers, trainings.map(trainings.value_counts()), strict=True) if count == folds
     ]
@@ -38,7 +39,7 @@ def complete(answers: list[Answers]) -> list[Answers]:
 
 
 def errors_of(answers: list[Answers]) -> pd.DataFrame:
-    """Rows of variant, training, protocol and split group, with its number of answers and share of wrong ones.
+    """Rows of variant, training, protocol and split group, with machine, number of answers and share of wrong ones.
 
     `protocol` has the titles of `trials.ASKED`; `wrong` is a mean over the group's answers and all trials.
     """
@@ -50,17 +51,19 @@ def errors_of(answers: list[Answers]) -> pd.DataFrame:
             part = wrong.groupby(trials.groups).agg(answers="size", wrong="mean").rename_axis("group").reset_index()
             training = {"seed": cell.seed, "deal": cell.deal, "machine": each.machine}
             parts.append(part.assign(variant=cell.variant, protocol=ASKED[asked], **training))
-    return pd.concat(parts, ignore_index=True)
+    rows = pd.concat(parts, ignore_index=True)
+    machines = rows.groupby(["variant", *TRAINING])["machine"]  # of a training's folds
+    return rows.assign(machine=machines.transform(lambda names: ", ".join(sorted(set(names)))))
 
 
 def costs_of(answers: list[Answers]) -> pd.DataFrame:
     """Costs of the cheapest training of each variant: seconds summed over folds, other costs the maximum over folds."""
-    rows = [vars(each.cell) | {"machine": each.machine} | each.costs for each in answers]
+    rows = [vars(each.cell) | each.costs for each in answers]
     over_folds = {name: "sum" if name.endswith(" s") else "max" for name in COLUMNS}
     return pd.DataFrame(rows).groupby(["variant", *TRAINING]).agg(over_folds).groupby("variant").min()
 
 
-def losses_of(answers: list[Answers]) -> pd.DataFrame:
+def trainings_of(answers: list[Answers]) -> pd.DataFrame:
     """Mean losses of each variant, whether all of its cells are trained to their end, and the machines."""
     rows = [{"variant": each.cell.variant, "machine": each.machine} | vars(each.losses) for each in answers]
     functions = dict.fromkeys(("guessing", "before", "end"), "mean") | {"trained": "all"}
@@ -77,7 +80,7 @@ def rows_of(answers: list[Answers], references: Iterable[str], rng: np.random.Ge
     Raises:
         UserError: a variant and a reference were tested on different view sets.
     """
-    errors, once, rows = errors_of(answers), costs_of(answers).join(losses_of(answers)), []
+    errors, once, rows = errors_of(answers), costs_of(answers).join(trainings_of(answers)), []
     for protocol, of_protocol in errors.groupby("protocol", sort=False):
         parts = dict(iter(of_protocol.groupby("variant", sort=False)))
         for name, part in parts.items():
@@ -91,7 +94,7 @@ def rows_of(answers: list[Answers], references: Iterable[str], rng: np.random.Ge
                 other = reference if reference in parts else same_place
                 row |= compared(part, parts.get(other) if other != name else None, f"vs {reference} ", rng)
                 trained = once["trained"].reindex([name, other]).all()
-                row[f"vs {reference} verdict"] = verdict(row, f"vs {reference} ") if trained else OPEN
+                row[f"vs {reference} verdict"] = verdict(row, f"vs {reference} ") if trained else UNTRAINED
             rows.append(row)
     return pd.DataFrame(rows)
 
@@ -114,10 +117,8 @@ def compared(
     row = dict.fromkeys(names, np.nan)
     if reference is None:
         return row
-    ours, theirs = (
-        one.merge(other[TRAINING].drop_duplicates()) for one, other in ((part, reference), (reference, part))
-    )
-    pairs = ours.merge(theirs, on=[*TRAINING, "group", "answers"], suffixes=("", " of the reference"))
+    ours, theirs = (one.merge(other[PAIRED].drop_duplicates()) for one, other in ((part, reference), (reference, part)))
+    pairs = ours.merge(theirs, on=[*PAIRED, "group", "answers"], suffixes=("", " of the reference"))
     if pairs.empty and ours.empty:
         return row
     if not len(pairs) == len(ours) == len(theirs):
@@ -134,18 +135,23 @@ def compared(
 
 
 def verdict(row: dict[str, Any], head: str) -> str:
-    """Whether a variant errs more or less than its reference by both intervals, else `OPEN`."""
+    """Whether a variant errs more or less than its reference by both intervals, else `OPEN`; empty without both."""
     lows, highs = (np.array([row[f"{head}{kind}{end}"] for kind in ("", "seeds_")]) for end in ("low", "high"))
+    if np.isnan(lows).any():
+        return ""
     return "errs more" if (lows > 0).all() else "errs less" if (highs < 0).all() else OPEN
 
 
 def power(rows: pd.DataFrame, groups: int) -> str:
     """A sentence on the detectable difference: half of the widest interval over groups, and over trainings.
 
-    Rows that are not trained to their end do not count.
+    Comparisons with what is not trained to its end do not count.
     """
     protocol, widest = rows["protocol"].iloc[-1], {}
-    chosen = rows[(rows["protocol"] == protocol) & rows["trained"]]
+    chosen = rows[rows["protocol"] == protocol]
+    for verdicts in chosen.filter(regex="^vs .* verdict$"):
+        ends = chosen.columns[chosen.columns.str.startswith(verdicts.removesuffix("verdict"))]
+        chosen = chosen.assign(**chosen[ends].where(chosen[verdicts] != UNTRAINED))
     for kind, end in ((f"over {several(groups, 'split group')}", " "), ("over trainings", " seeds_")):
         low, high = (chosen.filter(regex=f"^vs .*{end}{side}$").to_numpy() for side in ("low", "high"))
         if not np.isnan(high - low).all():

@@ -15,7 +15,7 @@ class Losses:
     """Losses of a training: means of an epoch; NaN where nothing is trained in epochs."""
 
     guessing: float = nan  # of the first batch, before a step
-    before: float = nan  # of the epoch before the last
+    before: float = nan  # of the epoch before the last; of one epoch that of guessing
     end: float = nan  # of the last epoch
     trained: bool = True  # whether to its end
 
@@ -25,8 +25,8 @@ def losses_of(pretrain: Record, finetune: Record) -> Losses:
     record = finetune if finetune.curves else pretrain
     if not record.curves:
         return Losses()
-    guessing, curve = record.counts["loss.first"], record.curves["loss"]
-    epochs = min(EPOCHS, len(curve) - 1)
-    fall = (curve[-1 - epochs] - curve[-1]) / max(epochs, 1)
-    trained = curve[-1] <= LEFT * guessing and fall <= FALL * guessing
-    return Losses(guessing, curve[-2] if epochs else nan, curve[-1], trained)
+    guessing = record.counts["loss.first"]
+    last = [guessing, *record.curves["loss"]][-EPOCHS - 1 :]
+    fall = (last[0] - last[-1]) / (len(last) - 1)
+    trained = last[-1] <= LEFT * guessing and fall <= FALL * guessing
+    return Losses(guessing, last[-2], last[-1], trained)

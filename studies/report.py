@@ -28,11 +28,11 @@ DEALT = """The groups were dealt to the folds in {deals} ways, so that each is t
 as one unit."""
 COMPARED = """Differences are paired, over the seeds and deals that both were trained on by one kind of machine. Of the
 two intervals of 95 % `over groups` resamples the split groups, and `over trainings` is Student's, the range for other
-seeds. The verdict needs both."""
+seeds. The verdict needs both. A variant without common trainings is left out."""
 TRAINED = f"""Losses of the training, each a mean of an epoch; `guessing` is that of the first batch, before a step. A
-row with a star is not trained to its end, and decides nothing: its loss at the end is above {LEFT:.0%} of guessing, or
-fell by more than {FALL:.0%} of it an epoch over the last {EPOCHS}. A system that is not fine-tuned has those of
-pretraining, one on the sensors has none."""
+row with † is not trained to its end, and decides nothing: its loss at the end is above {LEFT:.0%} of guessing, or fell
+by more than {FALL:.0%} of it an epoch over the last {EPOCHS}. A system that is not fine-tuned has those of pretraining;
+one on the sensors has none, nor has its member `network`."""
 PAID = """Costs are those of the cheapest training, since other work only adds to them: seconds are summed over folds,
 milliseconds are of an answer, the memory is that of the stage that needs most."""
 
@@ -87,7 +87,7 @@ def missing(study: Study, answers: list[Answers], on_top: tuple[str, ...]) -> li
 
 def tables(rows: pd.DataFrame, references: Sequence[str], columns: Sequence[str]) -> list[str]:
     """The tables as Markdown, each after a line that names it; the last protocol, that of use, comes first."""
-    parts, marked = [], rows["variant"].where(rows["trained"], rows["variant"] + " *")
+    parts, marked = [], rows["variant"].where(rows["trained"], rows["variant"] + " †")
     rows = rows.assign(variant=marked).set_index("variant")
     for protocol in reversed(rows["protocol"].unique()):
         chosen = rows[rows["protocol"] == protocol]

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from studies.cells import Answers
-from studies.comparison import OPEN, complete, pareto_front, power, rows_of
+from studies.comparison import OPEN, UNTRAINED, complete, pareto_front, power, rows_of
 from studies.grid import Cell, Study
 from studies.losses import Losses
 from studies.report import write_report
@@ -23,7 +23,7 @@ def answers(variant, wrong, *, seed=0, deal=0, fold=0, groups=GROUPS, trained=Tr
     trials = {asked: Trials(predicted[..., None].copy(), LABELS, groups, names, 8) for asked in ASKED}
     predictions = Predictions(trials, np.array(["mug", "pen"]))
     cell = Cell(variant=variant, seed=seed, deal=deal, fold=fold, changes=(f"seed={seed}",))
-    return Answers(cell, predictions, COSTS | costs, Losses(3.0, 1.0, 0.5, trained), machine)
+    return Answers(cell, predictions, COSTS | costs, Losses(3.0, 1.0, 0.5, trained), machine, "ab")
 
 
 def table(*cells, references=("a",)):
@@ -46,20 +46,29 @@ def test_a_known_difference_has_its_size_and_its_interval():
     assert second["vs a low"] < second["vs a more"] < second["vs a high"]
 
 
-@pytest.mark.parametrize(("trained", "last", "decided"), [(True, 3, True), (True, 0, False), (False, 3, False)])
-def test_a_verdict_needs_both_intervals_and_trained_networks(trained, last, decided):
+@pytest.mark.parametrize(
+    ("trained", "last", "verdicts"),
+    [(True, 3, ("errs more", "errs less")), (True, 0, (OPEN, OPEN)), (False, 3, (UNTRAINED, UNTRAINED))],
+)
+def test_a_verdict_needs_both_intervals_and_trained_networks(trained, last, verdicts):
     cells = [answers("a", 1, seed=seed) for seed in range(3)]
     cells += [answers("b", wrong, seed=seed, trained=trained) for seed, wrong in enumerate((3, 4, last))]
     rows = table(*cells, references=("a", "b"))
-    verdicts = rows["b", "object"]["vs a verdict"], rows["a", "object"]["vs b verdict"]
-    assert verdicts == (("errs more", "errs less") if decided else (OPEN, OPEN))
+    assert (rows["b", "object"]["vs a verdict"], rows["a", "object"]["vs b verdict"]) == verdicts
+    assert table(*cells[:2], *cells[3:5])["b", "object"]["vs a verdict"] == ("" if trained else UNTRAINED)
 
 
 def test_trainings_are_paired_on_one_kind_of_machine():
-    cells = [answers("a", 1), answers("b", 2), answers("b", 4, machine="EPYC"), answers("a", 0, seed=1, machine="EPYC")]
+    cells = [answers("a", 1), answers("b", 2), answers("b", 4, seed=1, machine="EPYC"), answers("a", 0, seed=1)]
     row = table(*cells)["b", "recording"]
     assert (row["trainings"], row["error"], row["machine"]) == (2, pytest.approx(30), "H100, EPYC")
     assert row["vs a more"] == pytest.approx(10)
+    folds = [
+        answers("b", 4, fold=fold, groups=GROUPS + 8 * fold, machine="H100" if fold else "EPYC") for fold in (0, 1)
+    ]
+    folds += [answers("a", 1, fold=fold, groups=GROUPS + 8 * fold) for fold in (0, 1)]
+    row = table(*folds)["b", "recording"]
+    assert row["error"] == pytest.approx(40) and np.isnan(row["vs a more"])  # a training of two machines
 
 
 def test_a_small_group_counts_as_much_as_a_large_one():
@@ -134,10 +143,10 @@ def test_a_reference_of_a_crossed_study_stands_for_the_variant_in_the_same_place
 def test_the_detectable_difference_is_the_half_width_of_the_widest_paired_interval():
     def row(low, high, seeds=np.nan):
         ends = {"vs a low": low, "vs a high": high, "vs a seeds_low": -seeds, "vs a seeds_high": seeds}
-        return {"protocol": "recording", "trained": True, "vs a more": 0.0} | ends
+        return {"protocol": "recording", "vs a more": 0.0, "vs a verdict": ""} | ends
 
     rows = [row(-9.0, 9.0) | {"protocol": "object"}]  # only the last protocol, that of use, counts
-    rows += [row(np.nan, np.nan), row(-2.0, 4.0), row(1.0, 3.0), row(-9.0, 9.0) | {"trained": False}]
+    rows += [row(np.nan, np.nan), row(-2.0, 4.0), row(1.0, 3.0), row(-9.0, 9.0) | {"vs a verdict": UNTRAINED}]
     assert all(words in power(pd.DataFrame(rows), 8) for words in ("3.0 points over 8 split groups", "below 5"))
     text = power(pd.DataFrame([*rows, row(-2.0, 12.0, seeds=10.0)]), 8)
     assert all(words in text for words in ("7.0 points over 8", "10.0 points over trainings", "above 5"))
@@ -156,7 +165,7 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
     rows = pd.read_csv(tmp_path / "results.csv")
     assert len(rows) == 3 * 2 and "finetune s" in rows and "peak MB" not in rows
     assert rows["vs a more"].iloc[-1] == pytest.approx(20)
-    assert "| b *       | 30.0 (" in text and "| 20.0 (20.0 to 20.0) | not decided |" in text
+    assert "| b †       | 30.0 (" in text and "| 20.0 (20.0 to 20.0) | not trained to its end |" in text
     assert "Trainings that have not been run: a 1 of 2, b 1 of 2." in text
     assert (
         "`split.by=grasp`" in text
