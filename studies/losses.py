@@ -6,8 +6,7 @@ from math import nan
 from tactile_viewgcn.provenance import Record
 
 LEFT = 1 / 3  # ours: largest loss at the end of a finished training, as a share of guessing
-FALL = 0.03  # ours: by how much it still falls an epoch, likewise
-EPOCHS = 3  # ours: over which the fall is averaged
+FALL = 0.03  # ours: largest fall in its last epoch, likewise
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,5 @@ def losses_of(pretrain: Record, finetune: Record) -> Losses:
     if not record.curves:
         return Losses()
     guessing = record.counts["loss.first"]
-    last = [guessing, *record.curves["loss"]][-EPOCHS - 1 :]
-    fall = (last[0] - last[-1]) / (len(last) - 1)
-    trained = last[-1] <= LEFT * guessing and fall <= FALL * guessing
-    return Losses(guessing, last[-2], last[-1], trained)
+    before, end = [guessing, *record.curves["loss"]][-2:]
+    return Losses(guessing, before, end, trained=end <= LEFT * guessing and before - end <= FALL * guessing)

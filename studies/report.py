@@ -11,7 +11,7 @@ import pandas as pd
 from studies.cells import Answers
 from studies.comparison import complete, power, rows_of
 from studies.grid import COLUMNS, Study
-from studies.losses import EPOCHS, FALL, LEFT
+from studies.losses import FALL, LEFT
 from studies.pictures import error_curves, errors_by_seconds
 from tactile_viewgcn.evaluation.trials import WHOLE
 from tactile_viewgcn.files import new_files
@@ -31,7 +31,7 @@ two intervals of 95 % `over groups` resamples the split groups, and `over traini
 seeds. The verdict needs both. A variant without common trainings is left out."""
 TRAINED = f"""Losses of the training, each a mean of an epoch; `guessing` is that of the first batch, before a step. A
 row with † is not trained to its end, and decides nothing: its loss at the end is above {LEFT:.0%} of guessing, or fell
-by more than {FALL:.0%} of it an epoch over the last {EPOCHS}. A system that is not fine-tuned has those of pretraining;
+by more than {FALL:.0%} of it in the last epoch. A system that is not fine-tuned has those of pretraining;
 one on the sensors has none, nor has its member `network`."""
 PAID = """Costs are those of the cheapest training, since other work only adds to them: seconds are summed over folds,
 milliseconds are of an answer, the memory is that of the stage that needs most."""
