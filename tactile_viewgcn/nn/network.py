@@ -15,7 +15,6 @@ from tactile_viewgcn.params import Model
 if TYPE_CHECKING:
     from tactile_viewgcn.tables.counts import Counts
 
-STAG_SHAPE = (32, 32)
 MAX_NODE_VALUES = 1 << 20  # numbers in the nodes of a batch of view sets; a larger batch gains no speed
 
 
@@ -37,12 +36,7 @@ class ViewNetwork(nn.Module):
     viewpoints: Tensor
 
     def __init__(
-        self,
-        system: type[ViewSystem],
-        viewpoints: Tensor,
-        classes: int,
-        model: Model,
-        shape: tuple[int, int] = STAG_SHAPE,
+        self, system: type[ViewSystem], viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int]
     ):
         super().__init__()
         self.register_buffer("viewpoints", viewpoints.float(), persistent=False)

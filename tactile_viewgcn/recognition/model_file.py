@@ -22,7 +22,7 @@ from torch import Tensor
 from tactile_viewgcn.device import select_device
 from tactile_viewgcn.files import readable, write_file
 from tactile_viewgcn.messages import EMPTY_HAND
-from tactile_viewgcn.nn.network import STAG_SHAPE, ViewNetwork, spread_frames
+from tactile_viewgcn.nn.network import ViewNetwork, spread_frames
 from tactile_viewgcn.params import Model, PreprocessSection, default_params, on_sensors, preset_changes
 from tactile_viewgcn.recognition.calibration import Classifier, recording_answer
 from tactile_viewgcn.sensors.representation import NETWORK
@@ -43,7 +43,7 @@ DIGEST = hashlib.sha256().digest_size
 ARRAYS = ConfigDict(arbitrary_types_allowed=True, extra="forbid", hide_input_in_errors=True)
 
 
-def build_classifier(viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int] = STAG_SHAPE) -> Classifier:
+def build_classifier(viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int]) -> Classifier:
     """The classifier for viewpoints (V, 3) and frames (H, W); weights come from torch's default generator.
 
     It is a network on the backbone, or a classifier of what the sensors read, with the same attributes and methods:

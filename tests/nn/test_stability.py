@@ -41,7 +41,7 @@ def view_gcn(places, *changes):
     """Tactile-ViewGCN's network at places (V, 3), in evaluation mode, its weights drawn with seed 0."""
     torch.manual_seed(0)
     model = recipe("model.neighbours=4", *changes).model
-    return build_classifier(places, 27, model).head.eval()
+    return build_classifier(places, 27, model, (32, 32)).head.eval()
 
 
 def nodes_of(views, count=4):

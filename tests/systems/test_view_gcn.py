@@ -132,7 +132,7 @@ def test_a_level_has_half_of_the_nodes_and_two_at_least(views, levels):
 
 def test_the_released_preset_has_the_released_number_of_weights():
     params = load(ROOT / "params.yaml", tuple(preset_changes("released")))
-    head = build_classifier(torch.from_numpy(viewpoints(8)), 27, params.model).head
+    head = build_classifier(torch.from_numpy(viewpoints(8)), 27, params.model, (32, 32)).head
     assert sum(weight.numel() for weight in head.parameters()) == 305_138
 
 
