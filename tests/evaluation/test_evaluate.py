@@ -10,7 +10,7 @@ import torch
 
 from tactile_viewgcn.evaluation import evaluate as module
 from tactile_viewgcn.evaluation.evaluate import evaluate_table, latency, scores_of
-from tactile_viewgcn.evaluation.trials import Trials
+from tactile_viewgcn.evaluation.trials import PROTOCOLS, Trials
 from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.tables.frames import TEST
 from tests.glove_data import CPU, recipe, table, trained
@@ -57,6 +57,17 @@ def test_trials_and_seeds_draw_other_view_sets_and_one_seed_the_same(drawn):
     first, again, other = np.split(np.stack(drawn), 3)
     assert (first == again).all() and (first != other).any(axis=(1, 2)).all()
     assert all((first[one] != first[other]).any() for one, other in ((0, 1), (2, 3), (0, 2)))
+
+
+def test_a_protocol_draws_view_sets_of_its_own_whatever_else_is_asked(drawn, monkeypatch):
+    """Each object has one recording, so that both protocols draw from the same frames."""
+    frames, asked = replace(table(), recording=table().label, group=table().label.astype(int)), PROTOCOLS
+    for order in (asked, asked[::-1], asked[:1]):
+        monkeypatch.setattr(module, "PROTOCOLS", order)
+        evaluated("evaluate.trials=1", frames=frames)
+    by_object, by_recording, *others = drawn
+    np.testing.assert_array_equal(others, [by_recording, by_object, by_object])
+    assert (by_object != by_recording).any()
 
 
 def test_a_result_repeats_in_whatever_mode_the_classifier_comes_and_is_far_above_chance():

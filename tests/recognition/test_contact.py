@@ -8,7 +8,7 @@ import pytest
 from tactile_viewgcn.frames.baseline import MIN_FRAMES
 from tactile_viewgcn.recognition.raw_counts import find_contact
 from tactile_viewgcn.tables.recordings import ArrayRecordings
-from tests.glove_data import empty_hand, recogniser, recording
+from tests.glove_data import BEFORE, HELD, answer_of, empty_hand, pressed, recogniser, recording
 
 
 def one_session(*arrays):
@@ -62,3 +62,13 @@ def test_five_frames_of_the_empty_hand_are_enough_for_a_baseline(frames):
     assert len(estimate.notes) == (frames < MIN_FRAMES)
     shift = np.median(estimate.mean - fitted.mean_baseline())
     assert shift == pytest.approx(0 if frames < MIN_FRAMES else 20, abs=1)
+
+
+def test_each_grasp_of_a_recording_is_above_the_open_hand_before_it():
+    """The sensors that a cup presses drift by 20 counts before a long open hand, between two grasps of a pen."""
+    grasps = np.concatenate([recording("pen", 60, after=2400), recording("pen", 61)]).astype(np.float64)
+    drift = 20 * np.clip((np.arange(len(grasps)) - BEFORE - HELD) / 400, 0, 1)[:, None, None] * pressed("cup")
+    model = recogniser("preprocess.baseline=grasp")
+    still, drifted = (answer_of(model, np.rint(counts).astype(np.int16)) for counts in (grasps, grasps + drift))
+    assert still.contact == drifted.contact == 2 * HELD
+    np.testing.assert_allclose(drifted.probabilities, still.probabilities, atol=0.02)

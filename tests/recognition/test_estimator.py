@@ -153,29 +153,22 @@ def test_a_channel_that_is_the_label_and_a_copy_are_warned_of_as_by_ingest():
     assert topics >= {"columns", "copies"}
 
 
-def test_a_column_that_is_left_out_of_data_frames_is_not_asked_for():
-    X, y = two_objects(np.random.default_rng(0))
-    frames = [pd.DataFrame(counts, columns=["a", "b", "no"]) for counts in X]
-    classifier = TactileClassifier(system="svm", params={"data.columns": ["leave_out:no"]}).fit(frames, y)
-    expected = TactileClassifier(system="svm").fit(np.array(X)[..., :2], y).predict_proba(np.array(X)[..., :2])
-    np.testing.assert_array_equal(classifier.predict_proba(frames), expected)
-    assert classifier.recogniser_.preprocessing.channel_names == ["a", "b"]
-
-
-def test_columns_of_a_dataframe_that_are_called_time_index_or_label_are_left_out_and_sensors_keep_their_order():
-    """By the time alone the objects would be told apart."""
+def test_columns_called_time_index_or_label_or_left_out_by_name_are_not_read_and_sensors_keep_their_order():
+    """By the time, or the one left out by its name, alone the objects would be told apart."""
     label, rng = np.repeat(["a", "b"], 9), np.random.default_rng(0)
 
     def table(number, name):
         frames, fall = np.arange(30), 4.0 * (name == "b")
         columns = {"Timestamp": 9.0 * number + frames / 20, "f1": rng.normal(fall, 1, 30), "index": frames}
-        return pd.DataFrame(columns | {"f2": rng.normal(0, 1, 30), "object": name})
+        return pd.DataFrame(columns | {"f2": rng.normal(0, 1, 30), "object": name, "no": 9.0 * number})
 
     X = [table(number, name) for number, name in enumerate(label)]
-    model = TactileClassifier(system="svm").fit(X, label)
-    assert model.recogniser_.shape == (1, 2) and model.score(X, label) == 1
+    model = TactileClassifier(system="svm", params={"data.columns": ["leave_out:no"]}).fit(X, label)
+    assert model.recogniser_.preprocessing.channel_names == ["f1", "f2"] and model.score(X, label) == 1
+    expected = TactileClassifier(system="svm").fit([each[["f1", "f2"]] for each in X], label)
+    np.testing.assert_array_equal(model.predict_proba(X), expected.predict_proba([each[["f1", "f2"]] for each in X]))
     texts = [note.text for note in model.notes_ if note.topic == "columns"]
-    assert len(texts) == 3 and "'Timestamp'" in texts[0] and "'object'" in texts[2]
+    assert len(texts) == 4 and "'Timestamp'" in texts[0] and "'object'" in texts[2]
     np.testing.assert_allclose(model.recogniser_.preprocessing.rates, 20)
     alike = [each.drop(columns=["Timestamp", "f1"]).assign(f1=0.0) for each in X]
     with pytest.raises(UserError, match="f2; expected f1"):

@@ -84,6 +84,16 @@ def test_a_member_that_errs_more_weighs_less_and_one_that_adds_nothing_is_left_o
     assert alike["svm"] == pytest.approx(alike["kernel"], rel=1e-3)
 
 
+def test_a_member_of_less_than_a_tenth_of_the_largest_weight_is_left_out_and_the_others_are_weighed_anew(monkeypatch):
+    """Weights of four members, and of three once the fourth is gone."""
+    weights = {4: [4.0, 0.41, 1.0, 0.39], 3: [3.0, 2.0, 1.0]}
+    monkeypatch.setattr(
+        "tactile_viewgcn.recognition.left_out.fit_weights", lambda each, _: np.array(weights[len(each)])
+    )
+    members = ["kernel", "pooled_kernel", "svm", "trees"]
+    assert with_answers().weighed(members) == dict(zip(members, weights[3], strict=False))
+
+
 class Network:
     """A network whose trainings leave out the groups of as many folds as there is time for."""
 
@@ -143,6 +153,26 @@ def test_a_recording_has_the_mean_probabilities_of_its_frames():
     examples.representation.estimator = lambda member, quick: estimator
     (shares,) = LeftOut(examples, np.arange(6), 0).answers(["kernel"])
     np.testing.assert_allclose(shares, np.tile([0.5, 0.1, 0.4], (6, 1)), rtol=1e-6)
+
+
+def test_the_error_for_a_new_session_is_of_fits_that_know_other_sessions_alone():
+    """An object presses rows that differ in every session: a new session's are unknown, other groups' are not."""
+    frames = table("split.folds=6")
+    session = frames.recording % 2
+    rows = np.arange(12)[:, None] == (4 * session + frames.label)[:, None, None]
+    changed = replace(
+        frames, session=session, sessions=["a", "b"], counts=(frames.counts + 200 * rows).astype(np.int16)
+    )
+    one = fitted(changed, "model.members=[svm]")
+    (note,) = (note for note in one.notes if note.topic == "new session")
+    assert note.value["mean"] > 0.3
+
+
+def test_the_seed_is_that_of_the_trees_that_are_kept():
+    frames = table("split.folds=6")
+    grown = (fitted(frames, "model.members=[trees]", f"seed={seed}").classifier.whole["trees"] for seed in (0, 0, 1))
+    first, again, other = (trees.threshold.tolist() for trees in grown)
+    assert first == again != other
 
 
 def test_channels_and_arrays_are_weighed_and_the_test_side_changes_nothing():

@@ -10,7 +10,6 @@ from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.cli import cli
 from tactile_viewgcn.evaluation.trials import recording_answers
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
-from tactile_viewgcn.recognition import prediction
 from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.recordings import ArrayRecordings
@@ -56,23 +55,6 @@ def test_what_one_interface_refuses_all_refuse_in_the_same_words(tmp_path, part,
             ask()
         lines.append(str(error.value).partition(first)[2])
     assert lines[0].startswith(" and 1 more of 2 recordings: ") and len(set(lines)) == 1
-
-
-def test_an_answer_that_is_not_finite_is_one_line_by_the_command_the_class_and_the_served_model(tmp_path, monkeypatch):
-    X, y = [grasp(seed) for seed in range(9)], np.arange(9) % 3
-    classifier = TactileClassifier("kernels", params=ALL_CONTACT).fit(X, y)
-    model = classifier.recogniser_
-    model.content.temperature = np.nan
-    monkeypatch.setattr(prediction, "load_model", lambda _: model)
-    write(tmp_path / "new" / "1.h5", X[0])
-    for ask in (
-        lambda: classifier.predict(X[:1]),
-        lambda: RecogniserModel(model).predict({"recordings": [X[0].tolist()]}),
-        lambda: CliRunner().invoke(cli, ["predict", "model", str(tmp_path / "new")], catch_exceptions=False),
-    ):
-        with pytest.raises(Exception, match=r"[01]\]?: the model's answer is not finite; expected") as error:
-            ask()
-        assert len(str(error.value).splitlines()) == 1
 
 
 CASES = {

@@ -5,6 +5,7 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 from scipy.special import softmax
@@ -14,7 +15,7 @@ from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.estimator import train
 from tactile_viewgcn.recognition.model_file import FittedPreprocessing, build_classifier, save_classifier
 from tactile_viewgcn.recognition.raw_counts import fault_of
-from tactile_viewgcn.recognition.recogniser import Recogniser, recording_of
+from tactile_viewgcn.recognition.recogniser import Recogniser, in_memory, recording_of
 from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.tables.recordings import ArrayRecordings, recordings_of
 from tactile_viewgcn.views.viewpoints import viewpoints
@@ -60,6 +61,18 @@ def test_a_different_layout_or_type_and_numbers_that_are_not_finite_are_refused(
         answer_of(recogniser(), counts)
 
 
+def test_an_answer_that_is_not_finite_is_refused(monkeypatch):
+    monkeypatch.setattr(recogniser().content, "temperature", np.nan)
+    with pytest.raises(UserError, match=r"^counts: the model's answer is not finite; expected"):
+        answer_of(recogniser(), recording("pen", 50))
+
+
+def test_a_reading_at_an_end_of_the_training_s_type_is_one_of_a_sensor():
+    counts = recording("pen", 91).astype(np.float64)
+    counts[:3, 0, 0] = 32_767, -32_768, 0
+    assert answer_of(recogniser(), counts).contact == HELD
+
+
 @pytest.mark.parametrize(("kind", "edge", "times", "outside"), [(0, 0, 1 / 4, 0), (0, 1, 4, 1e9), (1, 0, 1 / 4, 0)])
 @pytest.mark.parametrize("sign", [1, -1])
 def test_readings_may_be_four_times_weaker_or_stronger_than_in_the_training_and_no_more(
@@ -84,11 +97,11 @@ def test_only_an_object_has_a_strength_that_is_compared_with_the_training_s(name
 
 
 def channels(folder, names, rate):
-    """Two tables (40, 2) of each of two objects, at that rate, and with those names of the sensors."""
+    """Two tables (40, 2) of each of two objects, at that rate, and with those names of the sensors; clocks differ."""
     rng, lines = np.random.default_rng(0), np.arange(40)
     for label, number in product(("left", "right"), (1, 2)):
         readings = rng.normal(0, 1, (40, 2)) + 20 * (lines[:, None] > 20) * [label == "left", label == "right"]
-        rows = np.column_stack([lines / rate, readings])
+        rows = np.column_stack([1.7e9 * (number - 1) + lines / rate, readings])
         (folder / label).mkdir(parents=True, exist_ok=True)
         np.savetxt(folder / label / f"{number}.csv", rows, "%.4f", ",", header=f"time,{names}", comments="")
     return folder
@@ -154,6 +167,13 @@ def test_the_strong_readings_are_of_objects_and_the_rates_the_lowest_and_the_hig
     assert fitted.rates == pytest.approx([10, 13])
 
 
+def test_times_count_from_a_recording_s_first_frame_wherever_its_clock_begins():
+    tables = [pd.DataFrame({"time": begin + np.array([0, 0.5, 1.5]), "a": [1.0, 2, 3]}) for begin in (-7, 0, 1.7e9)]
+    zeros = np.zeros(3, dtype=int)
+    made = in_memory([recording_of(each, "X") for each in tables], ["pen"], zeros, zeros)
+    np.testing.assert_allclose(made.columns["time"], [0, 0.5, 1.5] * 3, atol=1e-6)
+
+
 def test_of_an_array_the_frames_may_be_last():
     counts = np.arange(24).reshape(2, 3, 4)
     frames = recording_of(counts, "X", frames_last=True).values["pressure"]
@@ -162,7 +182,8 @@ def test_of_an_array_the_frames_may_be_last():
 
 def test_a_session_with_many_baselines_has_their_mean():
     means = np.broadcast_to(np.array([514, 510, 520, 700], np.float32)[:, None, None], (4, 12, 12)).copy()
-    number = np.arange(len(table())) % 3  # two grasps in session one, one in session two; the fourth has no frames
+    number = np.arange(len(table())) % 3  # two grasps in session one, one in session two; the fourth is of the test
+    number[table().on(TEST)] = 3
     many = replace(table(), session=(number == 2).astype(int), sessions=["one", "two", "none"], baseline=number)
     fitted = FittedPreprocessing.of(replace(many, baseline_mean=means))
     assert (fitted.baselines["one"] == 512).all() and (fitted.baselines["two"] == 520).all()

@@ -4,6 +4,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
+from scipy.special import log_softmax, softmax
 
 from tactile_viewgcn.params import SensorMember
 from tactile_viewgcn.sensors import features
@@ -97,11 +98,28 @@ def test_of_a_recording_of_very_many_frames_every_second_one_is_read(monkeypatch
     assert (classifier.recording(read) == classifier.recording(read[::2])).all()
 
 
-def test_members_add_their_logarithms_by_weights_and_that_of_frames_is_averaged():
+class Network:
+    """A network with the log-probabilities of a linear classifier of its input."""
+
+    weights = np.random.default_rng(0).normal(size=(2, 5))
+
+    def frame_values(self, inputs):
+        return inputs[:, 0] @ self.weights
+
+    def view_sets(self, features, sets):
+        return log_softmax(features[sets[:, 0]], axis=1)
+
+
+def test_members_add_their_logarithms_by_weights_and_those_of_frames_are_averaged():
+    """Of a kernel probabilities, of a network their logarithms; to it counts below the baseline are 0."""
     weights, frames = {"kernel": 0.5, "pooled_kernel": 2.0, "svm": 1.0}, recording("pushed", 100)
     alone = [fitted([name], *recordings()) for name in weights]
+    weights["network"] = 1.5
     together = fitted([*weights], *recordings(), weights=[*weights.values()])
+    together.network = Network()
     logarithms = [np.log(answers(each, [frames])[0] + FLOOR) for each in alone]
+    by_frame = log_softmax(np.log1p(np.maximum(frames, 0)) @ Network.weights, axis=1)
+    logarithms.append(np.log(softmax(by_frame.mean(axis=0)) + FLOOR))
     expected = sum(weight * each for weight, each in zip(weights.values(), logarithms, strict=True))
     np.testing.assert_allclose(together.recording(values(together, frames)), expected, rtol=1e-4)
     by_frame = alone[0].whole["kernel"].predict_proba(alone[0].representation.scaled(frames))
