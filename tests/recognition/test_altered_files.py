@@ -123,10 +123,3 @@ def test_a_file_with_any_bit_flipped_is_refused(tmp_path):
         path.write_bytes(stored)
         assert "digest" in refused(path)
         stored[place // 8] ^= bit
-
-
-@pytest.mark.parametrize("content", [{"backbone": {"weight": torch.zeros(2)}, "classifier": {}}, torch.zeros(2)])
-def test_a_different_file_of_torch_is_refused(tmp_path, content):
-    torch.save(content, tmp_path / "file.pt")
-    seal(tmp_path / "file.pt")
-    assert "models/classifier.pt" in refused(tmp_path / "file.pt")

@@ -45,8 +45,6 @@ def test_channels_are_taken_with_their_frames_first_or_last():
     np.testing.assert_array_equal(first.predict_proba(X.swapaxes(1, 2)), expected)  # one array (n, T, C)
     alone = TactileClassifier(system="svm").fit(X.swapaxes(1, 2), label, groups=label)  # a group of each label
     assert (first.recogniser_.calibrated, alone.recogniser_.calibrated) == (True, False)
-    with pytest.raises(UserError, match=r"X \(30, 1, 4\) is one recording; expected a list: \[X\]"):
-        first.predict(X[0].T[:, None])
 
 
 def grasps(per_object: int = 5, *, seed: int = 0):
