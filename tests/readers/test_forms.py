@@ -115,6 +115,8 @@ def tables_of(folder, header, line, frames=15):
 COLUMNS = {  # names, a line, seconds between frames, and the columns that notes name; three sensors are kept
     "seconds": ("time,a,b,c\n", lambda t, *r: [1.7e9 + t / 8, *r], 0.125, ["column 1 ('time')"]),
     "two times": ("a,b,c,t [ms],micros\n", lambda t, *r: [*r, 2 * t, t], 0.002, ["column 4 ('t [ms]')", "column 5 "]),
+    "billionths": ("t_ns,a,b,c\n", lambda t, *r: [2e6 * t, *r], 0.002, ["column 1 ('t_ns')"]),
+    "millionths": ("time (\xb5s),a,b,c\n", lambda t, *r: [9e9 + 5 * t, *r], 5e-6, ["column 1 ('time (\xb5s)')"]),
     "a time of day": ("time,a,b,c\n", lambda t, *r: [f"12:30:{t}", *r], None, ["column 1 ('time')"]),
     "line numbers": ("Sample,a,b,c\n", lambda t, *r: [t, *r], None, ["column 1 ('Sample')"]),
     "names": ("a,b,c,label,Trial\n", lambda t, *r: [*r, "x", 7], None, ["column 4 ('label')", "column 5 ('Trial')"]),
@@ -131,7 +133,7 @@ def test_columns_that_are_no_sensors_are_left_out_and_named(tmp_path, name):
     counts = table.counts[np.arange(60)]
     assert table.live.sum() == 3 and counts.min() >= 500
     expected = np.tile(np.arange(15) * (interval or np.nan), 4)
-    np.testing.assert_allclose(table.columns["time"], expected, atol=1e-6)
+    np.testing.assert_allclose(table.columns["time"], expected, rtol=1e-5)
     texts = [note.text for note in table.notes if note.topic == "columns"]
     assert [words in text for words, text in zip(noted, texts, strict=True)] == [True] * len(noted)
 
@@ -166,7 +168,7 @@ LEFT = {  # a table, data.columns, the names and numbers of its sensors, and wor
     "by number": ("1,x,2\n", ["leave_out:2"], "", [[1, 2]], "column 2 "),
     "several": ("a,b,c\n1,2,3\n", ["leave_out:a", "leave_out:c", "leave_out:of_one"], "b", [[2]], "'a'|'c'"),
     "empty": ("a,note,b\n1,,2\n3,,4\n", [], "a|b", [[1, 2], [3, 4]], "'note'|empty in all 2 lines"),
-    "empty at the end": ("a,b,note\n1,2,\n3,4,\n", [], "a|b", [[1, 2], [3, 4]], "'note'|empty in all 2 lines"),
+    "empty at the end": ("Us\na,b,note\n1,2,\n3,4,\n", [], "a|b", [[1, 2], [3, 4]], "'note'|empty in all 2 lines"),
     "times": ("a,time\n1,2025/05/23/15:03:53.88\n2,\n", [], "a", [[1], [2]], "2 of 2 cells|'2025/05/23/15:03:53.88'"),
 }
 
