@@ -85,7 +85,6 @@ SOURCES = {
            (save_hdf5, "001-object1.h5", "001-object1.h5: "))
        for share in (0.02, 0.9)},
     "lines of text as MATLAB": (partial(saved, name="a.mat", content="0,513\n" * 99, below=False), "a.mat: damaged"),
-    "zeros as MATLAB": (partial(saved, name="a.mat", content=bytes(2000), below=False), "a.mat: damaged"),
     "pictures": (partial(saved, name="photos/000000.jpg", content=b"\xff\xd8"), "STAG"),
     "a text": (partial(saved, name="table.json", content="time,pressure\n0,513\n", below=False), "table.json|STAG"),
     "arrays at other places beside HDF5": (both_forms, "mug/1.npy: names no object"),
