@@ -43,7 +43,7 @@ Seed = Annotated[StrictInt, Interval(ge=0, le=2**32 - 1)]
 Batch = Annotated[StrictInt, Interval(ge=2, le=MOST)]  # batch normalisation needs two examples
 Members = Annotated[list[Member], Strict(), MinLen(1), Unique]
 Columns = Annotated[list[Annotated[StrictStr, StringConstraints(pattern=COLUMN)]], Strict(), Unique]
-Schedule = Literal["constant", "cosine", "compounding_cosine", "exponential"]  # see training/loop.py
+Schedule = Literal["constant", "cosine", "compounding_cosine", "exponential"]  # see training/optim.py
 Effect = Literal[  # of the virtual glove
     "motion", "weight", "shift", "tremor", "fit",
     "bending", "saturation", "hysteresis", "crosstalk", "noise", "common_mode", "defects",

@@ -15,7 +15,8 @@ from tactile_viewgcn.randomness import torch_generator, torch_seed
 from tactile_viewgcn.systems import system_class
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames, Views
 from tactile_viewgcn.training.inputs import FrameInputs
-from tactile_viewgcn.training.loop import OnEpoch, Progress, build_optimiser, error_rate, fit, num_batches
+from tactile_viewgcn.training.loop import OnEpoch, Progress, error_rate, fit
+from tactile_viewgcn.training.optim import build_optimiser, num_batches
 from tactile_viewgcn.training.view_sets import Batch, SetLoss, SideViewSets
 
 

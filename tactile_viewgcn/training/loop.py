@@ -1,4 +1,4 @@
-"""The loop over epochs that both trainings share, with its optimisers, schedules of the learning rate and batches.
+"""The loop over epochs that both trainings share.
 
 A training has diverged where the mean loss of an epoch is not finite, or ten times the first loss, or a weight is not
 finite.
@@ -18,10 +18,10 @@ from tqdm import tqdm
 from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.params import Finetune, Pretrain
 from tactile_viewgcn.training.checkpoint import restore, save
+from tactile_viewgcn.training.optim import lr_lambda
 from tactile_viewgcn.training.replay import Replay
 
 MAX_LOSS = 10.0  # largest mean of an epoch, times the first loss or 1, the larger of them
-MOMENTUM = 0.9  # paper
 
 OnEpoch = Callable[[int, dict[str, float]], None]
 
@@ -45,37 +45,6 @@ class Progress:
 def error_rate(logits: Tensor, labels: Tensor) -> float:
     """Share of rows whose largest logit is not the label's."""
     return float((logits.argmax(dim=-1) != labels).float().mean())
-
-
-def num_batches(count: int, size: int) -> int:
-    """Number of batches for `count` examples, at most `size` in each.
-
-    One batch fewer, with one example more, where a batch would hold a single example: batch normalisation needs two.
-    """
-    return max(1, min(math.ceil(count / size), count // 2))
-
-
-def build_optimiser(training: Pretrain | Finetune, groups: list[dict]) -> torch.optim.Optimizer:
-    """The optimiser of a training; of pretraining always SGD."""
-    if isinstance(training, Finetune) and training.optimiser == "adam":
-        return torch.optim.Adam(groups, training.lr, weight_decay=training.weight_decay)
-    return torch.optim.SGD(groups, training.lr, momentum=MOMENTUM, weight_decay=training.weight_decay)
-
-
-def lr_lambda(training: Pretrain | Finetune) -> Callable[[int], float]:
-    """Factor on the learning rates in each epoch, numbered from 0, by the `schedule` of a training."""
-    if isinstance(training, Pretrain) and training.schedule == "step":
-        return lambda epoch: 0.5 ** ((epoch + training.step_offset) // training.step_size)
-
-    def cosine(epoch: int) -> float:
-        return (1 + math.cos(math.pi * epoch / training.epochs)) / 2
-
-    return {
-        "constant": lambda _: 1.0,
-        "cosine": cosine,
-        "compounding_cosine": lambda epoch: math.prod(map(cosine, range(2, epoch + 1))),  # released code
-        "exponential": lambda epoch: 0.1 ** (epoch / 100),  # Sundaram et al. 2019
-    }[training.schedule]
 
 
 def fit(

@@ -14,7 +14,8 @@ from tactile_viewgcn.params import Params
 from tactile_viewgcn.randomness import torch_generator, torch_seed
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames
 from tactile_viewgcn.training.inputs import FrameInputs
-from tactile_viewgcn.training.loop import OnEpoch, Progress, build_optimiser, error_rate, fit, num_batches
+from tactile_viewgcn.training.loop import OnEpoch, Progress, error_rate, fit
+from tactile_viewgcn.training.optim import build_optimiser, num_batches
 
 
 class FrameLoss(nn.Module):

@@ -17,7 +17,7 @@ from tactile_viewgcn.params import Finetune, Params
 from tactile_viewgcn.randomness import stream, torch_generator
 from tactile_viewgcn.tables.frames import Frames, Views
 from tactile_viewgcn.training.inputs import FrameInputs
-from tactile_viewgcn.training.loop import num_batches
+from tactile_viewgcn.training.optim import num_batches
 from tactile_viewgcn.views.sampling import anchor_first, sets_of
 
 

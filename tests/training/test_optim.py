@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from tactile_viewgcn.training.loop import build_optimiser, lr_lambda, num_batches
+from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batches
 from tests.glove_data import recipe
 
 
