@@ -106,9 +106,10 @@ class Hands:
 
 def stag_hands(*fits: Fit) -> Hands:
     """STAG's sensors on one hand of the usual size, or on a hand for each of the fits."""
-    each = [_stag_sensors(*fit) for fit in fits or (USUAL,)]
+    fits = fits or (USUAL,)
+    each = [_stag_sensors(*fit) for fit in fits]
     row, column, patch, local, normal, area = (np.stack(values) for values in zip(*each, strict=True))
-    scale = np.array([scale for scale, _ in fits or (USUAL,)])[:, None, None]
+    scale = np.array([scale for scale, _ in fits])[:, None, None]
     return Hands(row[0], column[0], patch[0], local, normal, area, BASES * scale, LINKS * scale)
 
 
