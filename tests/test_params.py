@@ -2,7 +2,6 @@
 
 import time
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -11,18 +10,8 @@ from dvc.utils.serialize import modify_yaml
 
 from tactile_viewgcn import TactileClassifier, cli
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.params import (
-    VIRTUAL,
-    System,
-    default_params,
-    everywhere,
-    load,
-    on_sensors,
-    preset_changes,
-    presets,
-)
+from tactile_viewgcn.params import VIRTUAL, default_params, everywhere, load, preset_changes, presets
 from tactile_viewgcn.schema import as_change, flatten, parse, set_value
-from tactile_viewgcn.systems import system_class
 
 ROOT = Path(__file__).parents[1]
 FILE = ROOT / "params.yaml"
@@ -145,15 +134,6 @@ def test_a_source_that_dvc_copies_into_its_workspaces_keeps_its_path_and_any_oth
     Path("tracked.dvc").touch()
     paths = {name: str(everywhere(Path(name))) for name in (VIRTUAL, "tracked", "other")}
     assert paths == {VIRTUAL: VIRTUAL, "tracked": "tracked", "other": str(tmp_path / "other")}
-
-
-@pytest.mark.parametrize("system", get_args(System))
-def test_fewer_views_go_with_the_systems_that_take_them(system):
-    changes = ("finetune.num_views=random", f"model.system={system}")
-    if on_sensors(system) or system_class(system).takes_fewer:
-        assert params(*changes).model.system == system
-    else:
-        assert f"model.system is {system}" in refusal(*changes)
 
 
 @pytest.mark.parametrize("name", presets())

@@ -68,15 +68,6 @@ def test_every_effect_changes_the_counts(all_effects, effect):
         assert np.abs(without[0] - all_effects[0]).max() <= 1 and changed[0].mean() < 1e-3
 
 
-def test_without_any_effect_a_sensor_reads_its_baseline_and_what_presses_it():
-    counts, run = simulated_counts(recipe(["ball"], without=EFFECTS, frames=28))
-    baseline = np.rint(run.sensors.baseline)[:, None]
-    np.testing.assert_array_equal(counts[[0, 2]], np.broadcast_to(baseline[[0, 2]], (2, 28, 548)))
-    assert (counts >= baseline).all() and (counts[[1, 3]] > baseline[[1, 3]]).any()
-    steady = np.flatnonzero(schedule(28, 1)[0] == HOLD)
-    assert np.ptp(counts[:, steady[6:]], axis=1).max() <= 1  # once the fingers rest, nothing moves
-
-
 def test_the_files_hold_each_object_of_each_session_with_the_last_session_on_the_test_side(tmp_path):
     folder, names = tmp_path / "recordings", ["000-empty_hand", "001-ball", "002-coin"]
     assert simulate(recipe(frames=45, grasps=2, seed=7), folder)["steps"] > 6 * 45

@@ -1,11 +1,14 @@
 """What every system may know, and what all have in common."""
 
 import math
+from contextlib import nullcontext
 
 import pytest
 import torch
 
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.nn.network import view_set_logits
+from tests.glove_data import recipe
 from tests.systems.small_systems import NETWORKS, built, some_views
 
 ORDERLESS = {"mvcnn", "mean", "vote", "gvcnn", "rotationnet"}
@@ -33,6 +36,8 @@ def test_fewer_and_more_views_are_taken_where_a_system_says_so(name):
     assert classifier.head.takes_fewer == (name not in {"stag", "rotationnet"})
     assert classifier.takes_fewer == (name not in {"stag", "rotationnet", "conv_lstm", "gvcnn"})
     assert not built("view_gcn", "model.selector=joint").takes_fewer
+    with nullcontext() if classifier.head.takes_fewer else pytest.raises(UserError, match=f"model.system is {name}"):
+        recipe("finetune.num_views=random", f"model.system={name}")
     assert classifier.head.takes_more == (name in {"mvcnn", "mean", "vote", "gvcnn"})
     for count in [*range(1, 4)] * classifier.head.takes_fewer + [9] * classifier.head.takes_more:
         logits = classifier.head(some_views(classifier, count=count))[0]

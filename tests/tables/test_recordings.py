@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactile_viewgcn.files import md5, new_files
+from tactile_viewgcn.files import md5
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.source import COLUMNS, Form, storage_type
 from tactile_viewgcn.tables import recordings as module
@@ -93,15 +93,3 @@ STORED = {
 @pytest.mark.parametrize("dtype", STORED)
 def test_counts_are_kept_as_integers_and_other_numbers_in_their_precision(dtype):
     assert storage_type(np.dtype(dtype), "a.mat") == np.dtype(STORED[dtype])
-
-
-def test_a_source_that_fails_halfway_leaves_the_old_table(tmp_path):
-    path, recording = tmp_path / "t", np.zeros(50, int)
-    write_recordings(path, source(COUNTS))
-    before = md5(path)
-    recording[33] = -1
-    line = r"recording of frame 33 is -1; expected .* 0 to 0"
-    with pytest.raises(UserError, match=line), new_files(path) as part:
-        write_recordings(part, source(COUNTS, cuts=(10, 30), recording=recording))
-    assert md5(path) == before
-    assert list(tmp_path.iterdir()) == [path]
