@@ -37,6 +37,12 @@ def test_the_baseline_of_the_frame_s_session_is_subtracted(tmp_path):
         np.testing.assert_allclose(mean, expected, atol=0.6)  # noise that is cut at the baseline leaves 0.4 counts
 
 
+def test_without_a_baseline_a_constant_is_subtracted(tmp_path):
+    frames, _ = prepared(tmp_path, "preprocess.baseline=none", "preprocess.zero=510", "preprocess.scale=20")
+    excess = COUNTS[VALID].astype(float) - 510
+    np.testing.assert_allclose(frames.inputs(np.arange(len(frames))), np.clip(excess / 20, 0, 1), rtol=1e-6)
+
+
 @pytest.mark.parametrize("by", ["source", "recording", "grasp", "session"])
 @pytest.mark.parametrize("fold", [0, 1])
 def test_no_group_is_on_two_sides_both_have_every_class(tmp_path, by, fold):
