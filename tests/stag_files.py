@@ -106,14 +106,9 @@ def save_folder(path: Path, tree: dict[str, np.ndarray]) -> Path:
         batch = str(np.squeeze(tree["batches"].ravel()[int(tree["batchId"][of_recording][0, 0])]))
         folder = path / batch / name
         folder.mkdir(parents=True)
-        io.savemat(
-            folder / "pressuredata.mat",
-            {
-                "pressure": tree["pressure"][of_recording],
-                "frame": tree["frame"][of_recording],
-                "tStamp": tree["ts"][of_recording] + 1000.0 + number,
-            },
-        )
+        content = {name: tree[name][of_recording] for name in ("pressure", "frame")}
+        content["tStamp"] = tree["ts"][of_recording] + 1000.0 + number
+        io.savemat(folder / "pressuredata.mat", content)
     return path
 
 

@@ -43,10 +43,8 @@ def test_pictures_and_pages_show_names():
     image = b64decode(svg(confusion(np.eye(2), ["a", NAME])).partition(",")[2]).decode()
     ElementTree.fromstring(image)
     assert r"m\x1b[31mu\ng" in image
-    assert (
-        environment().from_string("<p>{{ name }}</p>\n<b>{{ 3 }}</b>").render(name=Path(NAME))
-        == f"<p>{SHOWN}</p>\n<b>3</b>"
-    )
+    page = environment().from_string("<p>{{ name }}</p>\n<b>{{ 3 }}</b>").render(name=Path(NAME))
+    assert page == f"<p>{SHOWN}</p>\n<b>3</b>"
 
 
 FORMULAS = ["=1+1", "+1", "-1", "@SUM(A1)", "＝1"]

@@ -113,9 +113,8 @@ def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tm
 def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation, timing):
     metrics, error = evaluation[1], evaluation[1]["object"]["error"]
     text = f"37.5 ({100 * error['low']:.1f} to {100 * error['high']:.1f})"
-    assert f"object protocol: error {text} %, std over trials 17.7, top-3 error 12.5 %" in "\n".join(
-        summary_lines(metrics, timing)
-    )
+    lines = "\n".join(summary_lines(metrics, timing))
+    assert f"object protocol: error {text} %, std over trials 17.7, top-3 error 12.5 %" in lines
     tags, parameters, scores = row_tags_parameters_metrics(metrics, timing, RECORDS)
     assert tags["resolved.model.members"] == "svm + trees"
     assert (parameters["classes"], parameters["frames.test"], parameters["weights.backbone"]) == (4, 4, 7)

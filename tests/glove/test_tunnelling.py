@@ -32,9 +32,8 @@ def test_what_is_deeper_between_its_ends_than_at_them_tunnels():
         [[0, 0, 0.2], [0, 0, 0.2 - 0.9 * SAMPLE_DISTANCE]],  # nowhere
     ])  # fmt: skip
     assert tunnelling == [True, True, False, False, False, False, False]
-    assert evaluations == sum(
-        int(np.ceil(length / SAMPLE_DISTANCE)) + 1 for length in (0.4, 0.4, 0.4, 0.4, 0.2 - deep, 0.2 - deep)
-    )
+    lengths = np.array([0.4, 0.4, 0.4, 0.4, 0.2 - deep, 0.2 - deep])
+    assert evaluations == np.sum(np.ceil(lengths / SAMPLE_DISTANCE) + 1)
 
 
 def test_an_empty_hand_never_tunnels_and_is_not_evaluated():

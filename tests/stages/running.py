@@ -51,15 +51,6 @@ def ran(output) -> list[str]:
     return re.findall(r"^Running stage '(?:.*:)?(\w+)'", output, re.MULTILINE)
 
 
-def copy_pipeline(place) -> None:
-    """The files of this repository that DVC needs, but for params.yaml."""
-    for name in ("stages", "tactile_viewgcn"):
-        shutil.copytree(ROOT / name, place / name, ignore=shutil.ignore_patterns("__pycache__"))
-    (place / "data" / "virtual").mkdir(parents=True)
-    for name in ("dvc.yaml", "data/virtual/dvc.yaml", ".gitignore", ".dvcignore"):
-        shutil.copy(ROOT / name, place / name)
-
-
 def copy_repository(place, without=()) -> None:
     """All files of this repository, but for those that git ignores."""
     for name in sh("git", "ls-files", "-co", "--exclude-standard", cwd=ROOT).splitlines():

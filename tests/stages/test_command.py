@@ -15,7 +15,7 @@ from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.tracking import Run
 from tests.full_disk import room_for
-from tests.stages.running import captured, left, refused
+from tests.stages.running import captured, left, refused, run_stage
 
 ROOT = Path(__file__).parents[2]
 
@@ -43,6 +43,11 @@ def failing(error, place, *options):
 def test_what_a_user_can_mend_ends_in_one_line(place, error, says):
     assert says in refused(failing(error, place)) and left(place) == set()
     assert "Traceback" in failing(error, place, "--debug").stderr
+
+
+def test_an_input_that_is_not_there_is_named(place):
+    result = run_stage("preprocess", "--recordings", "nowhere", "--out", "frames", cwd=place)
+    assert "nowhere: no such file or folder" in refused(result)
 
 
 @pytest.mark.parametrize("record", ["record.json", "y/record.json"])

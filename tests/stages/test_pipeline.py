@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from tactile_viewgcn.params import load
+from tests.glove_data import SMALL
 from tests.stag_files import metadata, save_matlab5
 from tests.stages.running import commit, copy_repository, ran, sh
 
@@ -15,16 +16,6 @@ pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("default")]  # the wa
 ROOT = Path(__file__).parents[2]
 WRITTEN = ("dvc.lock", "results/summary.json")  # kept in git
 ALL = ["ingest", "preprocess", "needs", "cluster", "pretrain", "finetune", "evaluate"]
-TINY = {
-    "views": 4,
-    "device": "cpu",
-    "precision": "float32",
-    "model.backbone.width": 8,
-    "cluster.restarts": 1,
-    "pretrain.epochs": 2,
-    "finetune.epochs": 1,
-    "evaluate.trials": 2,
-}
 
 
 def stages_of(output):
@@ -38,8 +29,8 @@ def clone(tmp_path_factory):
     place = tmp_path_factory.mktemp("clone") / "repository"
     copy_repository(place, without=WRITTEN)
     source = save_matlab5(place.parent / "recordings.mat", metadata(objects=4, recordings=2, frames=24))
-    changes = [f"{key}={value}" for key, value in {"data.source": source, **TINY}.items()]
-    tree = asdict(load(place / "params.yaml", (*changes,)))
+    changes = "split.by=source", "device=cpu", "precision=float32", "model.backbone.width=8", f"data.source={source}"
+    tree = asdict(load(place / "params.yaml", (*SMALL, *changes)))
     (place / "params.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
     commit(place)
     assert stages_of(sh("dvc", "repro", cwd=place)) == ALL

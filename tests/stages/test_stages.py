@@ -23,9 +23,10 @@ from tactile_viewgcn.tracking import EXPERIMENT
 from tests.glove_data import ROOT, SMALL, fewer_anchors, table
 from tests.mlflow_stores import runs_of
 from tests.readers.files import save
-from tests.stages.running import changed, copy_pipeline, ran, refused, run_stage, set_params, sh
+from tests.stages.running import changed, copy_repository, ran, refused, run_stage, set_params, sh
 
 GLOVE = {"objects": ["ball"], "sessions": 2, "grasps": 1, "grasp_frames": 17}  # the smallest
+LOCKS = ("dvc.lock", "data/virtual/dvc.lock")  # of other data
 LEFT_OUT = "pretrain: left out, model.system does not need it\n"
 
 
@@ -62,10 +63,9 @@ def test_the_glove_s_recordings_are_written_with_a_record(place):
 
 @pytest.mark.slow
 def test_dvc_simulates_where_the_source_is_what_the_glove_writes_and_nowhere_else(place):
-    copy_pipeline(place)
+    copy_repository(place, without=LOCKS)
     set_params(place, "glove", **GLOVE)
     sh("git", "init", "-q", cwd=place)
-    sh("dvc", "init", "-q", cwd=place)
     assert sorted(repro(place)[0]) == ["ingest", "needs", "simulate"]
     assert open_source(place / "data" / "virtual" / "recordings").names["object"] == ["empty_hand", "ball"]
     assert (place / "data" / "virtual" / "recordings.json").is_file()
@@ -88,11 +88,9 @@ def test_dvc_simulates_where_the_source_is_what_the_glove_writes_and_nowhere_els
 
 
 def test_dvc_hands_on_a_source_whatever_letters_its_path_has_and_the_layout_of_arrays(place):
-    copy_pipeline(place)
+    copy_repository(place, without=LOCKS)
     save(place / (name := 'it\'s a "b" `c` $HOME & ${seed};#*') / "mug" / "1.npy", np.arange(24).reshape(4, 6))
     set_params(place, "data", source=name, shape=[2, 3])
-    (place / ".dvc").mkdir()
-    shutil.copy(ROOT / ".dvc" / "config", place / ".dvc")
     (place / ".dvc" / "config.local").write_text("[core]\n    no_scm = true\n")
     assert "4 frames of 2 x 3" in repro(place)[1]
     locked = yaml.safe_load((place / "dvc.lock").read_text())["stages"]["ingest"]["deps"]

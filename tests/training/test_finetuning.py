@@ -110,6 +110,4 @@ def test_random_sizes_are_all_there_one_a_batch_and_keep_the_anchor():
     assert {sets.shape[1] for _, _, sets, _ in batches} == {1, 2, 3, 4}
     for *_, sets, passing in batches:
         assert len(passing) == len(sets) * -(-sets.shape[1] // 2)
-        assert sets.shape[1] == 4 or (
-            set(sets[:, 0]) <= set(side.anchors) and set(sets[:, 0]) <= set(sets.flat[passing])
-        )
+        assert sets.shape[1] == 4 or set(sets[:, 0]) <= set(side.anchors) & set(sets.flat[passing])

@@ -55,15 +55,6 @@ def test_each_pool_is_clustered_by_itself():
         assert same_partition(cluster[blob // 3 == pool], blob[blob // 3 == pool])
 
 
-@pytest.mark.parametrize(("distinct", "seed_matters"), [(3, False), (4, False), (5, True)])
-def test_at_most_v_distinct_frames_are_a_cluster_each_whatever_the_seed(distinct, seed_matters):
-    frame = np.random.default_rng(3).integers(distinct, size=60)
-    scores = np.random.default_rng(3).random((distinct, 6))[frame]
-    clusters = [clustering.kmeans(scores, 4, restarts=1, seed=seed) for seed in range(5)]
-    assert all(same_partition(cluster, frame) != seed_matters for cluster in clusters)
-    assert any((cluster != clusters[0]).any() for cluster in clusters) == seed_matters
-
-
 @pytest.mark.parametrize(("method", "views"), [("none", 4), ("kmeans", 1)])
 def test_random_clusters_and_a_single_one_compute_nothing(monkeypatch, method, views):
     monkeypatch.setattr(clustering, "pool_scores", None)
