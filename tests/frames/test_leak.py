@@ -14,9 +14,8 @@ from tests.glove_data import drifting, states_of
 def checked(recordings, *, by="grasp", baseline="empty_hand", zero=0.0):
     """The leak check of recordings; contact is of five sensors."""
     states = states_of(recordings)
-    measured = measure_baseline(
-        recordings, PreprocessSection(baseline=baseline, zero=zero), session_moments(recordings), states
-    )
+    section = PreprocessSection(baseline=baseline, zero=zero)
+    measured = measure_baseline(recordings, section, session_moments(recordings), states)
     return check_leak(recordings, measured, states, split_groups(recordings.columns, by))
 
 

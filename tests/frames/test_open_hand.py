@@ -24,9 +24,8 @@ DRIFTS = {
 
 def of_grasps(recordings, states, trained=None):
     """The baseline of each grasp."""
-    return measure_baseline(
-        recordings, PreprocessSection(baseline="grasp"), session_moments(recordings, trained), states
-    )
+    section = PreprocessSection(baseline="grasp")
+    return measure_baseline(recordings, section, session_moments(recordings, trained), states)
 
 
 def away(opened):

@@ -71,9 +71,8 @@ def test_fingers_close_until_they_touch():
     def touched(part):
         """(B, 5): whether fingers that are closed so far are inside the object."""
         pose = hands.pose(rows, scene.OPEN + part[..., None] * (scene.CLOSED - scene.OPEN), np.full(3, 0.95))
-        contacts = collisions(
-            hands, shapes, rows, pose, position, Rotation.from_rotvec(rotation).as_matrix(), palm=False
-        )
+        turned = Rotation.from_rotvec(rotation).as_matrix()
+        contacts = collisions(hands, shapes, rows, pose, position, turned, palm=False)
         out = np.zeros((3, 5), dtype=bool)
         out[contacts.row, contacts.patch // 3] = True
         assert (contacts.patch < LINK_PATCHES).all()

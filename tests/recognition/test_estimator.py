@@ -49,12 +49,8 @@ def test_channels_are_taken_with_their_frames_first_or_last():
 
 def grasps(per_object: int = 5, *, seed: int = 0):
     """Recordings of raw counts, each of an object longer than the one before, and their objects."""
-    numbers = range(per_object)
-    recordings = [
-        recording(name, 10 * seed + number, before=OPEN, held=16 + number, after=0)
-        for number in numbers
-        for name in OBJECTS
-    ]
+    each = [(name, number) for number in range(per_object) for name in OBJECTS]
+    recordings = [recording(name, 10 * seed + number, before=OPEN, held=16 + number, after=0) for name, number in each]
     return recordings, np.array(OBJECTS * per_object)
 
 

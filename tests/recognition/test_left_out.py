@@ -87,9 +87,8 @@ def test_a_member_that_errs_more_weighs_less_and_one_that_adds_nothing_is_left_o
 def test_a_member_of_less_than_a_tenth_of_the_largest_weight_is_left_out_and_the_others_are_weighed_anew(monkeypatch):
     """Weights of four members, and of three once the fourth is gone."""
     weights = {4: [4.0, 0.41, 1.0, 0.39], 3: [3.0, 2.0, 1.0]}
-    monkeypatch.setattr(
-        "tactile_viewgcn.recognition.left_out.fit_weights", lambda each, _: np.array(weights[len(each)])
-    )
+    by_number = lambda each, _: np.array(weights[len(each)])  # noqa: E731
+    monkeypatch.setattr("tactile_viewgcn.recognition.left_out.fit_weights", by_number)
     members = ["kernel", "pooled_kernel", "svm", "trees"]
     assert with_answers().weighed(members) == dict(zip(members, weights[3], strict=False))
 
@@ -160,9 +159,8 @@ def test_the_error_for_a_new_session_is_of_fits_that_know_other_sessions_alone()
     frames = table("split.folds=6")
     session = frames.recording % 2
     rows = np.arange(12)[:, None] == (4 * session + frames.label)[:, None, None]
-    changed = replace(
-        frames, session=session, sessions=["a", "b"], counts=(frames.counts + 200 * rows).astype(np.int16)
-    )
+    counts = (frames.counts + 200 * rows).astype(np.int16)
+    changed = replace(frames, session=session, sessions=["a", "b"], counts=counts)
     one = fitted(changed, "model.members=[svm]")
     (note,) = (note for note in one.notes if note.topic == "new session")
     assert note.value["mean"] > 0.3

@@ -195,9 +195,8 @@ def test_a_saved_network_answers_as_in_the_evaluation(tmp_path, system, transfor
     save_classifier(tmp_path / "classifier.pt", classifier, params.model, frames)
     index = frames.on(TEST)[:12:3]
     classifier.prepare(CPU)
-    (expected,) = softmax(
-        classifier.view_sets(classifier.frame_values(frames.inputs(index)), np.arange(4)[None]), axis=1
-    )
+    values = classifier.frame_values(frames.inputs(index))
+    (expected,) = softmax(classifier.view_sets(values, np.arange(4)[None]), axis=1)
     excess = frames.counts[index] - frames.baseline_mean[frames.baseline[index]]
     stored = Recogniser(tmp_path / "classifier.pt")
     np.testing.assert_allclose(np.exp(stored.content.answer(stored.classifier, excess)), expected, atol=1e-5)

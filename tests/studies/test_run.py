@@ -57,9 +57,8 @@ def machine(tmp_path, monkeypatch):
     place = tmp_path / "machine"
     sh("git", "init", "-q", place, cwd=tmp_path)
     sh("dvc", "init", "-q", cwd=place)
-    (place / "dvc.yaml").write_text(
-        STAGE.format(log=tmp_path / "log", results=" ".join(RESULTS), outs=", ".join(RESULTS))
-    )
+    stage = STAGE.format(log=tmp_path / "log", results=" ".join(RESULTS), outs=", ".join(RESULTS))
+    (place / "dvc.yaml").write_text(stage)
     (place / "params.yaml").write_text((ROOT / "params.yaml").read_text())
     (place / ".gitignore").write_text("/studies/\n")
     commit(place)
