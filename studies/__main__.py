@@ -10,7 +10,7 @@ from studies.grid import FOLDER, Cell, Study, names, read_study
 from studies.run import run_cells
 from studies.take import take_cells
 from tactile_viewgcn.messages import UserError, program, several
-from tactile_viewgcn.params import unlike_the_file
+from tactile_viewgcn.params import load, unlike_the_file
 from tactile_viewgcn.provenance import committed_params
 from tactile_viewgcn.schema import as_change
 
@@ -74,13 +74,14 @@ def run(
     if differ:
         print("note: params.yaml differs from the last commit, whose values the cells have")
     print(f"{study.name}: {several(len(cells), 'cell')}, finished before: {sum(map(stored, cells))}", flush=True)
+    params = load("params.yaml", next(iter(cells.values())).changes)  # a run may change the file meanwhile
     if take:
         print(f"{study.name}: {several(take_cells(take, cells), 'cell')} taken from {take}")
     faults = {} if take else run_cells(study.name, cells, jobs=jobs, scheduler=scheduler)
     answers = [answers_of(cell, read_results(key)) for key, cell in cells.items() if stored(key)]
     if answers:
         folder = out or FOLDER / study.name
-        print(write_report(study, answers, folder, changes))
+        print(write_report(study, answers, params, folder, changes))
         print(f"written: {folder}/results.csv, results.md and a picture, if any")
     if faults:
         raise UserError(

@@ -20,13 +20,12 @@ TRAINING = ["seed", "deal"]  # a training is the cells of all folds
 PAIRED = [*TRAINING, "machine"]  # trainings are paired on one kind of machine: they differ by points
 
 
-def complete(answers: list[Answers]) -> list[Answers]:
-    """The answers without those of trainings that lack a fold.
+def complete(answers: list[Answers], folds: int) -> list[Answers]:
+    """The answers without those of trainings that lack one of the folds.
 
     Raises:
         UserError: no training has all folds.
     """
-    folds = len({each.cell.fold for each in answers})
     trainings = pd.Series([(each.cell.variant, each.cell.seed, each.cell.deal) for each in answers])
     whole = [
         each for each, count in zip(answers, trainings.map(trainings.value_counts()), strict=True) if count == folds

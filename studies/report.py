@@ -17,7 +17,7 @@ from tactile_viewgcn.evaluation.trials import WHOLE
 from tactile_viewgcn.files import new_files
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import several
-from tactile_viewgcn.params import VIRTUAL, load
+from tactile_viewgcn.params import VIRTUAL, Params
 from tactile_viewgcn.randomness import stream
 
 EXPLAINED = """Errors are in per cent, means over folds, trials and a variant's trainings, each from one seed on all
@@ -29,21 +29,27 @@ as one unit."""
 COMPARED = """Differences are paired, over the seeds and deals that both were trained on by one kind of machine. Of the
 two intervals of 95 % `over groups` resamples the split groups, and `over trainings` is Student's, the range for other
 seeds. The verdict needs both. A variant without common trainings is left out."""
-TRAINED = f"""Losses of the training, each a mean of an epoch; `guessing` is that of the first batch, before a step. A
-row with † is not trained to its end, and decides nothing: its loss at the end is above {LEFT:.0%} of guessing, or fell
-by more than {FALL:.0%} of it in the last epoch. A system that is not fine-tuned has those of pretraining;
-one on the sensors has none, nor has its member `network`."""
+TRAINED = f"""Losses of the training: of the first batch, which guesses, and means of the last epoch but one and of the
+last; in some systems a loss is the sum of several. A row with † is not trained to its end, and decides nothing: its
+loss at the end is above {LEFT:.0%} of guessing, or fell by more than {FALL:.0%} of it in the last epoch. A system that
+is not fine-tuned has those of pretraining; one on the sensors has none, nor has its member `network`."""
 PAID = """Costs are those of the cheapest training, since other work only adds to them: seconds are summed over folds,
 milliseconds are of an answer, the memory is that of the stage that needs most."""
 
 
-def write_report(study: Study, answers: list[Answers], folder: Path, on_top: tuple[str, ...] = ()) -> str:
+def write_report(
+    study: Study, answers: list[Answers], params: Params, folder: Path, on_top: tuple[str, ...] = ()
+) -> str:
     """Write results.csv, results.md and the picture, if any, into `folder`, and return the text of results.md.
+
+    Args:
+        params: those of a cell, as they were when the study began.
+        on_top: changes of every cell.
 
     Raises:
         UserError: variants cannot be compared.
     """
-    params, answers = load("params.yaml", answers[0].cell.changes), complete(answers)
+    answers = complete(answers, len({cell.fold for cell in study.cells(on_top)}))
     data = "Simulated by the virtual glove" if params.data.source == VIRTUAL else params.data.source
     variants = {each.cell.variant for each in answers}
     places = variants | {variant.partition(" / ")[0] for variant in variants}

@@ -11,6 +11,7 @@ from studies.losses import Losses
 from studies.report import write_report
 from tactile_viewgcn.evaluation.trials import ASKED, Predictions, Trials
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.params import load
 
 LABELS, GROUPS = np.repeat([0, 1], 40), np.repeat(np.arange(8), 10)
 COSTS = {"pretrain s": 2.0, "finetune s": 3.0, "ms alone": 1.0, "ms in batches": 0.5, "ms whole": 4.0, "peak MB": 100.0}
@@ -28,7 +29,9 @@ def answers(variant, wrong, *, seed=0, deal=0, fold=0, groups=GROUPS, trained=Tr
 
 def table(*cells, references=("a",)):
     """Rows by variant and protocol."""
-    rows = rows_of(complete(list(cells)), references, np.random.default_rng(0)).to_dict("records")
+    rows = rows_of(
+        complete(list(cells), len({each.cell.fold for each in cells})), references, np.random.default_rng(0)
+    ).to_dict("records")
     return {(row["variant"], row["protocol"].removesuffix(" protocol")): row for row in rows}
 
 
@@ -100,8 +103,9 @@ def test_folds_stand_side_by_side_and_costs_are_those_of_the_cheapest_whole_trai
     assert {name: row[name] for name in COSTS} == costs
     row = table(*(answers("a", 1, seed=seed, **{"finetune s": 9.0 - 2 * seed}) for seed in (0, 2, 1)))["a", "object"]
     assert row["finetune s"] == 5.0
-    with pytest.raises(UserError, match="all 2 folds"):
-        table(answers("a", 1), answers("b", 1, fold=1))
+    for part in ([answers("a", 1), answers("b", 1, fold=1)], [answers("a", 1)]):
+        with pytest.raises(UserError, match="all 2 folds"):
+            complete(part, 2)
 
 
 def dealt(variant, wrong, deals):
@@ -159,7 +163,8 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
     cells = [each for at in folds for each in (answers("a", 1, **at), answers("b", 3, trained=False, **at))]
     settings = {"reference": "a", "seeds": [0, 1], "folds": [0, 1], "columns": ["finetune s"], "picture": picture}
     study = Study(name="made", question="Which?", variants={"a": {}, "b": {"views": 4}}, **settings)
-    text = write_report(study, cells, tmp_path, ("split.by=grasp",)).replace("\n", " ")
+    params = load("params.yaml", cells[0].cell.changes)
+    text = write_report(study, cells, params, tmp_path, ("split.by=grasp",)).replace("\n", " ")
     pictures = {"results.png"} if picture else set()
     assert {file.name for file in tmp_path.glob("*.png") if file.stat().st_size > 1000} == pictures
     rows = pd.read_csv(tmp_path / "results.csv")
