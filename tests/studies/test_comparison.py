@@ -29,9 +29,8 @@ def answers(variant, wrong, *, seed=0, deal=0, fold=0, groups=GROUPS, trained=Tr
 
 def table(*cells, references=("a",)):
     """Rows by variant and protocol."""
-    rows = rows_of(
-        complete(list(cells), len({each.cell.fold for each in cells})), references, np.random.default_rng(0)
-    ).to_dict("records")
+    whole = complete(list(cells), len({each.cell.fold for each in cells}))
+    rows = rows_of(whole, references, np.random.default_rng(0)).to_dict("records")
     return {(row["variant"], row["protocol"].removesuffix(" protocol")): row for row in rows}
 
 

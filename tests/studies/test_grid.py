@@ -128,7 +128,9 @@ def test_changes_on_top_have_a_folder_of_their_own(study, tmp_path, monkeypatch)
     monkeypatch.setattr(main_module, "stored", lambda key: True)
     monkeypatch.setattr(main_module, "read_results", lambda key: {})
     monkeypatch.setattr(main_module, "answers_of", lambda cell, contents: None)
-    monkeypatch.setattr("studies.report.write_report", lambda study, answers, folder, *_: written.append(folder))
+    monkeypatch.setattr(
+        "studies.report.write_report", lambda study, answers, params, folder, *_: written.append(folder)
+    )
     main_module.run(made, changes=("preprocess.transform=log",), out=tmp_path / "other")
     params = [load("params.yaml", cell.changes) for cell in ran]
     assert [(one.views, one.preprocess.transform) for one in params] == [(8, "log"), (4, "log")]
