@@ -12,11 +12,8 @@ DROPOUT = 0.5  # ours: on the shape descriptor
 class ViewSystem(nn.Module):
     """Views (B, k, ...) to logits (B, classes); k is V, or what else the system takes.
 
-    Args:
-        viewpoints: (V, 3).
-        shape: of a view's features, (C,), or of its maps, (C, H, W).
-        classes: number of classes.
-        model: the section of params.yaml.
+    A subclass is built from `viewpoints` (V, 3), the `shape` of a view's features, (C,), or of its maps, (C, H, W), the
+    number of `classes`, and the section `model` of params.yaml.
 
     Attributes:
         takes: the backbone's `features` (B, k, C), or its `maps` (B, k, C, H, W).
