@@ -15,7 +15,7 @@ def ingest(job: Job, source: Path, out: Path) -> str:
     data = job.params.data
     read_source(source, out, Form(data.shape, data.layout, data.columns))
     job.md5("source")  # the digest of the dataset in MLflow
-    table = Recordings(out)
+    table = Recordings.read(out)
     for note in remarks(table, originals(table)):
         job.note(note)
     used = {f"{name}s": len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}

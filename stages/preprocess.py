@@ -13,7 +13,7 @@ from tactile_viewgcn.tables.recordings import Recordings
 
 
 def preprocess(job: Job, recordings: Path, out: Path) -> str:
-    table = Recordings(recordings)
+    table = Recordings.read(recordings)
     made = preprocess_recordings(table, job.params.preprocess, job.params.split)
     frames = made.frames
     save_table(out, frames)

@@ -21,9 +21,9 @@ from tactile_viewgcn.readers.arrays import read_metadata
 from tactile_viewgcn.readers.source import Source
 from tactile_viewgcn.recognition.calibration import Classifier
 from tactile_viewgcn.recognition.estimator import train
-from tactile_viewgcn.recognition.recogniser import Answer, Recogniser, recording_of
+from tactile_viewgcn.recognition.recogniser import Answer, Recogniser, in_memory, recording_of
 from tactile_viewgcn.tables.frames import Frames, Views
-from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings, write_recordings
+from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames
@@ -74,7 +74,7 @@ def source(
 def written(path: Path, counts: np.ndarray, **changes: object) -> Recordings:
     """The same as a table written to `path` and opened."""
     write_recordings(path, source(counts, **changes))
-    return Recordings(path)
+    return Recordings.read(path)
 
 
 def states_of(recordings: Recordings, sensors: int = 5) -> HandStates:
@@ -203,7 +203,7 @@ def empty_hand(seed: int) -> np.ndarray:
 def _file(*changes: str) -> bytes:
     arrays = [empty_hand(0), *(recording(name, seed) for seed in range(1, 5) for name in OBJECTS)]
     labels = np.array([0, *(1 + i for _ in range(4) for i in range(3))])
-    table = ArrayRecordings(arrays, [EMPTY_HAND, *OBJECTS], labels, np.zeros(13, dtype=int))
+    table = of_arrays(arrays, [EMPTY_HAND, *OBJECTS], labels, np.zeros(13, dtype=int))
     fixed = ("preprocess.baseline=empty_hand", "preprocess.filter=contact", "preprocess.contact_sensors=6")
     small = "preprocess.empty_hand_class=false", "device=cpu"
     params = load(FILE, (*preset_changes("kernels"), *fixed, *small, *changes))
@@ -223,6 +223,12 @@ def recogniser(*changes: str) -> Recogniser:
     """The same, read."""
     with tempfile.TemporaryDirectory() as folder:
         return Recogniser(model_file(Path(folder) / "classifier.pt", *changes))
+
+
+def of_arrays(arrays: Sequence[np.ndarray], objects: list[str], labels: np.ndarray, sessions: np.ndarray) -> Recordings:
+    """The table of recordings X[0], X[1] and so on, arrays (T, H, W)."""
+    recordings = [recording_of(counts, f"X[{number}]") for number, counts in enumerate(arrays)]
+    return in_memory(recordings, objects, labels, sessions)
 
 
 def answer_of(model: Recogniser, counts: np.ndarray) -> Answer:
@@ -328,7 +334,7 @@ def table(*changes: str) -> Frames:
     with tempfile.TemporaryDirectory() as folder:
         source, path = Path(folder) / "metadata.mat", Path(folder) / "recordings"
         write_recordings(path, read_metadata(save_matlab5(source, tree)))
-        recordings = Recordings(path)
+        recordings = Recordings.read(path)
         return preprocess_recordings(recordings, params.preprocess, params.split).frames
 
 

@@ -15,7 +15,7 @@ from tactile_viewgcn.readers.source import MAX_PRESSURE, UNLABELLED, Form, Recor
 from tactile_viewgcn.readers.text import table_of
 from tactile_viewgcn.recognition.model_file import UNFIT, load_classifier
 from tactile_viewgcn.recognition.raw_counts import Layout, check_layout, fault_of, find_contact, rate_notes
-from tactile_viewgcn.tables.recordings import ArrayRecordings, Recordings, frames_by_recording
+from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 
 @dataclass(frozen=True)
@@ -156,18 +156,33 @@ def in_memory(
     labels: np.ndarray,
     sessions: np.ndarray,
     layout: Layout | None = None,
-) -> ArrayRecordings:
-    """The table of recordings of `recording_of`, see `ArrayRecordings`; with times where all have them.
+) -> Recordings:
+    """The table of n recordings of `recording_of`, with times where all have them.
+
+    Args:
+        objects: names; labels: (n,) index of each recording's object.
+        sessions: (n,) number of each recording's session, from 0.
 
     Raises:
         UserError: one is not of the given layout, or without it of the first one's.
     """
-    layouts = [(each.values["pressure"].shape[1:], each.channel_names) for each in recordings]
-    for recording, each in zip(recordings, layouts, strict=True):
-        check_layout(recording.names["recording"], each, layout or layouts[0])
-    table = ArrayRecordings([each.values["pressure"] for each in recordings], objects, labels, sessions)
-    table.recordings = [each.names["recording"] for each in recordings]
-    table.channel_names, table.notes = recordings[0].channel_names, recordings[0].notes
+    arrays, names = zip(*((each.values["pressure"], each.names["recording"]) for each in recordings), strict=True)
+    layouts = [(array.shape[1:], each.channel_names) for array, each in zip(arrays, recordings, strict=True)]
+    for name, each in zip(names, layouts, strict=True):
+        check_layout(name, each, layout or layouts[0])
+    counts, row = np.concatenate(arrays), np.repeat(np.arange(len(arrays)), [len(array) for array in arrays])
+    time = np.full(len(row), np.nan)
     if all("time" in each.values for each in recordings):
-        table.columns["time"] = np.concatenate([time - time[:1] for time in (r.values["time"] for r in recordings)])
-    return table
+        time = np.concatenate([time - time[:1] for time in (each.values["time"] for each in recordings)])
+    columns = {
+        "object": labels[row],
+        "recording": row,
+        "session": sessions[row],
+        "frame": np.concatenate([np.arange(len(array)) for array in arrays]),
+        "time": time,
+    }
+    of_sessions = [f"session {number}" for number in range(int(sessions.max()) + 1)]
+    live, first = (counts != counts[0]).any(axis=0), recordings[0]
+    return Recordings(
+        Path("X"), objects, [*names], of_sessions, counts, columns, live, first.channel_names, first.notes
+    )

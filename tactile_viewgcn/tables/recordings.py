@@ -5,10 +5,9 @@ a folder, which `Recordings` reads. Counts are the sensors' raw ADC counts, or r
 are (frame, row, column).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from copy import copy
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -88,11 +87,10 @@ def recordings_of(path: str | Path, form: Form = AUTO) -> Iterator["Recordings"]
     with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
         file = Path(folder) / "recordings"
         read_source(Path(path), file, form=form)
-        recordings = Recordings(file)
-        recordings.path = Path(path)
-        yield recordings
+        yield replace(Recordings.read(file), path=Path(path))
 
 
+@dataclass
 class Recordings:
     """The table of raw counts, which are read when they are indexed.
 
@@ -106,17 +104,25 @@ class Recordings:
         notes: of the reader, see `Source`.
     """
 
-    def __init__(self, path: str | Path):
-        self.path = Path(path)
+    path: Path
+    objects: list[str]
+    recordings: list[str]
+    sessions: list[str]
+    counts: Counts
+    columns: dict[str, np.ndarray]
+    live: np.ndarray
+    channel_names: list[str]
+    notes: list[Note]
+
+    @classmethod
+    def read(cls, path: str | Path) -> "Recordings":
+        """The table at a path; a `UserError` where it is damaged, or of a different version of the project."""
+        path = Path(path)
         with readable(path):
-            values = read_columns(self.path)
-            self.objects, self.recordings, self.sessions = (
-                values[name] for name in ("objects", "recordings", "sessions")
-            )
-            self.columns = {name: values[name] for name in COLUMNS if name in values or name in ALWAYS}
-            self.live, self.channel_names = values["live"], values["channel_names"]
-            self.notes = [Note(**note) for note in values["notes"]]
-            self.counts: Counts = read_counts(self.path)
+            values = read_columns(path)
+            columns = {name: values.pop(name) for name in COLUMNS if name in values or name in ALWAYS}
+            notes = [Note(**note) for note in values.pop("notes")]
+            return cls(path, counts=read_counts(path), columns=columns, notes=notes, **values)
 
     def __len__(self) -> int:
         return len(self.counts)
@@ -140,14 +146,15 @@ class Recordings:
 
     def part(self, rows: np.ndarray, live: np.ndarray | None = None) -> "Recordings":
         """The frames in rising `rows` (n,), one at least, as a table; `live` sensors: those that vary, if not given."""
-        part = copy(self)
-        part.columns = {name: values[rows] for name, values in self.columns.items()}
+        columns, counts = {name: values[rows] for name, values in self.columns.items()}, self.counts
         if len(rows) < len(self):
-            part.counts = Gathered(self.counts.__getitem__, rows)
-        first = part.counts[np.zeros(1, dtype=int)]
-        varying = ((counts != first).any(axis=0) for _, counts in part.blocks())
-        part.live = self.live & np.logical_or.reduce(list(varying)) if live is None else live
-        return part
+            counts = Gathered(counts.__getitem__, rows)
+        part = replace(self, counts=counts, columns=columns)
+        if live is None:
+            first = counts[np.zeros(1, dtype=int)]
+            varying = ((block != first).any(axis=0) for _, block in part.blocks())
+            live = self.live & np.logical_or.reduce(list(varying))
+        return replace(part, live=live)
 
     def live_counts(self) -> Counts:
         """Counts (T, S) of the live sensors, read when they are indexed."""
@@ -162,34 +169,6 @@ class Recordings:
         """All frames in order, as pairs of the number of the first frame and counts (n, H, W)."""
         for start in range(0, len(self), BLOCK_FRAMES):
             yield start, self.counts[start : start + BLOCK_FRAMES]
-
-
-class ArrayRecordings(Recordings):
-    """The table of raw counts of n arrays; the recordings are named X[0], X[1] and so on.
-
-    Args:
-        arrays: (T_i, H, W) each, of one type.
-        objects: names.
-        labels: (n,) index of each recording's object.
-        sessions: (n,) number of each recording's session, from 0.
-    """
-
-    def __init__(self, arrays: Sequence[np.ndarray], objects: list[str], labels: np.ndarray, sessions: np.ndarray):
-        self.path = Path("X")
-        self.counts = pressure = np.concatenate(arrays)
-        lengths = [len(array) for array in arrays]
-        row = np.repeat(np.arange(len(arrays)), lengths)
-        self.objects, self.channel_names = objects, list[str]()
-        self.recordings = [f"X[{number}]" for number in range(len(arrays))]
-        self.sessions = [f"session {number}" for number in range(int(sessions.max()) + 1)]
-        self.columns = {
-            "object": labels[row],
-            "recording": row,
-            "session": sessions[row],
-            "frame": np.concatenate([np.arange(length) for length in lengths]),
-            "time": np.full(len(row), np.nan),
-        }
-        self.live, self.notes = (pressure != pressure[0]).any(axis=0), []
 
 
 def frames_by_recording(recordings: Recordings) -> list[np.ndarray]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames.columns import column_notes
-from tactile_viewgcn.tables.recordings import ArrayRecordings
+from tests.glove_data import of_arrays
 
 R, N = np.arange(24)[:, None], np.arange(40)  # number of each recording, six of each of four objects; of each frame
 OBJECT, STARTED = R // 6, 300 * R + 5 * (R % 5)  # frames before it where the objects are recorded in turn
@@ -43,7 +43,7 @@ SENSORS = {
 def recordings_of(*columns, names):
     """24 recordings of these columns (24, frames)."""
     X = np.stack(columns, axis=-1)[:, :, None].astype(float)
-    recordings = ArrayRecordings([*X], [*"abcd"], OBJECT[:, 0], np.zeros(24, dtype=int))
+    recordings = of_arrays([*X], [*"abcd"], OBJECT[:, 0], np.zeros(24, dtype=int))
     recordings.channel_names = names
     return recordings
 

@@ -175,7 +175,7 @@ def test_data_that_cannot_be_learnt_from_are_refused_in_one_sentence(tmp_path, c
 def test_the_real_blindfolded_file_is_split_by_recording(tmp_path, stag_data):
     write_recordings(tmp_path / "t", read_metadata(stag_data / "blindfolded_lite" / "metadata.mat"))
     auto = load(FILE, ("split.by=recording", "split.folds=4"))
-    made = preprocess_recordings(Recordings(tmp_path / "t"), auto.preprocess, auto.split)
+    made = preprocess_recordings(Recordings.read(tmp_path / "t"), auto.preprocess, auto.split)
     assert (made.choice.params.baseline, made.choice.params.filter) == ("grasp", "flags")
     assert (made.passed.sum(), len(made.frames)) == (525, 520)
     assert "empty_hand" not in made.frames.classes and notes_on(made, "objects", "empty_hand")

@@ -45,7 +45,7 @@ def ingested(path: Path, **options) -> tuple[np.ndarray, Recordings]:
     """All frames of the recordings at a path, and their table, read in this process."""
     out = path.parent / f"{path.name}.table"
     write_recordings(out, open_source(path, **options))
-    table = Recordings(out)
+    table = Recordings.read(out)
     return table.counts[np.arange(len(table))], table
 
 

@@ -7,14 +7,13 @@ import pytest
 
 from tactile_viewgcn.frames.baseline import MIN_FRAMES
 from tactile_viewgcn.recognition.raw_counts import find_contact
-from tactile_viewgcn.tables.recordings import ArrayRecordings
-from tests.glove_data import BEFORE, HELD, answer_of, empty_hand, pressed, recogniser, recording
+from tests.glove_data import BEFORE, HELD, answer_of, empty_hand, of_arrays, pressed, recogniser, recording
 
 
 def one_session(*arrays):
     """A table of recordings, the last one of a pen and the others of the empty hand."""
     labels = np.array([0] * (len(arrays) - 1) + [1])
-    return ArrayRecordings(arrays, ["empty_hand", "pen"], labels, 0 * labels)
+    return of_arrays(arrays, ["empty_hand", "pen"], labels, 0 * labels)
 
 
 @pytest.mark.parametrize(
@@ -47,7 +46,7 @@ def test_recordings_without_an_open_hand_have_the_baseline_of_their_session_in_t
     fitted, held = recogniser().preprocessing, recording("pen", 91, before=0, after=0)
     mean = fitted.mean_baseline()
     fitted = replace(fitted, baselines={"session 0": mean + 4, "session 1": mean - 1})
-    new = ArrayRecordings([held] * 4, ["pen"], np.zeros(4, int), np.array([1, 0, 2, 1]))
+    new = of_arrays([held] * 4, ["pen"], np.zeros(4, int), np.array([1, 0, 2, 1]))
     estimate, _ = find_contact(fitted, new)
     shifts = (estimate.mean - mean)[estimate.of_frame[:: len(held)]]
     np.testing.assert_allclose(shifts.mean(axis=(1, 2)), [-1, 4, 1.5, -1], atol=1e-6)

@@ -12,8 +12,7 @@ from tactile_viewgcn.evaluation.trials import recording_answers
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.tables.recordings import ArrayRecordings
-from tests.glove_data import CPU, OBJECTS, recording, write
+from tests.glove_data import CPU, OBJECTS, of_arrays, recording, write
 
 ALL_CONTACT = {"preprocess.baseline": "none", "preprocess.zero": 500, "preprocess.filter": "none"}
 NETWORK = {
@@ -90,9 +89,7 @@ def test_one_recording_has_one_probability_by_all_interfaces(tmp_path, preset, s
     lists[:] = [counts.tolist() for counts in new]  # as the server parses a request
     np.testing.assert_allclose(RecogniserModel(recogniser).predict({"recordings": lists}), by_class, atol=1e-6)
 
-    table = ArrayRecordings(
-        [*X, *new], list(map(str, range(objects))), np.concatenate([y, truth]), np.arange(len(X + new))
-    )
+    table = of_arrays([*X, *new], list(map(str, range(objects))), np.concatenate([y, truth]), np.arange(len(X + new)))
     frames = preprocess_recordings(
         table, recogniser.preprocessing.params, classifier.params_.split, groups=table.columns["recording"]
     ).frames

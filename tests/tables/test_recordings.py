@@ -29,7 +29,7 @@ def test_recordings_in_blocks_are_written_in_equal_bytes_and_read_back_whole(tmp
         write_recordings(tmp_path / name, source(COUNTS, cuts=(7, 7, 30), **columns))
     assert md5(tmp_path / "t") == md5(tmp_path / "again")
     monkeypatch.setattr(module, "BLOCK_FRAMES", 20)
-    table = Recordings(tmp_path / "t")
+    table = Recordings.read(tmp_path / "t")
     np.testing.assert_array_equal(table.counts[np.arange(50)], COUNTS)
     assert table.columns.keys() == columns.keys()
     assert all(values.dtype == COLUMNS[name] for name, values in table.columns.items())
@@ -56,7 +56,7 @@ def test_a_table_that_lacks_a_part_is_called_damaged(tmp_path, name):
     del values[name]
     write_columns(tmp_path / "t", values)
     with pytest.raises(UserError, match=r"t: damaged, or not written by this version .*repeat"):
-        Recordings(tmp_path / "t")
+        Recordings.read(tmp_path / "t")
 
 
 def test_frames_and_sensors_that_ever_vary_are_indexed_like_arrays(tmp_path):
