@@ -56,7 +56,7 @@ def choose(recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, g
     Raises:
         UserError: no sensor that varies; a baseline that the recordings cannot give; readings too small or too large.
     """
-    training, live = recordings.part(rows, recordings.live), int(recordings.live.sum())
+    training, live = recordings.part(rows), int(recordings.live.sum())
     if not live:
         raise UserError(
             f"{recordings.path}: no sensor varies over {several(len(training), 'frame')}; expected some that do: "

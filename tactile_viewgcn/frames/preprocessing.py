@@ -1,6 +1,6 @@
 """From the table of raw counts to the frames that a system learns from, and an account of those that were dropped."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -51,8 +51,8 @@ def preprocess_recordings(
     """
     rng = stream(SPLIT_SEED, "preprocess")
     sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class, groups=groups)
-    live = recordings.part(np.flatnonzero(sides.training)).live  # sensors that vary there; every side uses the same
-    recordings = recordings.part(np.arange(len(recordings)), live)
+    # the sensors that vary on the training side; every side uses the same
+    recordings = replace(recordings, live=recordings.varying(np.flatnonzero(sides.training)))
 
     choice, baseline = _measure(recordings, asked, sides)
 
@@ -68,7 +68,7 @@ def preprocess_recordings(
 
     index = np.flatnonzero(keep)
     used, number = np.unique(baseline.of_frame[index], return_inverse=True)  # baselines of kept frames, from 0
-    kept = recordings.part(index, recordings.live)
+    kept = recordings.part(index)
     columns = kept.columns
     objects, label = np.unique(columns["object"], return_inverse=True)
     frames = Frames(
@@ -108,7 +108,7 @@ def _measure(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> 
         if not frames.any():
             continue
         rows = with_empty_hand(recordings, frames)
-        part, states = recordings.part(rows, recordings.live), None
+        part, states = recordings.part(rows), None
         moments = session_moments(part)
         if choice.params.baseline == "grasp":
             states = hand_states(part, int(choice.params.contact_sensors), moments)

@@ -1,5 +1,7 @@
 """Raw counts of new recordings: are they like the training's, what is their baseline, which frames are in contact?"""
 
+from dataclasses import replace
+
 import numpy as np
 
 from tactile_viewgcn.frames.baseline import Baseline, measure_baseline, session_moments, sessions_with_empty_hand
@@ -93,10 +95,9 @@ def find_contact(fitted: FittedPreprocessing, recordings: Recordings) -> tuple[B
 
 def _apart(recordings: Recordings) -> Recordings:
     """The table in which a session without an empty hand becomes a session for each of its recordings."""
-    apart = recordings.part(np.arange(len(recordings)), recordings.live)
     session, recording = recordings.columns["session"], recordings.columns["recording"]
     together = sessions_with_empty_hand(recordings)[session]
     pairs = np.stack([session, np.where(together, -1, recording)])
     used, number = np.unique(pairs, axis=1, return_inverse=True)
-    apart.columns["session"], apart.sessions = number.ravel(), [recordings.sessions[each] for each in used[0]]
-    return apart
+    columns = recordings.columns | {"session": number.ravel()}
+    return replace(recordings, columns=columns, sessions=[recordings.sessions[each] for each in used[0]])

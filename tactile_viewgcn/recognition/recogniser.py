@@ -78,7 +78,7 @@ class Recogniser:
         fitted, columns, path = self.preprocessing, recordings.columns, recordings.path
         check_layout(str(path), (recordings.shape, recordings.channel_names), self._layout)
         notes = rate_notes(fitted, recordings)
-        recordings = recordings.part(np.arange(len(recordings)), fitted.live)
+        recordings = replace(recordings, live=fitted.live)
         baseline, contact = find_contact(fitted, recordings)
         empty = np.array([name == EMPTY_HAND for name in self.classes], dtype=np.float32)
         answers, faults, index_of = list[Answer](), dict[str, str](), frames_by_recording(recordings)

@@ -144,17 +144,16 @@ class Recordings:
         places = [f"row {row}, " * (len(chosen) > 1) + f"column {column}" for row, column in np.argwhere(chosen) + 1]
         return [self.channel_names[at] for at in np.flatnonzero(chosen)] if self.channel_names else places
 
-    def part(self, rows: np.ndarray, live: np.ndarray | None = None) -> "Recordings":
-        """The frames in rising `rows` (n,), one at least, as a table; `live` sensors: those that vary, if not given."""
-        columns, counts = {name: values[rows] for name, values in self.columns.items()}, self.counts
-        if len(rows) < len(self):
-            counts = Gathered(counts.__getitem__, rows)
-        part = replace(self, counts=counts, columns=columns)
-        if live is None:
-            first = counts[np.zeros(1, dtype=int)]
-            varying = ((block != first).any(axis=0) for _, block in part.blocks())
-            live = self.live & np.logical_or.reduce(list(varying))
-        return replace(part, live=live)
+    def part(self, rows: np.ndarray) -> "Recordings":
+        """The frames in rising `rows` (n,) as a table with the same live sensors."""
+        counts = self.counts if len(rows) == len(self) else Gathered(self.counts.__getitem__, rows)
+        return replace(self, counts=counts, columns={name: values[rows] for name, values in self.columns.items()})
+
+    def varying(self, rows: np.ndarray) -> np.ndarray:
+        """bool (H, W): live sensors whose counts vary in the frames in rising `rows` (n,), one at least."""
+        part = self.part(rows)
+        first = part.counts[np.zeros(1, dtype=int)]
+        return self.live & np.logical_or.reduce([(counts != first).any(axis=0) for _, counts in part.blocks()])
 
     def live_counts(self) -> Counts:
         """Counts (T, S) of the live sensors, read when they are indexed."""

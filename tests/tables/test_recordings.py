@@ -76,8 +76,7 @@ def test_frames_and_sensors_that_ever_vary_are_indexed_like_arrays(tmp_path):
 def test_a_part_has_the_sensors_that_vary_in_it_and_mixed_recordings_their_frames_in_order(tmp_path):
     table = written(tmp_path / "t", np.array([[[1, 5]], [[2, 5]], [[1, 5]], [[1, 6]]]), recording=[2, 0, 2, 0])
     assert table.live.all() and [each.tolist() for each in frames_by_recording(table)] == [[1, 3], [0, 2]]
-    assert table.part(np.arange(3)).live.tolist() == [[True, False]]
-    assert table.part(np.arange(3), table.live).live.all()
+    assert table.part(np.arange(3)).live.all() and table.varying(np.arange(3)).tolist() == [[True, False]]
 
 
 STORED = {
