@@ -13,7 +13,7 @@ from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 from tests.glove_data import CPU, fewer_anchors, recipe, table, trained
 
 
-def frames_of(labels, recording=None, anchors=None):
+def frames_of(labels, recording=None):
     """A table of test frames with these labels and recordings, and random points to cluster."""
     count, points = len(labels), np.random.default_rng(0).random((len(labels), 5))
     return SimpleNamespace(
@@ -22,7 +22,7 @@ def frames_of(labels, recording=None, anchors=None):
         recordings=["a", "b", "c"],
         group=np.zeros(count, int),
         side=np.full(count, 2),
-        anchor=np.ones(count, bool) if anchors is None else np.isin(np.arange(count), anchors),
+        anchor=np.ones(count, bool),
         on=lambda *sides: np.arange(count),
         points=lambda index: points[index],
     )

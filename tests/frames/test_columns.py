@@ -13,8 +13,8 @@ OF_DAY = 300 * (3 * OBJECT + R % 3)  # each object in three recordings of each o
 DRAWN = np.random.default_rng(2)
 
 
-def tremble(size=1.0, frames=40):
-    return DRAWN.normal(0, size, (24, frames))
+def tremble(size=1.0):
+    return DRAWN.normal(0, size, (24, 40))
 
 
 #: Readings (24, frames) of a column that has nothing of touch, and of sensors that predict the object.

@@ -124,10 +124,10 @@ def lambda_h(mechanics: Mechanics, states: np.ndarray) -> str:
     return f"lambda h = {stiffness(mechanics, states, FRAME):.1e}"
 
 
-def around_a_ball(setting: tuple[float, float, float, float], posture, *, hands: int = 1, **drive) -> Mechanics:
-    """Hands around a ball above the palm, the stiffness and damping one of GRASPS."""
+def around_a_ball(setting: tuple[float, float, float, float], posture, **drive) -> Mechanics:
+    """A hand around a ball above the palm, the stiffness and damping one of GRASPS."""
     options = {"posture": posture, "layer": skin(setting), "stiffness": setting[1], "opposition": 0.9}
-    return scene([[BALL]], [BALL_AT] * hands, **options, **drive)
+    return scene([[BALL]], BALL_AT, **options, **drive)
 
 
 def grasp(setting: tuple[float, float, float, float], *, seed: int, frames: int) -> Mechanics:

@@ -15,8 +15,8 @@ from tests.glove.scenes import GRIPPED, LAYER, bed, gripping_hands, points, scen
 WIDTH, RADIUS, DEPTH = 0.04, 0.1, 0.001  # m: of the bed; of a sphere, and how deep it is in the bed
 
 
-def balanced(mechanics, y, *, palm=True):
-    return mechanics.evaluate(np.arange(len(y)), np.zeros(len(y)), y, palm=palm)
+def balanced(mechanics, y):
+    return mechanics.evaluate(np.arange(len(y)), np.zeros(len(y)), y, palm=True)
 
 
 def pressed(count, position):

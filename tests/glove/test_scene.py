@@ -21,14 +21,12 @@ def solids(objects):
     return Solids([list(one.parts) for one in objects])
 
 
-def planned(names, *, effects=(), frames=FRAMES, grasps=GRASPS, habit=0, seed=0):
+def planned(names, *effects):
     """The drive of one recording of each object."""
     objects = [OBJECTS_BY_NAME[name] for name in names]
-    habits, rngs = [stream(habit, name) for name in names], [stream(seed, f"scene {name}") for name in names]
-    return plan(
-        objects, stag_hands(*[USUAL] * len(objects)), solids(objects), habits, rngs, frames=frames, grasps=grasps,
-        effects=frozenset(effects),
-    )  # fmt: skip
+    habits, rngs = [stream(0, name) for name in names], [stream(0, f"scene {name}") for name in names]
+    hands, sizes = stag_hands(*[USUAL] * len(objects)), {"frames": FRAMES, "grasps": GRASPS}
+    return plan(objects, hands, solids(objects), habits, rngs, effects=frozenset(effects), **sizes)
 
 
 def holds(grasp):
@@ -54,7 +52,7 @@ def test_a_recording_begins_with_an_open_hand_and_between_grasps_the_object_is_a
 
 
 def test_weight_pulls_down_with_mass_times_gravity_while_the_object_is_held():
-    load, grams = planned(["ball", "mug", "empty_hand"], effects=["weight"]).load, np.array([[55], [509], [0]])
+    load, grams = planned(["ball", "mug", "empty_hand"], "weight").load, np.array([[55], [509], [0]])
     steady = np.concatenate([holds(0), holds(1)])
     np.testing.assert_array_equal(load[..., :2], 0)
     np.testing.assert_allclose(load[:, steady, 2], np.tile(-1e-3 * grams * GRAVITY, len(steady)))

@@ -19,19 +19,7 @@ from tactile_viewgcn.recognition.recogniser import Recogniser, in_memory, record
 from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.tables.recordings import recordings_of
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.glove_data import (
-    CPU,
-    HELD,
-    SHAPE,
-    answer_of,
-    empty_hand,
-    of_arrays,
-    recipe,
-    recogniser,
-    recording,
-    table,
-    write,
-)
+from tests.glove_data import CPU, HELD, SHAPE, answer_of, empty_hand, recipe, recogniser, recording, table, write
 
 
 def answered(model, path):
@@ -101,7 +89,7 @@ def test_only_an_object_has_a_strength_that_is_compared_with_the_training_s(name
     counts, zero = empty_hand(92), np.zeros(1, dtype=np.int64)
     counts[-3:] = 30_000
     with nullcontext() if name == "empty_hand" else pytest.raises(UserError, match="one in a hundred"):
-        recogniser().answer_table(of_arrays([counts], [name], zero, zero))
+        recogniser().answer_table(in_memory([recording_of(counts, "X")], [name], zero, zero))
 
 
 def channels(folder, names, rate):

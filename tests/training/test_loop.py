@@ -51,17 +51,13 @@ def test_a_step_goes_down_the_loss_by_its_epoch_s_rate_and_the_curves_are_means_
     assert progress.curves == {"loss": [-1.0, -4.5], "validation_error": [0.5, 0.25]}
 
 
-def going_bad(bad, at, **sizes):
-    """A training of two weights of one, whose loss is 2, and from a batch on about `bad`."""
-    first, second = (nn.Parameter(torch.ones(())) for _ in range(2))
-    groups = [{"params": [first], "lr": 1e-9}, {"params": [second], "lr": 0.0}]
-    return run(lambda *batch: first + second * (bad if batch >= at else 1.0), groups, **sizes)
-
-
 @pytest.mark.parametrize("bad", [math.inf, math.nan, 1e6])
 @pytest.mark.parametrize("epoch", [0, 1])
 def test_a_training_that_diverges_ends_and_names_the_epoch_the_rates_and_the_key_to_lower(bad, epoch):
-    fault, taken = going_bad(bad, (epoch, 1), epochs=3)
+    """Two weights of one, whose loss is 2, and from an epoch's second batch on about `bad`."""
+    first, second = (nn.Parameter(torch.ones(())) for _ in range(2))
+    groups = [{"params": [first], "lr": 1e-9}, {"params": [second], "lr": 0.0}]
+    fault, taken = run(lambda *batch: first + second * (bad if batch >= (epoch, 1) else 1.0), groups, epochs=3)
     assert taken == [(0, 0), (0, 1), (1, 0), (1, 1)][: 2 * epoch + 2]
     assert fault.startswith(f"loop diverged in epoch {epoch + 1} at a learning rate of 1e-09, 0: ")
     assert fault.endswith("lower loop.lr")

@@ -5,9 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.glove_data import recipe
 
 
 def squared(places):
@@ -55,8 +53,3 @@ def test_every_place_is_as_far_out_as_a_vertex_of_the_cube_and_random_ones_follo
 def test_auto_is_the_paper_s_configuration_where_it_has_one():
     for count, kind in ((8, "cube"), (12, "circle"), (20, "sphere"), (1, "sphere"), (9, "sphere")):
         np.testing.assert_array_equal(viewpoints(count), viewpoints(count, kind))
-
-
-def test_a_cube_of_another_number_of_places_is_refused():
-    with pytest.raises(UserError, match=r"viewpoints is cube.*views is 12"):
-        recipe("views=12", "viewpoints=cube")
