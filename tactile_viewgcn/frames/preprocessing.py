@@ -98,33 +98,27 @@ def preprocess_recordings(
 
 
 def _measure(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> tuple[Choice, Baseline]:
-    """What is decided on the training side, and the baseline of all frames, measured on each side by itself."""
-    # of each part: its frames bool (T,); the rows (n,) that its baseline is measured on, which are these frames and the
-    # empty hand of their sessions; and that baseline
+    """What is decided on the training side, and the baselines of all sides, one after another.
+
+    Those of a side are measured on its frames and the empty hand of their sessions.
+    """
     rows = with_empty_hand(recordings, sides.training)
     choice = choose(recordings, rows, asked, sides.group)
-    parts = [(sides.training, rows, choice.baseline)]
-    for frames in (sides.side == VALIDATION, sides.side == TEST, sides.surplus):
+    baseline, measured, of_frame = choice.baseline, list[Baseline](), np.zeros(len(recordings), dtype=np.int32)
+    for frames in (sides.training, sides.side == VALIDATION, sides.side == TEST, sides.surplus):
         if not frames.any():
             continue
-        rows = with_empty_hand(recordings, frames)
-        part, states = recordings.part(rows), None
-        moments = session_moments(part)
-        if choice.params.baseline == "grasp":
-            states = hand_states(part, int(choice.params.contact_sensors), moments)
-        parts.append((frames, rows, measure_baseline(part, choice.params, moments, states)))
-    return choice, _joined(parts, len(recordings))
-
-
-def _joined(parts: list[tuple[np.ndarray, np.ndarray, Baseline]], frames: int) -> Baseline:
-    """The baselines of all parts one after another, and for each of the T frames the index of its own."""
-    of_frame, count = np.zeros(frames, dtype=np.int32), 0
-    for own, rows, baseline in parts:
-        of_frame[own] = count + baseline.of_frame[own[rows]]  # without the rows of other parts
-        count += len(baseline.mean)
-    baselines = [baseline for _, _, baseline in parts]
-    mean, noise = (np.concatenate([getattr(one, name) for one in baselines]) for name in ("mean", "noise"))
-    return Baseline(mean, noise, of_frame, [note for one in baselines for note in one.notes])
+        if measured:
+            rows = with_empty_hand(recordings, frames)
+            part, states = recordings.part(rows), None
+            moments = session_moments(part)
+            if choice.params.baseline == "grasp":
+                states = hand_states(part, int(choice.params.contact_sensors), moments)
+            baseline = measure_baseline(part, choice.params, moments, states)
+        of_frame[frames] = sum(len(each.mean) for each in measured) + baseline.of_frame[frames[rows]]
+        measured.append(baseline)
+    mean, noise = (np.concatenate([getattr(each, name) for each in measured]) for name in ("mean", "noise"))
+    return choice, Baseline(mean, noise, of_frame, [note for each in measured for note in each.notes])
 
 
 def frame_counts(frames: Frames) -> dict[str, int]:

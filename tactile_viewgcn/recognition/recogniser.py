@@ -66,8 +66,7 @@ class Recogniser:
             return [], []
         numbers = np.arange(len(recordings))
         table = in_memory(recordings, [UNLABELLED], 0 * numbers, numbers, self._layout)
-        table.path = Path()
-        return self.answer_table(table)
+        return self.answer_table(replace(table, path=Path()))
 
     def answer_table(self, recordings: Recordings) -> tuple[list[Answer], list[Note]]:
         """The answers to the recordings of a table; and notes: on baselines that could not be measured, and on rates.

@@ -31,6 +31,7 @@ RECORDS = {
     "pretrain": replace(RECORD, seconds=12.34567, peak_mb=900.0, counts={"weights.backbone": 7}),
     "finetune": replace(RECORD, stage="finetune", seconds=1234.5, peak_mb=1300.5, counts=COUNTS),
 }
+TIMING = costs(LATENCY, RECORDS, 50.0, 1000.0)
 
 
 @pytest.fixture
@@ -49,11 +50,6 @@ def evaluation():
     metrics |= {"recordings": {"test": 2}, "groups": {"test": 2}}
     metrics |= {name: scores_of(one, np.random.default_rng(0), 4) for name, one in trials.items()}
     return predictions, metrics
-
-
-@pytest.fixture
-def timing():
-    return costs(LATENCY, RECORDS, 50.0, 1000.0)
 
 
 @pytest.mark.parametrize(("source", "total"), [(VIRTUAL, 1341.8), ("my_glove", 1296.8)])
@@ -81,13 +77,13 @@ def test_records_are_read_by_stage_and_a_damaged_one_is_named(tmp_path, content)
         read_records(tmp_path)
 
 
-def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tmp_path, evaluation, timing):
+def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tmp_path, evaluation):
     def rows(name):
         return list(csv.reader((tmp_path / name).read_text().splitlines()))
 
     _, metrics = evaluation
-    write_results(tmp_path, *evaluation, timing)
-    numbers = metrics, timing, summary(metrics, timing)
+    write_results(tmp_path, *evaluation, TIMING)
+    numbers = metrics, TIMING, summary(metrics, TIMING)
     for name, tree in zip(("metrics", "timing", "summary"), numbers, strict=True):
         assert json.loads((tmp_path / f"{name}.json").read_text()) == tree
     heading, *by_trial = rows("trials.csv")
@@ -110,12 +106,12 @@ def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tm
     assert ["object", "cup", "tape", "1"] in confusion and ["object", "pen, red", "tape", "2"] in confusion
 
 
-def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation, timing):
+def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation):
     metrics, error = evaluation[1], evaluation[1]["object"]["error"]
     text = f"37.5 ({100 * error['low']:.1f} to {100 * error['high']:.1f})"
-    lines = "\n".join(summary_lines(metrics, timing))
+    lines = "\n".join(summary_lines(metrics, TIMING))
     assert f"object protocol: error {text} %, std over trials 17.7, top-3 error 12.5 %" in lines
-    tags, parameters, scores = row_tags_parameters_metrics(metrics, timing, RECORDS)
+    tags, parameters, scores = row_tags_parameters_metrics(metrics, TIMING, RECORDS)
     assert tags["resolved.model.members"] == "svm + trees"
     assert (parameters["classes"], parameters["frames.test"], parameters["weights.backbone"]) == (4, 4, 7)
     expected = {"error.object": 3 / 8, "error.recording": 5 / 8, "error.whole": 1 / 2, "ms_per_recording": 3.0}

@@ -14,11 +14,6 @@ from tests.glove_data import COLUMNS, COUNTS, FILE, FIXED, GRIP_FRAMES, prepared
 OBJECT, RECORDING, SESSION, VALID = (COLUMNS[name] for name in ("object", "recording", "session", "valid"))
 
 
-def selected(kept):
-    """Counts and columns of the grips' frames to keep."""
-    return {"counts": COUNTS[kept], "columns": {name: values[kept] for name, values in COLUMNS.items()}}
-
-
 def notes_on(made, topic, text=""):
     """The notes of a topic that contain a text."""
     return [note for note in made.notes if note.topic == topic and text in note.text]
@@ -88,11 +83,12 @@ def test_groups_of_a_training_leave_no_test_side(tmp_path):
 
 @pytest.mark.parametrize("by", ["recording", "source"])
 def test_an_empty_hand_that_is_not_on_both_sides_is_no_class_and_still_the_baseline(tmp_path, by):
-    part = selected((SESSION == 0) & ((OBJECT > 0) | (RECORDING == 0)))  # one recording of the empty hand
-    frames, made = prepared(tmp_path, f"split.by={by}", **part)
+    kept = (SESSION == 0) & ((OBJECT > 0) | (RECORDING == 0))  # one recording of the empty hand
+    columns = {name: values[kept] for name, values in COLUMNS.items()}
+    frames, made = prepared(tmp_path, f"split.by={by}", counts=COUNTS[kept], columns=columns)
     assert [note.text.split()[0] for note in notes_on(made, "objects", "dropped")] == ["empty_hand"]
     assert frames.classes == ["object1", "object2"]
-    assert not (made.keep & (part["columns"]["object"] == 0)).any()
+    assert not (made.keep & (columns["object"] == 0)).any()
     np.testing.assert_allclose(frames.baseline_mean.mean(), 514, atol=0.2)
 
 

@@ -128,15 +128,10 @@ def test_a_row_without_contact_is_the_empty_hand_or_any_object():
     assert (classifier.predict([*new, empty[0]]) == [*truth, "empty_hand"]).all()
 
 
-def two_objects(rng):
-    """Sixteen recordings (30, 3) of two objects that differ in every channel."""
-    y = np.repeat(["a", "b"], 8)
-    return [rng.normal(0, 1, (30, 3)) + 3.0 * (name == "b") for name in y], y
-
-
 def test_a_channel_that_is_the_label_and_a_copy_are_warned_of_as_by_ingest():
-    X, y = two_objects(np.random.default_rng(0))
-    X = [np.hstack([counts, np.full((30, 1), float(name == "b"))]) for counts, name in zip(X, y, strict=True)]
+    """Of two objects that differ in every channel."""
+    y, rng = np.repeat(["a", "b"], 8), np.random.default_rng(0)
+    X = [np.hstack([rng.normal(3.0 * (name == "b"), 1, (30, 3)), np.full((30, 1), 1.0 * (name == "b"))]) for name in y]
     X[3] = X[2].copy()
     with pytest.warns(UserWarning) as warned:
         classifier = TactileClassifier(system="svm").fit(X, y)
