@@ -46,14 +46,16 @@ class StageSolver:
     Args:
         y: (B, n) states at the start.
         tolerance: relative error of the forces at which a stage counts as solved.
+        iterations: most iterations of a stage.
 
     Attributes:
         base: (B, n) start of the stage; scaled_step: (B,) s, h'.
         best: (B, n) the best state so far; tried: (B, n) the state to evaluate next.
     """
 
-    def __init__(self, y: np.ndarray, tolerance: float):
-        count, self.tolerance = len(y), tolerance
+    def __init__(self, y: np.ndarray, tolerance: float, iterations: int):
+        count = len(y)
+        self.tolerance, self.iterations = tolerance, iterations
         self.base, self.best, self.tried, self.direction = y.copy(), y.copy(), y.copy(), np.zeros_like(y)
         self.scaled_step = np.ones(count)
         self.energy, self.descent, self.length = np.zeros(count), np.zeros(count), np.ones(count)
@@ -95,7 +97,7 @@ class StageSolver:
         ahead = self.best[rows] + self.length[rows, None] * self.direction[rows]
         self.tried[rows] = np.where(waits[:, None], tried + newton, ahead)
         self.number[rows] += 1
-        ended = solved | (self.length[rows] < SHORTEST) | (self.number[rows] >= NEWTON)
+        ended = solved | (self.length[rows] < SHORTEST) | (self.number[rows] >= self.iterations)
         return ended, solved
 
 
@@ -107,6 +109,7 @@ class ImplicitIntegrator:
         mechanics: the equation.
         frame: s between two frames.
         tolerance: allowed relative error of the sensors' forces in a step that is longer than SMALLEST.
+        step: s, a fixed step instead; the last one of a frame may be shorter.
         statistics: cost, summed over hands: `steps`; of these `rejected`, repeated with a shorter step, and `forced`,
             accepted in spite of their error because they are as short as SMALLEST; `evaluations` of the mechanics;
             `unsolved` stages, whose Newton iteration did not converge.
@@ -121,16 +124,17 @@ class ImplicitIntegrator:
     mechanics: Mechanics
     frame: float
     tolerance: float = 0.02
+    step: float | None = None
     statistics: Counter[str] = field(default_factory=Counter)
 
     def run(self, y: np.ndarray, frames: int) -> np.ndarray:
         """States (B, frames, n) at knots 1 to `frames`, from y (B, n) at knot 0."""
         states, mechanics, rows = np.empty((len(y), frames, y.shape[1])), self.mechanics, np.arange(len(y))
         count = len(y)
-        self.solver = solver = StageSolver(y, STAGE_TOLERANCE * self.tolerance)
-        self.y, self.slope = y.copy(), np.zeros_like(y)
+        solver = StageSolver(y, STAGE_TOLERANCE * self.tolerance, NEWTON if self.step is None else 5 * NEWTON)
+        self.solver, self.y, self.slope = solver, y.copy(), np.zeros_like(y)
         self.knot, self.elapsed = np.zeros(count, dtype=int), np.zeros(count)
-        self.h, self.proposed = np.zeros(count), np.full(count, self.frame)
+        self.h, self.proposed = np.zeros(count), np.full(count, self.step or self.frame)
         self.second, self.solved = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
         self._begin(rows)
         while len(rows):
@@ -174,14 +178,15 @@ class ImplicitIntegrator:
         The error of a step that tunnels is UNSOLVED.
         """
         error = np.where(self.solved[rows], error, UNSOLVED)
-        candidates = np.flatnonzero((error <= 1) & (self.h[rows] > SMALLEST * self.frame))
-        hands = rows[candidates]
-        begin = self.knot[hands] + self.elapsed[hands] / self.frame
-        end = begin + self.h[hands] / self.frame
-        tunnelling, evaluations = tunnels(self.mechanics, hands, begin, self.y[hands], end, self.solver.best[hands])
-        error[candidates[tunnelling]] = UNSOLVED
-        self.statistics["evaluations"] += evaluations
-        accepted = (error <= 1) | (self.h[rows] <= SMALLEST * self.frame)
+        if self.step is None:
+            candidates = np.flatnonzero((error <= 1) & (self.h[rows] > SMALLEST * self.frame))
+            hands = rows[candidates]
+            begin = self.knot[hands] + self.elapsed[hands] / self.frame
+            end = begin + self.h[hands] / self.frame
+            tunnelling, evaluations = tunnels(self.mechanics, hands, begin, self.y[hands], end, self.solver.best[hands])
+            error[candidates[tunnelling]] = UNSOLVED
+            self.statistics["evaluations"] += evaluations
+        accepted = (error <= 1) | (self.h[rows] <= SMALLEST * self.frame) | (self.step is not None)
         self.statistics["steps"] += len(rows)
         self.statistics["rejected"] += int((~accepted).sum())
         self.statistics["forced"] += int((accepted & (error > 1)).sum())
@@ -189,10 +194,11 @@ class ImplicitIntegrator:
         self.y[advanced] = self.solver.best[advanced]
         self.elapsed[advanced] += self.h[advanced]
         arrived = self.frame - self.elapsed[rows] < ARRIVED * self.frame
-        ideal = self.h[rows] * np.clip(SAFETY / np.sqrt(np.maximum(error, 1e-12)), SHRINK, GROW)
-        # A step cut short by the frame's end says little about the next one.
-        ideal = np.where(accepted & arrived, np.maximum(self.proposed[rows], ideal), ideal)
-        self.proposed[rows] = np.clip(ideal, SMALLEST * self.frame, self.frame)
+        if self.step is None:
+            ideal = self.h[rows] * np.clip(SAFETY / np.sqrt(np.maximum(error, 1e-12)), SHRINK, GROW)
+            # A step cut short by the frame's end says little about the next one.
+            ideal = np.where(accepted & arrived, np.maximum(self.proposed[rows], ideal), ideal)
+            self.proposed[rows] = np.clip(ideal, SMALLEST * self.frame, self.frame)
         complete = rows[accepted & arrived]
         states[complete, self.knot[complete]] = self.y[complete]
         self.knot[complete] += 1

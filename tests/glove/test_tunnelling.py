@@ -5,7 +5,7 @@ import numpy as np
 from tactile_viewgcn.glove import integrator
 from tactile_viewgcn.glove.integrator import SAMPLE_DISTANCE, ImplicitIntegrator, tunnels
 from tactile_viewgcn.glove.shapes import sphere
-from tests.glove.scenes import bed, radau, rod, scene
+from tests.glove.scenes import bed, rod, scene
 
 FRAME, RADIUS, MM = 0.1, 0.05, 1e-3  # s, m, m
 BALL, NOTHING = [sphere(RADIUS)], []
@@ -46,7 +46,7 @@ def test_steps_that_would_tunnel_are_rejected(monkeypatch):
     """Of hardly damped fingers, three of which a rod stops on their way."""
     mechanics, frames = rod(1e-4), 2
     y = mechanics.initial_state()
-    exact = radau(mechanics, y, frames, frame=FRAME)[0, 1]
+    exact = ImplicitIntegrator(mechanics, FRAME, step=FRAME / 128).run(y, frames)[0, 1]
     solver = ImplicitIntegrator(mechanics, FRAME)
     assert np.abs(solver.run(y, frames)[0, 1] - exact).max() < 0.02  # rad
     assert solver.statistics["rejected"] > 0
