@@ -21,9 +21,9 @@ from tactile_viewgcn.readers.arrays import read_metadata
 from tactile_viewgcn.readers.source import Source
 from tactile_viewgcn.recognition.calibration import Classifier
 from tactile_viewgcn.recognition.estimator import train
-from tactile_viewgcn.recognition.recogniser import Answer, Recogniser, in_memory, recording_of
+from tactile_viewgcn.recognition.recogniser import Answer, Recogniser, recording_of
 from tactile_viewgcn.tables.frames import Frames, Views
-from tactile_viewgcn.tables.recordings import Recordings, write_recordings
+from tactile_viewgcn.tables.recordings import Recordings, in_memory, write_recordings
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames

@@ -19,7 +19,6 @@ SIDE = re.compile(r"(?:[xs][ _-])?(?:(train|training)|(tests?|testing)|(val|vali
 BLOCK_FRAMES = 4096  # frames that are read or written at once
 MAX_PRESSURE = 1e30  # absolute value; the network's input is in single precision
 MOST_SECONDS = 1e9  # absolute value of a time, thirty years
-MIN_SPREAD = 1e-30  # of the readings of the sensor that varies most; see MAX_PRESSURE
 NUMBERS = "biuf"  # `kind` of the dtypes of numbers
 
 #: Type of each column, one value per frame. Every source has the first five.

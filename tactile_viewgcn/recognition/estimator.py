@@ -23,9 +23,10 @@ from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.source import FRAMES_LAST, Recording, tidy
 from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
-from tactile_viewgcn.recognition.recogniser import Recogniser, in_memory, recording_of
+from tactile_viewgcn.recognition.raw_counts import check_layouts
+from tactile_viewgcn.recognition.recogniser import Recogniser, recording_of
 from tactile_viewgcn.schema import as_change
-from tactile_viewgcn.tables.recordings import Recordings
+from tactile_viewgcn.tables.recordings import Recordings, in_memory
 from tactile_viewgcn.tables.remarks import originals, remarks
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames
@@ -92,6 +93,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         if groups.shape != (len(y),):
             raise UserError(f"groups has shape {groups.shape}; expected ({len(y)},), a group for each recording of X")
         group = np.unique(groups, return_inverse=True)[1]
+        check_layouts(recorded)
         recordings = in_memory(recorded, list(map(str, classes)), labels, 0 * labels)
         with TemporaryDirectory() as folder:
             path = Path(folder) / "classifier.pt"

@@ -1,5 +1,6 @@
 """Raw counts of new recordings: are they like the training's, what is their baseline, which frames are in contact?"""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from tactile_viewgcn.frames.baseline import Baseline, measure_baseline, session_
 from tactile_viewgcn.frames.filter import flagged, pressed_frames
 from tactile_viewgcn.frames.open_hand import hand_states
 from tactile_viewgcn.messages import Note, UserError, listed, several
+from tactile_viewgcn.readers.source import Recording
 from tactile_viewgcn.recognition.model_file import FittedPreprocessing, strong_reading
 from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.recordings import Recordings
@@ -27,6 +29,13 @@ def check_layout(where: str, layout: Layout, trained: Layout) -> None:
         shape, expected = (" x ".join(map(str, each)) for each, _ in (layout, trained))
         alone = ", and one recording in a list: [X]" if layout[0][0] == 1 else ""
         raise UserError(f"{where}: frames of {shape}; expected {expected}, as in the training{alone}")
+
+
+def check_layouts(recordings: Sequence[Recording], trained: Layout | None = None) -> None:
+    """`check_layout` of recordings of `recording_of`, against the training's, or without it the first one's."""
+    layouts = [(each.values["pressure"].shape[1:], each.channel_names) for each in recordings]
+    for recording, layout in zip(recordings, layouts, strict=True):
+        check_layout(recording.names["recording"], layout, trained or layouts[0])
 
 
 def fault_of(fitted: FittedPreprocessing, counts: np.ndarray, contact: np.ndarray, excess: np.ndarray) -> str:

@@ -14,8 +14,8 @@ from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.readers.source import MAX_PRESSURE, UNLABELLED, Form, Recording, check_shape, storage_type
 from tactile_viewgcn.readers.text import table_of
 from tactile_viewgcn.recognition.model_file import UNFIT, load_classifier
-from tactile_viewgcn.recognition.raw_counts import Layout, check_layout, fault_of, find_contact, rate_notes
-from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
+from tactile_viewgcn.recognition.raw_counts import check_layout, check_layouts, fault_of, find_contact, rate_notes
+from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, in_memory
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,8 @@ class Recogniser:
         if not recordings:
             return [], []
         numbers = np.arange(len(recordings))
-        table = in_memory(recordings, [UNLABELLED], 0 * numbers, numbers, self._layout)
+        check_layouts(recordings, self._layout)
+        table = in_memory(recordings, [UNLABELLED], 0 * numbers, numbers)
         return self.answer_table(replace(table, path=Path()))
 
     def answer_table(self, recordings: Recordings) -> tuple[list[Answer], list[Note]]:
@@ -147,41 +148,3 @@ def recording_of(recording: Any, name: str, *, frames_last: bool = False, column
         )
     values = table.values | {"pressure": array.astype(dtype, copy=False)}
     return replace(table, names={"recording": name}, values=values)
-
-
-def in_memory(
-    recordings: Sequence[Recording],
-    objects: list[str],
-    labels: np.ndarray,
-    sessions: np.ndarray,
-    layout: Layout | None = None,
-) -> Recordings:
-    """The table of n recordings of `recording_of`, with times where all have them.
-
-    Args:
-        objects: names; labels: (n,) index of each recording's object.
-        sessions: (n,) number of each recording's session, from 0.
-
-    Raises:
-        UserError: one is not of the given layout, or without it of the first one's.
-    """
-    arrays, names = zip(*((each.values["pressure"], each.names["recording"]) for each in recordings), strict=True)
-    layouts = [(array.shape[1:], each.channel_names) for array, each in zip(arrays, recordings, strict=True)]
-    for name, each in zip(names, layouts, strict=True):
-        check_layout(name, each, layout or layouts[0])
-    counts, row = np.concatenate(arrays), np.repeat(np.arange(len(arrays)), [len(array) for array in arrays])
-    time = np.full(len(row), np.nan)
-    if all("time" in each.values for each in recordings):
-        time = np.concatenate([time - time[:1] for time in (each.values["time"] for each in recordings)])
-    columns = {
-        "object": labels[row],
-        "recording": row,
-        "session": sessions[row],
-        "frame": np.concatenate([np.arange(len(array)) for array in arrays]),
-        "time": time,
-    }
-    of_sessions = [f"session {number}" for number in range(int(sessions.max()) + 1)]
-    live, first = (counts != counts[0]).any(axis=0), recordings[0]
-    return Recordings(
-        Path("X"), objects, [*names], of_sessions, counts, columns, live, first.channel_names, first.notes
-    )

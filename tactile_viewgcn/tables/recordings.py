@@ -5,7 +5,7 @@ a folder, which `Recordings` reads. Counts are the sensors' raw ADC counts, or r
 are (frame, row, column).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -18,10 +18,11 @@ from tactile_viewgcn.files import new_files, readable
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
 from tactile_viewgcn.readers.child import limit, run_apart, serve
 from tactile_viewgcn.readers.formats import TEXTS, files_of, open_source
-from tactile_viewgcn.readers.source import AUTO, BLOCK_FRAMES, COLUMNS, MIN_SPREAD, Form, Source, check_column
+from tactile_viewgcn.readers.source import AUTO, BLOCK_FRAMES, COLUMNS, Form, Recording, Source, check_column
 from tactile_viewgcn.tables.counts import Counts, Gathered, read_columns, read_counts, write_columns, write_counts
 
 ALWAYS = tuple(COLUMNS)[:5]  # the columns that every table has
+MIN_SPREAD = 1e-30  # of the readings of the sensor that varies most; see MAX_PRESSURE in readers/source.py
 
 
 def read_source(path: Path, out: Path, form: Form = AUTO) -> None:
@@ -86,7 +87,7 @@ def recordings_of(path: str | Path, form: Form = AUTO) -> Iterator["Recordings"]
     """A temporary table of the recordings at a path, see `open_source`; its errors name that path."""
     with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
         file = Path(folder) / "recordings"
-        read_source(Path(path), file, form=form)
+        read_source(Path(path), file, form)
         yield replace(Recordings.read(file), path=Path(path))
 
 
@@ -168,6 +169,26 @@ class Recordings:
         """All frames in order, as pairs of the number of the first frame and counts (n, H, W)."""
         for start in range(0, len(self), BLOCK_FRAMES):
             yield start, self.counts[start : start + BLOCK_FRAMES]
+
+
+def in_memory(
+    recordings: Sequence[Recording], objects: list[str], labels: np.ndarray, sessions: np.ndarray
+) -> Recordings:
+    """The table of n recordings of one layout, with times where all have them.
+
+    Args:
+        objects: names; labels: (n,) index of each recording's object.
+        sessions: (n,) number of each recording's session, from 0.
+    """
+    arrays, names = [each.values["pressure"] for each in recordings], [each.names["recording"] for each in recordings]
+    counts, row = np.concatenate(arrays), np.repeat(np.arange(len(arrays)), [len(array) for array in arrays])
+    columns = {"object": labels[row], "recording": row, "session": sessions[row], "time": np.full(len(row), np.nan)}
+    columns["frame"] = np.concatenate([np.arange(len(array)) for array in arrays])
+    if all("time" in each.values for each in recordings):
+        columns["time"] = np.concatenate([each.values["time"] - each.values["time"][:1] for each in recordings])
+    of_sessions = [f"session {number}" for number in range(int(sessions.max()) + 1)]
+    live, first = (counts != counts[0]).any(axis=0), recordings[0]
+    return Recordings(Path("X"), objects, names, of_sessions, counts, columns, live, first.channel_names, first.notes)
 
 
 def frames_by_recording(recordings: Recordings) -> list[np.ndarray]:

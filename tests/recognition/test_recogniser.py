@@ -15,9 +15,9 @@ from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.estimator import train
 from tactile_viewgcn.recognition.model_file import FittedPreprocessing, build_classifier, save_classifier
 from tactile_viewgcn.recognition.raw_counts import fault_of
-from tactile_viewgcn.recognition.recogniser import Recogniser, in_memory, recording_of
+from tactile_viewgcn.recognition.recogniser import Recogniser, recording_of
 from tactile_viewgcn.tables.frames import TEST
-from tactile_viewgcn.tables.recordings import recordings_of
+from tactile_viewgcn.tables.recordings import in_memory, recordings_of
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.glove_data import CPU, HELD, SHAPE, answer_of, empty_hand, recipe, recogniser, recording, table, write
 
