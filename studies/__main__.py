@@ -1,6 +1,7 @@
 """`python -m studies` lists the studies; `python -m studies NAME` runs one as DVC experiments."""
 
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 import click
@@ -10,9 +11,8 @@ from studies.grid import FOLDER, Cell, Study, names, read_study
 from studies.run import run_cells
 from studies.take import take_cells
 from tactile_viewgcn.messages import UserError, program, several
-from tactile_viewgcn.params import load, unlike_the_file
+from tactile_viewgcn.params import unlike_the_file
 from tactile_viewgcn.provenance import committed_params
-from tactile_viewgcn.schema import as_change
 
 
 @click.command()
@@ -32,16 +32,14 @@ def main(name: str | None, changes: tuple[str, ...], **options: Any) -> None:
         if changes and not options["out"]:
             raise UserError("--set without --out: name a folder, as the study's own results are those without changes")
         if name is None:
-            list_studies()
+            print(f"{'study':<15} {'cells':>5}  question")
+            for study in map(read_study, names()):
+                print(f"{study.name:<15} {len(study.cells()):>5}  {study.question}")
         else:
-            run(read_study(name), changes=changes, **options)
-
-
-def list_studies() -> None:
-    """Print a line for each study: its number of cells and its question."""
-    print(f"{'study':<15} {'cells':>5}  question")
-    for study in map(read_study, names()):
-        print(f"{study.name:<15} {len(study.cells()):>5}  {study.question}")
+            try:
+                run(read_study(name), changes=changes, **options)
+            except KeyboardInterrupt:
+                raise SystemExit("stopped: finished cells are kept; the same command goes on with the others") from None
 
 
 def run(
@@ -64,24 +62,27 @@ def run(
 
     code = code_of_stages()
     cells: dict[str, Cell] = {}
-    differ = unlike_the_file(committed_params(Path("params.yaml")))  # what a run has left there
-    for cell in study.cells(changes, tuple(map(as_change, differ, differ.values()))):
+    for cell in study.cells(changes):
         same = cells.setdefault(key_of(cell, code), cell)
         if same is not cell:
             raise UserError(
                 f"{study.name}: the same training twice ({same}; {cell}): --set what the study does not vary"
             )
-    if differ:
+    if unlike_the_file(committed_params(Path("params.yaml"))):
         print("note: params.yaml differs from the last commit, whose values the cells have")
+    folder = out or FOLDER / study.name
+    try:  # before the first cell runs
+        folder.mkdir(parents=True, exist_ok=True)
+        TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise UserError(f"{folder}: {error.strerror}; with --out name a folder that you can write into") from None
     print(f"{study.name}: {several(len(cells), 'cell')}, finished before: {sum(map(stored, cells))}", flush=True)
-    params = load("params.yaml", next(iter(cells.values())).changes)  # a run may change the file meanwhile
     if take:
         print(f"{study.name}: {several(take_cells(take, cells), 'cell')} taken from {take}")
     faults = {} if take else run_cells(study.name, cells, jobs=jobs, scheduler=scheduler)
     answers = [answers_of(cell, read_results(key)) for key, cell in cells.items() if stored(key)]
     if answers:
-        folder = out or FOLDER / study.name
-        print(write_report(study, answers, params, folder, changes))
+        print(write_report(study, answers, folder, changes))
         print(f"written: {folder}/results.csv, results.md and a picture, if any")
     if faults:
         raise UserError(

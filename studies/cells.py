@@ -14,13 +14,13 @@ from studies.losses import Losses, losses_of
 from tactile_viewgcn.evaluation.trials import Predictions, read_predictions
 from tactile_viewgcn.files import md5, new_files
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.params import VIRTUAL, load
+from tactile_viewgcn.params import VIRTUAL, default_params
 from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.schema import flatten
 
 STORE = FOLDER / ".cells"
 RECORDS = ("results/evaluate.json", "runs/pretrain.json", "runs/finetune.json")
-RESULTS = ("results/predictions.npz", "results/timing.json", *RECORDS)  # what is kept, each by its name alone
+RESULTS = ("results/predictions.npz", "results/timing.json", *RECORDS)  # what is kept
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def key_of(cell: Cell, code: str) -> str:
     Raises:
         UserError: the cell's parameters are wrong, or its data source is missing.
     """
-    params, content = flatten(load("params.yaml", cell.changes, f"variant {cell.variant}")), ""
+    params, content = flatten(default_params(cell.changes, f"variant {cell.variant}")), ""
     if params["data.source"] != VIRTUAL:  # files may have a different place on each machine
         source = params.pop("data.source")
         if not Path(source).exists():
@@ -57,10 +57,10 @@ def code_of_stages() -> str:
 
 
 def store(key: str, contents: dict[str, bytes]) -> None:
-    """Keep the files of a finished cell, by their names."""
+    """Keep the `RESULTS` of a finished cell, in one folder."""
     with new_files(STORE / key) as folder:
         for name, content in contents.items():
-            (folder / name).write_bytes(content)
+            (folder / Path(name).name).write_bytes(content)
 
 
 def stored(key: str) -> bool:
@@ -69,16 +69,16 @@ def stored(key: str) -> bool:
 
 
 def read_results(key: str) -> dict[str, bytes]:
-    """The files of a stored cell, by their names."""
-    return {Path(name).name: (STORE / key / Path(name).name).read_bytes() for name in RESULTS}
+    """The `RESULTS` of a stored cell."""
+    return {name: (STORE / key / Path(name).name).read_bytes() for name in RESULTS}
 
 
 def answers_of(cell: Cell, contents: dict[str, bytes]) -> Answers:
-    """The results of a cell from its files, by their names; any exception where one is damaged."""
-    timing = json.loads(contents["timing.json"])
+    """The results of a cell from its `RESULTS`; any exception where one is damaged."""
+    timing = json.loads(contents["results/timing.json"])
     costs = {name: reduce(getitem, keys, timing) for name, keys in COLUMNS.items()}
-    pretrain, finetune = (Record.read(contents[Path(name).name]) for name in RECORDS[1:])
+    pretrain, finetune = (Record.read(contents[name]) for name in RECORDS[1:])
     origin, frames = finetune.origin, finetune.inputs["frames"]["md5"]
     machine = origin["processor"] if origin["device"] == "cpu" else origin["device"]
-    predictions = read_predictions(BytesIO(contents["predictions.npz"]))
+    predictions = read_predictions(BytesIO(contents["results/predictions.npz"]))
     return Answers(cell, predictions, costs, losses_of(pretrain, finetune), machine, frames)

@@ -1,10 +1,11 @@
 """Comparison of a study's variants: errors with intervals, paired differences to the references, costs, power."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.random import Generator
 from scipy.stats import t as student
 
 from studies.cells import Answers
@@ -69,7 +70,7 @@ def trainings_of(answers: list[Answers]) -> pd.DataFrame:
     return pd.DataFrame(rows).groupby("variant").agg(functions | {"machine": lambda names: ", ".join(names.unique())})
 
 
-def rows_of(answers: list[Answers], references: Iterable[str], rng: np.random.Generator) -> pd.DataFrame:
+def rows_of(answers: list[Answers], references: Iterable[str], rng: Generator) -> pd.DataFrame:
     """A row for each protocol and variant, in per cent; every split group counts once. NaN: a missing number.
 
     The columns `vs R more`, `low` and `high` have the paired difference to the reference R and its interval over
@@ -86,7 +87,7 @@ def rows_of(answers: list[Answers], references: Iterable[str], rng: np.random.Ge
             by_group = part.groupby("group")["wrong"].mean()
             trainings = 100 * part.groupby(TRAINING)["wrong"].mean()
             row: dict[str, Any] = {"variant": name, "protocol": protocol}
-            row |= percent(("error", "low", "high"), by_group, proportion_interval(*as_units(by_group), rng))
+            row |= percent(("error", "low", "high"), by_group, proportion_interval, rng)
             row |= {"trainings": len(trainings), "std": trainings.std()} | dict(once.loc[name])
             for reference in references:
                 same_place = f"{reference} / {name.partition(' / ')[2]}"
@@ -98,19 +99,15 @@ def rows_of(answers: list[Answers], references: Iterable[str], rng: np.random.Ge
     return pd.DataFrame(rows)
 
 
-def as_units(by_group: pd.Series) -> tuple[np.ndarray, np.ndarray]:
-    """A value of each group, and the groups, as `group_interval` takes them."""
-    return by_group.to_numpy(), by_group.index.to_numpy()
-
-
-def percent(names: tuple[str, ...], values: pd.Series, ends: tuple[float, float] | None) -> dict[str, float]:
-    """The mean of values and the ends of its interval, in per cent, under these names."""
-    return dict(zip(names, (100 * float(end) for end in (values.mean(), *(ends or (np.nan, np.nan)))), strict=True))
-
-
-def compared(
-    part: pd.DataFrame, reference: pd.DataFrame | None, head: str, rng: np.random.Generator
+def percent(
+    names: tuple[str, ...], by_group: pd.Series, interval: Callable[..., tuple[float, float] | None], rng: Generator
 ) -> dict[str, float]:
+    """The mean of the groups' values and the ends of its interval, in per cent, under these names."""
+    ends = interval(by_group.to_numpy(), by_group.index.to_numpy(), rng) or (np.nan, np.nan)
+    return {name: 100 * float(value) for name, value in zip(names, (by_group.mean(), *ends), strict=True)}
+
+
+def compared(part: pd.DataFrame, reference: pd.DataFrame | None, head: str, rng: Generator) -> dict[str, float]:
     """The paired difference over common trainings; NaN for the reference itself, or without common trainings."""
     names = tuple(f"{head}{name}" for name in ("more", "low", "high", "seeds_low", "seeds_high"))
     row = dict.fromkeys(names, np.nan)
@@ -125,7 +122,7 @@ def compared(
         raise UserError(f"variant {ours} was tested on other view sets than {theirs}; set reference: null")
     more = pairs.assign(more=pairs["wrong"] - pairs["wrong of the reference"])
     by_group, by_seed = more.groupby("group")["more"].mean(), 100 * more.groupby("seed")["more"].mean()
-    row |= percent(names[:3], by_group, group_interval(*as_units(by_group), rng))
+    row |= percent(names[:3], by_group, group_interval, rng)
     if len(by_seed) >= MIN_SEEDS and more["deal"].nunique() == 1:
         # Student's interval of the mean difference; trainings on several deals share groups and are not independent
         half = student.ppf(0.975, len(by_seed) - 1) * by_seed.std() / len(by_seed) ** 0.5

@@ -11,7 +11,8 @@ from pydantic import StrictStr
 from pydantic.dataclasses import dataclass
 
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.params import Natural, Seed, load, preset_changes
+from tactile_viewgcn.params import Natural, Seed, default_params, preset_changes
+from tactile_viewgcn.provenance import committed_params
 from tactile_viewgcn.schema import SECTION, as_change, build, read_yaml
 
 FOLDER = Path("studies")
@@ -30,7 +31,7 @@ Variants = Annotated[dict[StrictStr, dict[StrictStr, Any]], MinLen(1)]  # change
 
 @dataclass(frozen=True)
 class Cell:
-    """One training of a variant and its evaluation; `changes` to params.yaml are `key=value`."""
+    """One training of a variant and its evaluation; `changes` to the defaults are `key=value`."""
 
     variant: str
     seed: int
@@ -64,17 +65,17 @@ class Study:
     def references(self) -> list[str]:
         return [self.reference] if isinstance(self.reference, str) else self.reference or []
 
-    def cells(self, on_top: tuple[str, ...] = (), below: tuple[str, ...] = ()) -> list[Cell]:
-        """All cells, seed by seed and deal by deal; `on_top` are changes after all others, `below` before them.
+    def cells(self, on_top: tuple[str, ...] = ()) -> list[Cell]:
+        """All cells, seed by seed and deal by deal: changes to the committed params.yaml, `on_top` the last ones.
 
         Raises:
             UserError: `on_top` names one of `AXES`.
         """
         if axis := [key for key in (change.partition("=")[0] for change in on_top) if key in AXES]:
             raise UserError(f"--set {axis[0]}: every cell has its own; set it in {FOLDER}/{self.name}.yaml")
-        shared, folds = (*below, *_changes(self.set)), self.folds
+        shared, folds = (*_changes(committed_params(Path("params.yaml"))), *_changes(self.set)), self.folds
         if folds == "all":
-            folds = list(range(load("params.yaml", (*shared, *on_top, "split.fold=0")).split.folds))
+            folds = list(range(default_params((*shared, *on_top, "split.fold=0")).split.folds))
         cells = []
         for seed, deal, (variant, changes), fold in product(self.seeds, self.deals, self.crossed(), folds):
             if seed != self.seeds[0] and variant in self.one_seed:

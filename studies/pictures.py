@@ -19,7 +19,8 @@ def errors_by_seconds(rows: pd.DataFrame, references: Collection[str], title: st
     named = (variants.isin(references) | variants.str.partition(" / ")[0].isin(references)).to_numpy()
     numbered = sorted({*np.hstack(fronts), *np.flatnonzero(named)}, key=costs.__getitem__)
     figure = Figure(figsize=(5.6 * len(panels), 5.4), layout="constrained")
-    for axes, panel, front in zip(_side_by_side(figure, len(panels)), panels, fronts, strict=True):
+    figure.subplots(1, len(panels), sharey=True)
+    for axes, panel, front in zip(figure.axes, panels, fronts, strict=True):
         errors = panel["error"].to_numpy()
         axes.errorbar(costs, errors, yerr=_bars(panel), fmt="o", color="0.6", ms=4, elinewidth=0.6)
         axes.plot(costs[front], errors[front], "o-", drawstyle="steps-post", color="C0", ms=6)
@@ -44,7 +45,8 @@ def error_curves(rows: pd.DataFrame, title: str) -> Figure:
     rows["number"] = rows["number"].astype(int)
     protocols = rows["protocol"].unique()
     figure = Figure(figsize=(4.8 * len(protocols), 5), layout="constrained")
-    for axes, protocol in zip(_side_by_side(figure, len(protocols)), protocols, strict=True):
+    figure.subplots(1, len(protocols), sharey=True)
+    for axes, protocol in zip(figure.axes, protocols, strict=True):
         for name, curve in rows[rows["protocol"] == protocol].groupby("name", sort=False):
             axes.errorbar(curve["number"], curve["error"], _bars(curve), fmt="o-", ms=4, elinewidth=0.8, label=name)
         axes.set(title=protocol, xlabel=rows.loc[rows["number"].idxmax(), "unit"])  # in the plural
@@ -54,10 +56,6 @@ def error_curves(rows: pd.DataFrame, title: str) -> Figure:
         axes.grid(alpha=0.3)
     _finish(figure, title)
     return figure
-
-
-def _side_by_side(figure: Figure, count: int) -> np.ndarray:
-    return figure.subplots(1, count, sharey=True, squeeze=False)[0]
 
 
 def _finish(figure: Figure, title: str, **legend: float) -> None:

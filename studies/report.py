@@ -10,14 +10,14 @@ import pandas as pd
 
 from studies.cells import Answers
 from studies.comparison import complete, power, rows_of
-from studies.grid import COLUMNS, Study
+from studies.grid import COLUMNS, Cell, Study
 from studies.losses import FALL, LEFT
 from studies.pictures import error_curves, errors_by_seconds
 from tactile_viewgcn.evaluation.trials import WHOLE
 from tactile_viewgcn.files import new_files
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import several
-from tactile_viewgcn.params import VIRTUAL, Params
+from tactile_viewgcn.params import VIRTUAL, default_params
 from tactile_viewgcn.randomness import stream
 
 EXPLAINED = """Errors are in per cent, means over folds, trials and a variant's trainings, each from one seed on all
@@ -37,19 +37,16 @@ PAID = """Costs are those of the cheapest training, since other work only adds t
 milliseconds are of an answer, the memory is that of the stage that needs most."""
 
 
-def write_report(
-    study: Study, answers: list[Answers], params: Params, folder: Path, on_top: tuple[str, ...] = ()
-) -> str:
+def write_report(study: Study, answers: list[Answers], folder: Path, on_top: tuple[str, ...] = ()) -> str:
     """Write results.csv, results.md and the picture, if any, into `folder`, and return the text of results.md.
 
-    Args:
-        params: those of a cell, as they were when the study began.
-        on_top: changes of every cell.
+    Every cell has the changes `on_top`.
 
     Raises:
         UserError: variants cannot be compared.
     """
-    answers = complete(answers, len({cell.fold for cell in study.cells(on_top)}))
+    cells = study.cells(on_top)
+    answers, params = complete(answers, len({cell.fold for cell in cells})), default_params(cells[0].changes)
     data = "Simulated by the virtual glove" if params.data.source == VIRTUAL else params.data.source
     variants = {each.cell.variant for each in answers}
     places = variants | {variant.partition(" / ")[0] for variant in variants}
@@ -68,7 +65,7 @@ def write_report(
     text = [f"{data}. {study.question}{changed}", power(rows, groups)]
     text.append(f"{', '.join(sizes)} on the {params.evaluate.side} side. {EXPLAINED}")
     text += [DEALT.format(deals=deals)] * (deals > 1)
-    if absent := missing(study, answers, on_top):
+    if absent := missing(cells, answers):
         text.append(f"Trainings that have not been run: {', '.join(absent)}.")
     text += [COMPARED] * bool(references)
     parts = [*map(_paragraph, text), *tables(rows, references, study.columns)]
@@ -83,12 +80,13 @@ def write_report(
     return (folder / "results.md").read_text()
 
 
-def missing(study: Study, answers: list[Answers], on_top: tuple[str, ...]) -> list[str]:
+def missing(cells: list[Cell], answers: list[Answers]) -> list[str]:
     """Variants of the study with the number of their missing trainings, as in `mean 2 of 5`."""
-    planned = Counter(name for name, *_ in {(one.variant, one.seed, one.deal) for one in study.cells(on_top)})
-    here = Counter(name for name, *_ in {(a.cell.variant, a.cell.seed, a.cell.deal) for a in answers})
-    absent = {name: planned[name] - here[name] for name, _ in study.crossed()}
-    return [f"{name} {count} of {planned[name]}" for name, count in absent.items() if count]
+    planned, here = (
+        Counter(name for name, *_ in dict.fromkeys((one.variant, one.seed, one.deal) for one in some))
+        for some in (cells, [each.cell for each in answers])
+    )
+    return [f"{name} {count} of {planned[name]}" for name, count in (planned - here).items()]
 
 
 def tables(rows: pd.DataFrame, references: Sequence[str], columns: Sequence[str]) -> list[str]:

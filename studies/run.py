@@ -9,21 +9,25 @@ from contextlib import contextmanager
 from pathlib import Path
 from platform import node
 from threading import Lock
+from time import monotonic
 from traceback import format_exc
 
 from joblib import Parallel, delayed, parallel_config
-from tqdm import tqdm
 
-from studies.cells import RESULTS, STORE, code_of_stages, key_of, store, stored
+from studies.cells import RESULTS, STORE, answers_of, code_of_stages, key_of, store, stored
 from studies.grid import Cell
+from tactile_viewgcn.evaluation.trials import WHOLE
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.params import VIRTUAL, load
+from tactile_viewgcn.params import VIRTUAL, default_params
+from tactile_viewgcn.schema import as_change, flatten
 
 one_reader = Lock()  # threads must not share DVC's index of the cache
 
 
 def run_cells(name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: str | None = None) -> dict[str, str]:
-    """Run every cell that is not stored, and store its results.
+    """Run every cell that is not stored, store its results, and print its seconds and error, or why it failed.
+
+    A reason that was printed before is not printed again.
 
     Args:
         name: name of the study.
@@ -38,19 +42,15 @@ def run_cells(name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: st
         UserError: Dask is not installed, or there is no such scheduler, or it has no worker.
     """
     missing, faults, commit = [key for key in cells if not stored(key)], {}, git("rev-parse", "HEAD").strip()
-    with (
-        tqdm(total=len(cells), initial=len(cells) - len(missing), desc=name, unit="cell", disable=None) as bar,
-        workers(jobs, scheduler) as parallel,
-    ):
+    with workers(jobs, scheduler) as parallel:
         tasks = (delayed(run_cell)(f"{name}-{key}", key, cells[key], commit) for key in missing)
-        for number, (key, outcome) in enumerate(parallel(tasks), start=len(cells) - len(missing) + 1):
-            if isinstance(outcome, str):
-                faults[key], outcome = outcome, f"failed: {outcome}"
+        for number, (key, contents, text) in enumerate(parallel(tasks), start=1):
+            if contents or text not in faults.values():
+                print(f"{cells[key]}: {text}; {len(missing) - number} left", flush=True)
+            if contents:
+                store(key, contents)
             else:
-                store(key, outcome)
-                outcome = "done"
-            bar.update()
-            bar.write(f"{number} of {len(cells)}: {cells[key]} {outcome}")
+                faults[key] = text
     return faults
 
 
@@ -74,35 +74,37 @@ def workers(jobs: int, scheduler: str | None) -> Iterator[Parallel]:
         yield Parallel(return_as="generator_unordered", pre_dispatch="all", batch_size=1)
 
 
-def run_cell(experiment: str, key: str, cell: Cell, commit: str) -> tuple[str, dict[str, bytes] | str]:
-    """The key of a cell, and the contents of its `RESULTS`, or why it failed.
+def run_cell(experiment: str, key: str, cell: Cell, commit: str) -> tuple[str, dict[str, bytes], str]:
+    """The key of a cell; the contents of its `RESULTS`, and its seconds and error; or none, and why it failed.
 
     The cell is run as `dvc exp run --temp`, unless its experiment exists already, in the repository of the working
     folder, which for a Dask worker is a separate clone. An exception would stop the other cells.
     """
-    place = f"{node()}:{Path.cwd()}"
+    place, start = f"{node()}:{Path.cwd()}", monotonic()
     try:
         if (head := git("rev-parse", "HEAD").strip()) != commit:
             raise UserError(f"at commit {head[:9]}; expected {commit[:9]}, the study's")
-        return key, results(experiment, experiments().get(experiment) or trained(experiment, key, cell))
+        contents = results(experiment, experiments().get(experiment) or trained(experiment, key, cell))
+        error = 100 * answers_of(cell, contents).predictions.trials[WHOLE].errors.mean()
+        return key, contents, f"{monotonic() - start:,.0f} s, {error:.1f} % of recordings wrong"
     except UserError as error:
-        return key, f"{' '.join(str(error).split())} ({place})"
+        return key, {}, f"failed: {' '.join(str(error).split())} ({place})"
     except Exception:
-        return key, f"{place}: {format_exc()}"  # a fault of ours keeps its traceback
+        return key, {}, f"failed: {place}: {format_exc()}"  # a fault of ours keeps its traceback
 
 
 def trained(experiment: str, key: str, cell: Cell) -> str:
     """Train a cell, and return the commit of its experiment.
 
     Raises:
-        UserError: the cell failed, or code, parameters or data are not the study's.
+        UserError: the cell failed, or code or data are not the study's.
     """
     from dvc.repo import Repo
 
-    with Repo(_wait_for_lock=True) as repo, repo.lock:  # another cell that starts changes params.yaml under this lock
+    with Repo(_wait_for_lock=True) as repo, repo.lock:  # another cell that starts hides uncommitted code meanwhile
         if key_of(cell, code_of_stages()) != key:
-            raise UserError("code, params.yaml or data have changed since the study began")
-    tqdm.write(f"{cell} ...")
+            raise UserError("code or data have changed since the study began: no further cell runs; undo the change")
+    print(f"{cell} ...", flush=True)
     dvc = [sys.executable, "-P", "-m", "dvc", "--wait-for-lock", "exp", "run", "--temp", "--name", experiment]
     dvc += [word for change in settings(cell) for word in ("--set-param", change)]
     # the experiment's `python` is this one
@@ -123,15 +125,14 @@ def trained(experiment: str, key: str, cell: Cell) -> str:
 
 
 def settings(cell: Cell) -> list[str]:
-    """The last of the cell's changes of each key, for `dvc exp run --set-param`.
+    """Every parameter of the cell, for `dvc exp run --set-param`: params.yaml may change while the study runs.
 
     The source becomes an absolute path: an experiment runs in a separate folder without untracked files.
     """
-    last = dict(change.split("=", 1) for change in cell.changes)
-    source = load("params.yaml", cell.changes).data.source
-    if source != VIRTUAL:
-        last["data.source"] = str(Path(source).resolve())
-    return [f"{key}={value}" for key, value in last.items()]
+    values = flatten(default_params(cell.changes))
+    if values["data.source"] != VIRTUAL:
+        values["data.source"] = str(Path(values["data.source"]).resolve())
+    return list(map(as_change, values, values.values()))
 
 
 def experiments() -> dict[str, str]:
@@ -151,7 +152,7 @@ def results(experiment: str, revision: str) -> dict[str, bytes]:
     try:
         with one_reader:
             files = DVCFileSystem(rev=revision)
-            return {Path(name).name: files.cat_file(name) for name in RESULTS}
+            return {name: files.cat_file(name) for name in RESULTS}
     except FileNotFoundError as error:
         raise UserError(f"{error} is not in DVC's cache; to run it again: dvc exp remove {experiment}") from None
 

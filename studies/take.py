@@ -11,7 +11,7 @@ from studies.grid import Cell
 from studies.run import git
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.params import load
+from tactile_viewgcn.params import default_params
 from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.schema import as_change, flatten
 
@@ -30,14 +30,14 @@ def take_cells(folder: Path, cells: dict[str, Cell]) -> int:
             this repository's, or the frames differ from those of a cell with the same parameters for them. Nothing is
             stored then.
     """
-    recipes = {key: flatten(load("params.yaml", cell.changes)) for key, cell in cells.items()}
+    recipes = {key: flatten(default_params(cell.changes)) for key, cell in cells.items()}
     before = [key for key in cells if stored(key)]
     md5s = {_of_frames(recipes[key]): answers_of(cells[key], read_results(key)).frames for key in before}
     ready: dict[str, dict[str, bytes]] = {}
     for place in sorted(path for path in folder.iterdir() if path.is_dir()):
         with readable(place, "not the results of a cell", "each folder has the `results` and `runs` of one"):
-            contents = {Path(name).name: (place / name).read_bytes() for name in RESULTS}
-            records = [Record.read(contents[Path(name).name]) for name in RECORDS]
+            contents = {name: (place / name).read_bytes() for name in RESULTS}
+            records = [Record.read(contents[name]) for name in RECORDS]
             key = _key_of(place, records[0].params["values"], recipes)
             answers = answers_of(cells[key], contents)
             for record in records:

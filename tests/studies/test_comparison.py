@@ -11,7 +11,6 @@ from studies.losses import Losses
 from studies.report import write_report
 from tactile_viewgcn.evaluation.trials import ASKED, Predictions, Trials
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.params import load
 
 LABELS, GROUPS = np.repeat([0, 1], 40), np.repeat(np.arange(8), 10)
 COSTS = {"pretrain s": 2.0, "finetune s": 3.0, "ms alone": 1.0, "ms in batches": 0.5, "ms whole": 4.0, "peak MB": 100.0}
@@ -162,8 +161,7 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
     cells = [each for at in folds for each in (answers("a", 1, **at), answers("b", 3, trained=False, **at))]
     settings = {"reference": "a", "seeds": [0, 1], "folds": [0, 1], "columns": ["finetune s"], "picture": picture}
     study = Study(name="made", question="Which?", variants={"a": {}, "b": {"views": 4}}, **settings)
-    params = load("params.yaml", cells[0].cell.changes)
-    text = write_report(study, cells, params, tmp_path, ("split.by=grasp",)).replace("\n", " ")
+    text = write_report(study, cells, tmp_path, ("split.by=grasp",)).replace("\n", " ")
     pictures = {"results.png"} if picture else set()
     assert {file.name for file in tmp_path.glob("*.png") if file.stat().st_size > 1000} == pictures
     rows = pd.read_csv(tmp_path / "results.csv")

@@ -1,5 +1,6 @@
 """The cells of a study's file, and their keys."""
 
+from dataclasses import replace
 from itertools import product
 
 import pytest
@@ -12,7 +13,7 @@ from studies.__main__ import main
 from studies.cells import key_of
 from studies.grid import Cell, names, read_study
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.params import load
+from tactile_viewgcn.params import default_params
 
 
 def cell_of(*changes, variant="a"):
@@ -26,6 +27,7 @@ LEAST = {"question": "Which?", "variants": {"a": {}}, "reference": None, "seeds"
 def study(tmp_path, monkeypatch):
     """A study of these keys, and of the least of the others."""
     monkeypatch.setattr(grid, "FOLDER", tmp_path)
+    monkeypatch.setattr(main_module, "FOLDER", tmp_path)
 
     def made(**keys):
         (tmp_path / "made.yaml").write_text(yaml.safe_dump(LEAST | keys, sort_keys=False))
@@ -42,7 +44,8 @@ def test_cells_are_every_variant_from_every_seed_on_every_fold(study):
     crossed = product(("a / x", "a / y", "b / x", "b / y"), (3, 5))
     assert {each: counted.count(each) for each in counted} == {each: 2 for each in crossed if each != ("b / x", 5)}
     changes = ("split.by=recording", "views=4", "cluster.restarts=1", "seed=3", "split.deal=0", "split.fold=0")
-    assert made.cells()[0] == Cell(variant="a / x", seed=3, deal=0, fold=0, changes=changes)
+    first = made.cells()[0]
+    assert replace(first, changes=first.changes[-6:]) == Cell(variant="a / x", seed=3, deal=0, fold=0, changes=changes)
 
 
 def test_every_variant_is_trained_on_each_fold_of_each_deal_deal_by_deal(study):
@@ -66,7 +69,6 @@ def test_every_variant_is_trained_on_each_fold_of_each_deal_deal_by_deal(study):
         ({"reference": "b"}, "reference is 'b'; expected one of a"),
         ({"picture": "curve"}, "picture: .*'curves'"),
         ({"one_seed": ["c"]}, "one_seed is 'c'"),
-        ({"columns": ["peak GB"]}, "'peak GB'"),
         ({"variants": {"a": {"preset": "worst"}}}, "preset is 'worst'"),
         ({"cross": [{"x": None}]}, "cross: "),
         ({"seeds": [True]}, r"seeds: .*got True"),
@@ -101,8 +103,6 @@ def test_a_cell_is_known_by_what_its_source_holds_wherever_it_lies(tmp_path):
         file.write_bytes(content)
         keys.append(key_of(cell_of(f"data.source={file.parents[1]}"), "code"))
     assert keys[0] == keys[1] != keys[2]
-    files[0].write_bytes(b"2")  # while the study runs
-    assert key_of(cell_of(f"data.source={files[0].parents[1]}"), "code") == keys[2]
     with pytest.raises(UserError, match=r"data\.source is no_such_place"):
         key_of(cell_of("data.source=no_such_place"), "code")
 
@@ -115,28 +115,22 @@ def test_a_cell_is_known_by_what_its_source_holds_wherever_it_lies(tmp_path):
         (["compare", "--set", "vews=4", "--out", "elsewhere"], "did you mean views?"),
         (["compare", "--set", "seed=4", "--out", "elsewhere"], "--set seed: every cell has its own"),
         (["error_time", "--set", "views=8", "--out", "elsewhere"], "the same training twice"),
+        (["compare", "--out", "pyproject.toml/results"], "Not a directory; with --out name a folder"),
     ],
 )
-def test_a_mistake_on_the_command_line_ends_in_one_line(words, expected):
+def test_a_mistake_on_the_command_line_ends_in_one_line_before_any_cell(monkeypatch, words, expected):
+    monkeypatch.setattr(main_module, "run_cells", None)
     result = CliRunner().invoke(main, words)
     assert result.exit_code == 1 and expected in result.output and result.output.count("\n") == 1
 
 
 def test_changes_on_top_have_a_folder_of_their_own(study, tmp_path, monkeypatch):
-    made, ran, written = study(variants={"a": {}, "b": {"views": 4}}), [], []
+    made, ran = study(variants={"a": {}, "b": {"views": 4}}), []
     monkeypatch.setattr(main_module, "run_cells", lambda name, cells, **_: ran.extend(cells.values()) or {})
-    monkeypatch.setattr(main_module, "stored", lambda key: True)
-    monkeypatch.setattr(main_module, "read_results", lambda key: {})
-    monkeypatch.setattr(main_module, "answers_of", lambda cell, contents: None)
-    monkeypatch.setattr(
-        "studies.report.write_report", lambda study, answers, params, folder, *_: written.append(folder)
-    )
     main_module.run(made, changes=("preprocess.transform=log",), out=tmp_path / "other")
-    params = [load("params.yaml", cell.changes) for cell in ran]
-    assert [(one.views, one.preprocess.transform) for one in params] == [(8, "log"), (4, "log")]
-    monkeypatch.setattr(main_module, "committed_params", lambda path: {"views": 5, "seed": 0, "pretrain.epochs": 7})
-    ran.clear()
+    monkeypatch.setattr(grid, "committed_params", lambda path: {"views": 5, "seed": 0, "pretrain.epochs": 7})
     main_module.run(made)  # where a run has left other values in params.yaml
-    params = [load("params.yaml", cell.changes) for cell in ran]
-    assert [(one.views, one.pretrain.epochs) for one in params] == [(5, 7), (4, 7)]
-    assert written == [tmp_path / "other", main_module.FOLDER / "made"]
+    params = [default_params(cell.changes) for cell in ran]
+    values = [(one.views, one.preprocess.transform, one.pretrain.epochs) for one in params]
+    assert values == [(8, "log", 30), (4, "log", 30), (5, "clip", 7), (4, "clip", 7)]
+    assert {path.name for path in tmp_path.iterdir() if path.is_dir()} == {"other", "made"}

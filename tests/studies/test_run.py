@@ -1,6 +1,7 @@
-"""Cells as DVC experiments in a small repository: failed, interrupted, and on Dask's workers."""
+"""Cells as DVC experiments in a small repository: failed, interrupted, refused, and on Dask's workers."""
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -13,13 +14,16 @@ from pathlib import Path
 from socket import socket
 
 import pytest
+import yaml
 
 from studies import cells as cells_module
 from studies.cells import RESULTS, code_of_stages, key_of, stored
 from studies.grid import Cell
-from studies.run import git, run_cell, run_cells, settings
+from studies.run import run_cell, run_cells, settings
 from tests.glove_data import ROOT
-from tests.stages.running import sh
+from tests.stages.running import commit, set_params, sh
+from tests.studies.test_grid import LEAST
+from tests.studies.test_take import write_cell
 
 CELLS = {
     key_of(cell, code_of_stages()): cell
@@ -31,24 +35,12 @@ TWO = {key: CELLS[key] for key in KEYS[:2]}
 STAGE = """stages:
   evaluate:
     cmd: >-
-      sed -n 's/^seed: \\([0-9]\\).*/\\1/p' params.yaml | tee {log}.last >> {log} && mkdir -p results runs &&
-      echo '{{}}' | tee {results} &&
+      sed -n 's/^seed: \\([0-9]\\).*/\\1/p' params.yaml | tee {log}.last >> {log} && cp -r {cell}/* . &&
       if grep -q "^seed: 1" params.yaml && mkdir {log}.stuck; then sleep 300; fi &&
       if grep -q "^seed: 2" params.yaml && mkdir {log}.failed; then echo "Error: the glove is on fire"; exit 1; fi
     params: [seed]
     outs: [{outs}]
 """
-
-
-def identify(place):
-    sh("git", "config", "user.name", "test", cwd=place)
-    sh("git", "config", "user.email", "test@example.org", cwd=place)
-
-
-def commit(place):
-    identify(place)
-    sh("git", "add", "-A", cwd=place)
-    sh("git", "commit", "-qm", "Test", cwd=place)
 
 
 @pytest.fixture
@@ -57,12 +49,13 @@ def machine(tmp_path, monkeypatch):
     place = tmp_path / "machine"
     sh("git", "init", "-q", place, cwd=tmp_path)
     sh("dvc", "init", "-q", cwd=place)
-    stage = STAGE.format(log=tmp_path / "log", results=" ".join(RESULTS), outs=", ".join(RESULTS))
+    stage = STAGE.format(log=tmp_path / "log", cell=tmp_path / "cell", outs=", ".join(RESULTS))
     (place / "dvc.yaml").write_text(stage)
     (place / "params.yaml").write_text((ROOT / "params.yaml").read_text())
     (place / ".gitignore").write_text("/studies/\n")
     commit(place)
     monkeypatch.chdir(place)
+    write_cell(tmp_path / "cell", 8)
     return place
 
 
@@ -106,15 +99,21 @@ def with_dvc(test):
 def test_a_failed_cell_is_named_and_the_same_command_runs_it_again_and_no_other(machine, tmp_path, capsys):
     (tmp_path / "log.stuck").mkdir()
     faults = run_cells("made", CELLS, jobs=3)
-    assert list(faults) == [KEYS[2]] and faults[KEYS[2]].startswith("Error: the glove is on fire; see")
-    assert f"{CELLS[KEYS[2]]} failed: Error: the glove" in capsys.readouterr().out
+    assert list(faults) == [KEYS[2]] and faults[KEYS[2]].startswith("failed: Error: the glove is on fire; see")
+    lines = capsys.readouterr().out.splitlines()
+    assert {f"{cell} ..." for cell in CELLS.values()} < set(lines) and len(lines) == 2 * len(CELLS)
+    ends = [line.rpartition("; ") for line in lines if not line.endswith(" ...")]
+    assert [left for *_, left in ends] == ["3 left", "2 left", "1 left", "0 left"]
+    for text, *_ in ends:
+        assert re.search(r"seed [013].*: \d+ s, 50\.0 % of recordings wrong$|seed 2.*: failed: Error: the glove", text)
+    set_params(machine, "cluster", restarts=3)  # as a run in the same folder does
     assert run_cells("made", CELLS, jobs=2) == {}
     assert seeds_in(tmp_path / "log") == [0, 1, 2, 2, 3] and all(map(stored, KEYS))
     shutil.rmtree(cells_module.STORE / KEYS[0])
     assert run_cells("made", CELLS) == {}  # from its experiment
     assert len(seeds_in(tmp_path / "log")) == 5
-    kept = {file.name: file.read_text() for file in (cells_module.STORE / KEYS[0]).iterdir()}
-    assert kept == {Path(name).name: "{}\n" for name in RESULTS}
+    kept = {file.name: file.read_bytes() for file in (cells_module.STORE / KEYS[0]).iterdir()}
+    assert kept == {Path(name).name: (tmp_path / "cell" / name).read_bytes() for name in RESULTS}
 
 
 @with_dvc
@@ -122,15 +121,18 @@ def test_a_failed_cell_is_named_and_the_same_command_runs_it_again_and_no_other(
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_ctrl_c_in_a_terminal_ends_the_cells_and_the_others_are_run_later(machine, tmp_path, jobs):
     code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)  # which a background job ignores\n"
-    code += "from studies.run import run_cells; from tests.studies.test_run import TWO; run_cells('made', TWO, jobs=%d)"
-    study = python("-c", code % jobs, cwd=machine, start_new_session=True)
-    wait_for((tmp_path / "log.stuck").exists)
+    code += f"from studies.__main__ import main; main(['made', '--jobs', '{jobs}'])"
+    (machine / "studies").mkdir()
+    (machine / "studies/made.yaml").write_text(yaml.safe_dump(LEAST | {"seeds": [0, 1]}))
+    study = python("-c", code, cwd=machine, start_new_session=True, stderr=subprocess.PIPE, text=True)
+    wait_for(lambda: stored(KEYS[0]) and (tmp_path / "log.stuck").exists())  # DVC may leave a folder as it starts
     os.killpg(study.pid, signal.SIGINT)  # as the terminal sends it to all of its processes
-    study.wait()
+    said = "stopped: finished cells are kept; the same command goes on with the others\n"
+    assert (study.communicate()[1], study.returncode) == (said, 1)
     wait_for(lambda: not list(processes_in(machine)))
     assert not list((machine / ".dvc/tmp/exps/standalone").glob("tmp*"))
     assert run_cells("made", TWO) == {}
-    assert sorted(set(seeds_in(tmp_path / "log"))) == [0, 1] and all(map(stored, TWO))
+    assert seeds_in(tmp_path / "log") == [0, 1, 1] and all(map(stored, TWO))
 
 
 @with_dvc
@@ -143,8 +145,8 @@ def test_a_killed_worker_s_cell_goes_to_another_and_all_come_out_once(machine, t
         address = f"tcp://127.0.0.1:{port.getsockname()[1]}"
     dask = [python("-m", "dask", "scheduler", "--port", address.rpartition(":")[2], "--no-dashboard", cwd=machine)]
     for name in ("first", "second"):
-        sh("git", "clone", "-q", machine, tmp_path / name, cwd=tmp_path)
-        identify(tmp_path / name)
+        user = ("-c", "user.name=t", "-c", "user.email=t@localhost")
+        sh("git", "clone", "-q", *user, machine, tmp_path / name, cwd=tmp_path)
         worker = ("-m", "dask", "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--name", name)
         dask.append(python(*worker, cwd=tmp_path / name))
     try:
@@ -162,13 +164,16 @@ def test_a_killed_worker_s_cell_goes_to_another_and_all_come_out_once(machine, t
 
 
 @with_dvc
-def test_a_clone_at_another_commit_and_changed_parameters_are_refused_before_any_work(machine, tmp_path):
-    commit = git("rev-parse", "HEAD").strip()
-    assert "expected 123456789" in run_cell("made", KEYS[0], CELLS[KEYS[0]], "123456789abc")[1]
-    assert "params.yaml" in run_cell("made", KEYS[0], CELLS[KEYS[1]], commit)[1]
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_clone_at_another_commit_and_changed_data_are_refused_before_any_work(machine, tmp_path, capsys, jobs):
+    assert "expected 123456789" in run_cell("made", KEYS[0], CELLS[KEYS[0]], "123456789abc")[2]
+    changed = {key[::-1]: cell for key, cell in CELLS.items()}  # as if what the keys are made of had changed
+    assert run_cells("made", changed, jobs=jobs).keys() == changed.keys()
+    assert re.fullmatch(r"a, seed \d.*failed: code or data have changed.*; 3 left\n", capsys.readouterr().out)
     assert not (tmp_path / "log").exists()
 
 
 def test_an_experiment_has_the_last_change_of_a_key_and_a_source_that_it_can_read():
     cell = replace(CELLS[KEYS[0]], changes=("views=4", "seed=1", "views=2", "data.source=tests"))
-    assert settings(cell) == ["views=2", "seed=1", f"data.source={Path('tests').resolve()}"]
+    expected = {"views=2", "seed=1", f"data.source={Path('tests').resolve()}", "pretrain.epochs=30"}
+    assert expected < set(settings(cell)) and "views=4" not in settings(cell)
