@@ -116,6 +116,7 @@ def test_a_cell_is_known_by_what_its_source_holds_wherever_it_lies(tmp_path):
         (["compare", "--set", "seed=4", "--out", "elsewhere"], "--set seed: every cell has its own"),
         (["error_time", "--set", "views=8", "--out", "elsewhere"], "the same training twice"),
         (["compare", "--out", "pyproject.toml/results"], "Not a directory; with --out name a folder"),
+        (["compare", "--out", "/proc"], "with --out name a folder that you can write into"),
     ],
 )
 def test_a_mistake_on_the_command_line_ends_in_one_line_before_any_cell(monkeypatch, words, expected):
