@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from tactile_viewgcn.files import write_file
 from tactile_viewgcn.messages import NEW_SESSION, several, shown
@@ -52,7 +52,7 @@ def environment() -> Environment:
     glossary = loader.get_source(templates, GLOSSARY)[0]
     templates.globals["words"] = re.findall(r"^\| (.+) \| (.+) \|$", glossary, re.MULTILINE)[1:]
     templates.globals |= {"as_change": as_change, "new_session": NEW_SESSION, "generator": Markup(GENERATOR)}
-    templates.filters |= {"several": several, "percent": percent, "svg": svg, "duration": duration}
+    templates.filters |= {"several": several, "percent": percent, "svg": svg, "duration": duration, "prose": prose}
     return templates
 
 
@@ -60,6 +60,11 @@ def write(path: Path, text: str) -> str:
     """Write a page, and say so in a line."""
     write_file(path, text, lambda old: GENERATOR in old and old.endswith("</html>"))
     return f"{path}: {len(text) / 1e6:.1f} MB; open it in a browser"
+
+
+def prose(text: str) -> Markup:
+    """A text for people, with what stands in backticks as code."""
+    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(shown(text)))))
 
 
 def svg(figure: "Figure") -> str:

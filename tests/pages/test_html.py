@@ -53,6 +53,7 @@ def page_of(text):
 def test_everything_that_is_given_is_escaped_once():
     text = page_of(NASTY)
     assert "script" not in parsed(text).tags and "&amp;lt;" not in text
+    assert page_of("`a`").count("<li><b><code>a</code></b>") == 1  # in sentences; a name keeps its marks
     places = page_of("QQQ").count("QQQ")
     assert text.count("alert(") == text.count("&lt;script&gt;alert(&#34;x&#34;)&lt;/script&gt; &amp; ") == places > 8
 

@@ -28,7 +28,7 @@ def test_the_page_says_what_the_files_say(workspace):
     page, run = run_page(read_run()), read_run()
     text, error = text_of(page), json.loads(Path("results/metrics.json").read_text())["whole"]["error"]
     assert f"{percent_interval(error['mean'], error['low'], error['high'])} % of the cases" in text
-    assert "Which of 4 objects does the hand hold?" in text
+    assert "Which of 4 objects does the hand hold?" in text and "`" not in page and "<code>folds</code>" in page
     assert "It was tested on 8 recordings, 2 of each object." in text and "Little was tested" in text
     notes = run.notes("choice") + run.notes("info")
     assert len(notes) > 3 and [note for note in notes if note.text not in text] == []
