@@ -1,5 +1,6 @@
 """How the recordings of several files become one source."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,8 @@ from tactile_viewgcn.readers.source import (
     storage_type,
 )
 
+Traits = tuple[Path, dict[str, Any]]  # of a recording: its file, and the names, shape and columns that are compared
+
 
 def joined(path: Path, groups: list[list[Path]], opened: Callable[..., list[Recording]], layout: str) -> Source:
     """The source of the recordings in groups of files, mostly of one file, of which one group is in memory at a time.
@@ -32,21 +35,26 @@ def joined(path: Path, groups: list[list[Path]], opened: Callable[..., list[Reco
         layout: of the recordings' names.
 
     Raises:
-        UserError: lists the files that cannot be read, or are unlike the first one, or have the name of an earlier one.
+        UserError: lists the files that cannot be read, or are unlike most others, or have the name of an earlier one.
     """
-    known, headers, mistakes = dict[str, tuple[Any, Path]](), list[Recording](), list[tuple[Path, str]]()
+    traits, headers, mistakes = list[Traits](), list[Recording](), dict[Path, str]()
     dtypes, frames = set[np.dtype](), 0
     for file, *others in groups:
         try:
             with reading(file):
                 for recording in opened([file, *others]):
-                    dtypes.add(_check(recording, file, known))
-                    frames += len(recording.values["pressure"])
+                    shape, dtype = check_values(recording.values, str(file))
+                    columns = [name for name in recording.values if name not in ("pressure", "frame")]
+                    traits.append((file, {"channels": recording.channel_names, "shape": shape, "columns": columns}))
                     headers.append(replace(recording, values={}))
+                    dtypes.add(dtype)
+                    frames += len(recording.values["pressure"])
         except UserError as error:
-            mistakes.append((file, str(error)))
+            mistakes[file] = str(error)
+    for file, text in _unlike(traits, headers):
+        mistakes.setdefault(file, text)
     if mistakes:
-        raise UserError(listed(once_each(mistakes), "; "))
+        raise UserError(listed(once_each(mistakes.items()), "; "))
     ids = {
         "object": sorted({header.names["object"] for header in headers}, key=lambda name: (name != EMPTY_HAND, name)),
         "recording": [header.names["recording"] for header in headers],
@@ -80,7 +88,7 @@ def joined(path: Path, groups: list[list[Path]], opened: Callable[..., list[Reco
                         values["time"] = time - time[:1]
                     yield from sliced(values, count)
 
-    shape, channels = known["shape"][0], known["channels"][0]
+    channels = headers[0].channel_names
     channels = channels if len(channels) == shape[0] * shape[1] else []
     return Source(path, ids, shape, np.result_type(*dtypes), frames, blocks(), notes, channels)
 
@@ -109,23 +117,26 @@ def side_by_side(recordings: Mapping[Path, list[Recording]], left_out: list[str]
     return [replace(parts[0], values=values, channel_names=np.array(names)[kept].tolist(), left_out=left)]
 
 
-def _check(recording: Recording, file: Path, known: dict[str, tuple[Any, Path]]) -> np.dtype:
-    """Check a recording, see `joined`, and add what it has to `known`; return the type of its pressure in the table."""
-    shape, dtype = check_values(recording.values, str(file))
-    columns = [name for name in recording.values if name not in ("pressure", "frame")]
-    for what, found in {"channels": recording.channel_names, "shape": shape, "columns": columns}.items():
-        expected, other = known.setdefault(what, (found, file))
-        if found != expected:
-            unlike = {*map(str, found)} ^ {*map(str, expected)} if what == "channels" and found and expected else {}
-            left = ", ".join(f"leave_out:{name}" for name in sorted(unlike))
-            remedy = f"; {setting(f'data.columns=[{left}]')}" if left else ""
-            raise UserError(f"{file}: {what} {found}; expected {expected} as in {other}{remedy}")
-    name = f"recording {recording.names['recording']!r}"
-    if name in known:
-        remedy = "expected a name for each: of its file without the ending, or in HDF5 the attribute `recording`"
-        raise UserError(f"{file}: {name}, as in {known[name][1]}; {remedy}")
-    known[name] = name, file
-    return dtype
+def _unlike(traits: list[Traits], headers: list[Recording]) -> Iterator[tuple[Path, str]]:
+    """What is wrong in each file that is unlike most others, or has the name of an earlier one."""
+    for what in traits[0][1] if traits else ():
+        texts = [str(each[what]) for _, each in traits]
+        usual = Counter(texts).most_common(1)[0][0]
+        example, expected = traits[texts.index(usual)]
+        for (file, each), text in zip(traits, texts, strict=True):
+            if text != usual:
+                names = (
+                    {*each[what]} ^ {*expected[what]} if what == "channels" and each[what] and expected[what] else {}
+                )
+                left = ", ".join(f"leave_out:{name}" for name in sorted(names))
+                remedy = f"; {setting(f'data.columns=[{left}]')}" if left else ""
+                yield file, f"{file}: {what} {text}; expected {usual} as in {example}{remedy}"
+    known = dict[str, Path]()
+    for (file, _), header in zip(traits, headers, strict=True):
+        if (name := header.names["recording"]) in known:
+            remedy = "expected a name for each: of its file without the ending, or in HDF5 the attribute `recording`"
+            yield file, f"{file}: recording {name!r}, as in {known[name]}; {remedy}"
+        known[name] = file
 
 
 def check_values(values: Values, where: str) -> tuple[tuple[int, int], np.dtype]:

@@ -9,6 +9,7 @@ import gzip
 import io
 import re
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactile_viewgcn.messages import Note, UserError, listed, several
-from tactile_viewgcn.readers.source import NUMBERS, Form, Recording, setting, tidy
+from tactile_viewgcn.readers.source import MAX_PRESSURE, NUMBERS, Form, Recording, setting, tidy
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
@@ -53,12 +54,13 @@ def read_table(file: Path, form: Form) -> Table:
 
     text = _text(file)
     separator, above, rows = _top(file, text)
+    numbers, units = NOT_NUMBERS.sub("", text), 0
     # texts of pandas, since those of Arrow need more memory than the child process may take
     with warnings.catch_warnings(), pd.option_context("mode.string_storage", "python"):
         warnings.simplefilter("ignore", DeprecationWarning)  # pandas 3.1 rounds as float_precision asks for by itself
         try:
             cells = pd.read_csv(
-                io.StringIO(NOT_NUMBERS.sub("", text)),
+                io.StringIO(numbers),
                 sep=separator or r"\s+",
                 decimal="," if separator != "," and re.search(r"\d,\d", text) else ".",
                 header=None,
@@ -78,13 +80,21 @@ def read_table(file: Path, form: Form) -> Table:
     if not full and rows and width < len(rows[-1]) <= cells.shape[1]:  # names of columns that are empty at the end
         full, width = rows[-1:], len(rows[-1])
     if full and 1 < width == first.count("1") and len(cells) > 2 and (cells.iloc[:, :width] == 1).sum().eq(1).all():
-        full, cells = [*full, first], cells.iloc[1:].reset_index(drop=True)
+        full, cells, units = [*full, first], cells.iloc[1:], 1
+
+    def line(row: int) -> str:
+        """A row of the table as an editor numbers it: comments and empty lines count."""
+        lines = (at for at, text in enumerate(io.StringIO(numbers), 1) if at > above and text != "\n")
+        return f"line {next(islice(lines, row + units, None))}"
+
     notes = [Note(f"the line {listed(row)} below the names is no frame (units)", topic="units") for row in full[1:]]
-    table, labels = table_of((full or [[""] * width])[0], cells, form, str(file))
+    table, labels = table_of((full or [[""] * width])[0], cells, form, str(file), line)
     return replace(table, notes=notes + table.notes), labels
 
 
-def table_of(names: list[str], cells: "DataFrame", form: Form, file: str) -> Table:
+def table_of(
+    names: list[str], cells: "DataFrame", form: Form, file: str, line: Callable[[int], str] = "frame {}".format
+) -> Table:
     """A table as one recording, and the names in its lines.
 
     The recording has pressure (T, S), times if a column has them, and notes on the columns without readings. The names
@@ -92,6 +102,7 @@ def table_of(names: list[str], cells: "DataFrame", form: Form, file: str) -> Tab
 
     Args:
         names: of the columns, "" without one; those of `cells` are numbers from 0.
+        line: what an error calls a row of `cells`.
 
     Raises:
         UserError: begins with `file`; a cell without a number or a name, or no column of a name that the form gives.
@@ -106,11 +117,12 @@ def table_of(names: list[str], cells: "DataFrame", form: Form, file: str) -> Tab
         content = _content(name, values, form, is_index=at == 0 and not name and any(names))
         if key in form.left_out or (cells[at].isna().all() and len(cells)):
             content = "left out by data.columns" if key in form.left_out else f"empty in all {len(cells)} lines"
-        filled = cells[at].notna() if content in LABELS else ~np.isnan(values)
+        filled = cells[at].notna().to_numpy() if content in LABELS else np.abs(values) <= MAX_PRESSURE
+        column = f"column {at + 1}{f' ({name!r})' if name else ''}"
         if content in ("", *LABELS) and not filled.all():
-            place, what = f"frame {np.argmin(filled)}, column {at + 1}", "a name" if content else "a number"
+            what = "a name" if content else f"a number up to {MAX_PRESSURE:g}"
             remedy = f"correct or delete the line, or {setting(f'data.columns=[leave_out:{key}]')}"
-            raise UserError(f"{file}: {place} is not {what}; {remedy}")
+            raise UserError(f"{file}: {line(int(np.argmin(filled)))}, {column} is not {what}; {remedy}")
         if not content:
             sensors.append(values)
             channels.append(name)
@@ -122,7 +134,7 @@ def table_of(names: list[str], cells: "DataFrame", form: Form, file: str) -> Tab
         elif content == "time":
             example = str(cells[at][~filled].iloc[0])
             content = f"time, not used: {np.sum(~filled)} of {len(cells)} cells are no number, such as {example!r}"
-        notes.append(Note(f"column {at + 1}{f' ({name!r})' if name else ''} is no sensor ({content})", topic="columns"))
+        notes.append(Note(f"{column} is no sensor ({content})", topic="columns"))
     pressure = np.column_stack(sensors) if sensors else np.zeros((len(cells), 0))
     left_out = [name or str(at) for at, name in enumerate(names, 1) if (name or str(at)) in form.left_out]
     return Recording({}, {"pressure": pressure} | time, channels if any(channels) else [], notes, 0, left_out), labels

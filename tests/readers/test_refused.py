@@ -102,20 +102,27 @@ def test_a_source_that_cannot_be_read_ends_in_a_line_that_names_what_is_wrong(tm
 
 
 TABLES = {  # the text of mug/1.csv, and words of the line
-    "a word": ("a,b\n1,2\n\n# x\n3,x\n", "frame 1, column 2 is not a number"),
-    "no cell": ("1,2,3\n\n4,,6\n7,8,9\n", "frame 1, column 2 is not a number"),
-    "nan": ("1,nan\n3,4\n", "frame 0, column 2 is not a number"),
-    "no name": ("label,a\nmug,1\n,2\n", "frame 1, column 1 is not a name"),
+    "a word": ("a,b\r\n1,2\r\n\r\n# x\r\n3,x\r\n", "line 5, column 2 ('b') is not a number"),
+    "below units": ("% x\na;b\nN;N\n1,5;2\n;;\n3;x\n", "line 6, column 2 ('b') is not a number"),
+    "below units of ones": ("a,b\n1,1\n5,6\n7,inf\n", "line 4, column 2 ('b') is not a number"),
+    "more cells": ("# x\na,b\n1,2\n\n3,4,5\n", "Expected 2 fields in line 5, saw 3"),
+    "no cell": ("1,2,3\n\n4,,6\n7,8,9\n", "line 3, column 2 is not a number"),
+    "nan": ("1,nan\n3,4\n", "line 1, column 2 is not a number"),
+    "infinite": ("1,2\n3,inf\n", "line 2, column 2 is not a number up to 1e+30"),
+    "no name": ("label,a\nmug,1\n,2\n", "line 3, column 1 ('label') is not a name"),
     "NUL": ("1\0,2\n3,4\n", "UTF-8"),
     "an open quote": ('1,"2\n3,4\n', "delete the line"),
     "an empty file": ("\n", "no line of numbers"),
-    "a second password": ("1\nme:pa55word\n", "frame 1, column 1 is not a number; correct or delete the line"),
+    "a second password": (
+        "1\nme:pa55word\n",
+        "line 2, column 1 is not a number up to 1e+30; correct or delete the line",
+    ),
     "other columns": ("time_s,b,a\n0,1,2\n", "no column 'nix'; found time_s, b, a"),
 }
 
 
 @pytest.mark.parametrize("name", TABLES)
-def test_a_table_that_cannot_be_read_is_refused_at_a_frame_and_a_column(tmp_path, name):
+def test_a_table_that_cannot_be_read_is_refused_at_a_line_and_a_column(tmp_path, name):
     text, words = TABLES[name]
     save(tmp_path / "lab" / "mug" / "1.csv", text)
     form = Form(columns=["time:nix"] if "nix" in words else [])
@@ -136,14 +143,15 @@ UNLIKE = {  # the content of mug/2.ENDING beside a good mug/1 of the same ending
 GOOD = {"csv": "a,b\n1,2\n", "npy": COUNTS, "npz": {"pressure": COUNTS}}
 
 
+@pytest.mark.parametrize("bad", [1, 3])
 @pytest.mark.parametrize("name", UNLIKE)
-def test_a_file_unlike_the_first_one_or_the_form_is_named(tmp_path, name):
+def test_a_file_unlike_most_others_or_the_form_is_named(tmp_path, name, bad):
     ending, content, form, words = UNLIKE[name]
-    for number, each in enumerate((GOOD[ending], content), 1):
-        save(tmp_path / "lab" / "mug" / f"{number}.{ending}", each)
+    for number in (1, 2, 3):
+        save(tmp_path / "lab" / "mug" / f"{number}.{ending}", content if number == bad else GOOD[ending])
     line = refusal(tmp_path / "lab", tmp_path, form=Form(**form))
-    both = f"mug/1.{ending}: {words}" in line and f"(the same in 1 more file: 2.{ending})" in line
-    assert both or f"mug/2.{ending}: {words}" in line
+    all_alike = f"mug/1.{ending}: {words}" in line and f"(the same in 2 more files: 2.{ending}, 3.{ending})" in line
+    assert all_alike or f"mug/{bad}.{ending}: {words}" in line and line.count(f".{ending}: ") == 1
     assert ("'data.columns=[leave_out:c]'" in line) == (name == "more columns")
     assert ("params.yaml may have it from others: set 'data.layout=auto'" in line) == ("layout" in form)
 
