@@ -36,9 +36,10 @@ def glove(folder, *names, number=2, shape=(20, 4, 4)):
 
 
 def test_inspect_takes_the_folder_that_it_is_called_in_and_hands_the_layout_of_arrays_on_to_the_command(tmp_path):
-    source = glove(tmp_path / "glove", "mug", "pen", shape=(20, 12))
-    for words, change in (((), "data.shape=auto"), (("--shape", 3, 4), "'data.shape=[3,4]'")):
-        assert {f"data.source={source}", change} <= set(call("inspect", ".", *words, cwd=source).stdout.split())
+    source = glove(tmp_path / "glove", "mug", "pen", shape=(20, 16))
+    for words, change in (((), "data.shape=auto"), (("--shape", 4, 4), "'data.shape=[4,4]'")):
+        lines = call("inspect", ".", *words, cwd=source).stdout
+        assert {f"data.source={source}", change} <= set(lines.split()) and ("`--shape 4 4`" in lines) == (not words)
     assert "`dvc exp run -S split.folds=2`" in refused(call("inspect", source, "--set", "split.folds=2"))
 
 

@@ -3,6 +3,7 @@
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
+from math import isqrt
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ from tactile_viewgcn.tables.remarks import originals, remarks
 
 SAMPLE = 2000  # frames, of all for the variation of a sensor, of an object for its mean
 MOST_FOLDS = 5
+GRID = 16  # sensors in one row, from which on they may be those of a grid
 MEMBER, FOLDS = "pooled_kernel", 5  # of the quick error
 ASKED = PreprocessSection()  # nothing: all `auto`
 
@@ -61,7 +63,7 @@ class Overview:
         self.states = self.choice.states
         self.in_contact = self.states.contact & ~recordings.empty_hand
         self.rates = frame_rates(columns["time"], columns["recording"])
-        self.remarks += warnings_of(self.choice.notes)
+        self.remarks += [*grid_notes(recordings.shape, form), *warnings_of(self.choice.notes)]
         settings = [note for note in self.choice.notes if note.level == "choice" and note.key != "preprocess.scale"]
         if len(np.unique(columns["recording"])) == len(recordings):
             settings.append(_choice("views", 1, "every recording is one frame"))
@@ -178,6 +180,14 @@ def _groups(recordings: Recordings, original: np.ndarray) -> dict[str, np.ndarra
             numbers = pd.Series(group).groupby(columns["object"]).nunique()
             groups[by] = numbers.reindex(range(len(recordings.objects)), fill_value=0).to_numpy()
     return groups
+
+
+def grid_notes(shape: tuple[int, int], form: Form) -> list[Note]:
+    """How sensors in one row are read as a grid, where the user has not said that they are none."""
+    side = isqrt(shape[1])
+    text = f"{shape[1]} sensors in one row: if they are a grid, row after row, add "
+    text += f"`--shape {f'{side} {side}' if side**2 == shape[1] else 'ROWS COLUMNS'}`"
+    return [Note(text, topic="shape")] if shape[0] == 1 and shape[1] >= GRID and form.shape == "auto" else []
 
 
 def _choice(key: str, value: str | int, reason: str) -> Note:

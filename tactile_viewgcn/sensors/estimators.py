@@ -65,7 +65,8 @@ class Forest(Estimator):
     def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
         from sklearn.ensemble import ExtraTreesClassifier
 
-        with warnings.catch_warnings(record=True):  # its threads warn of each other's change to the list of filters
+        with warnings.catch_warnings(record=True):  # its threads empty each other's list of filters, and warn of it
+            warnings.resetwarnings()  # no filter makes that an error, whichever list a thread has
             grown = ExtraTreesClassifier(self._trees, random_state=seed, n_jobs=-1).fit(points, labels)
         trees = [each.tree_ for each in grown.estimators_]
         left, right, feature, threshold, shares = (

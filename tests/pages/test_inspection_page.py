@@ -12,8 +12,9 @@ import yaml
 from tactile_viewgcn.intervals import FEW
 from tactile_viewgcn.pages import html, inspection
 from tactile_viewgcn.pages.inspection import command_lines, facts, inspection_page, verdict, warnings
-from tactile_viewgcn.pages.source_inspection import inspect_source, split_settings
+from tactile_viewgcn.pages.source_inspection import grid_notes, inspect_source, split_settings
 from tactile_viewgcn.params import PreprocessSection, default_params
+from tactile_viewgcn.readers.source import Form
 from tests.pages.test_html import parsed, text_of
 
 NAMES = ["Öl & <b>", "mug", "$x$"]
@@ -91,6 +92,15 @@ def test_quick_errors_are_of_recordings_or_sessions_left_out_and_chance_of_what_
     columns = overview.recordings.columns
     alone = overview.quick_error(group=np.where(columns["object"] == 0, 99, columns["recording"]))
     assert (alone.groups, alone.chance) == (8, 0.5)
+
+
+GRIDS = [(1, 1024, "auto", "32 32"), (1, 48, "auto", "ROWS COLUMNS"), (1, 9, "auto", ""), (8, 8, "auto", "")]
+
+
+@pytest.mark.parametrize(("rows", "sensors", "asked", "advice"), [*GRIDS, (1, 64, [1, 64], "")])
+def test_sensors_in_one_row_may_be_a_grid_of_which_the_user_says_the_shape(rows, sensors, asked, advice):
+    texts = [note.text for note in grid_notes((rows, sensors), Form(asked))]
+    assert [f"add `--shape {advice}`" in text for text in texts] == [True] * bool(advice)
 
 
 def test_a_setting_that_is_asked_for_is_taken_and_named_in_the_line(overview):

@@ -151,7 +151,7 @@ def test_a_file_unlike_most_others_or_the_form_is_named(tmp_path, name, bad):
         save(tmp_path / "lab" / "mug" / f"{number}.{ending}", content if number == bad else GOOD[ending])
     line = refusal(tmp_path / "lab", tmp_path, form=Form(**form))
     all_alike = f"mug/1.{ending}: {words}" in line and f"(the same in 2 more files: 2.{ending}, 3.{ending})" in line
-    assert all_alike or f"mug/{bad}.{ending}: {words}" in line and line.count(f".{ending}: ") == 1
+    assert all_alike or (f"mug/{bad}.{ending}: {words}" in line and line.count(f".{ending}: ") == 1)
     assert ("'data.columns=[leave_out:c]'" in line) == (name == "more columns")
     assert ("params.yaml may have it from others: set 'data.layout=auto'" in line) == ("layout" in form)
 

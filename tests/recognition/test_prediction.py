@@ -64,6 +64,7 @@ def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(plac
     assert right == "right: 4 of 4 (100.0 %)"  # the empty hand is right without contact
     assert other == "with a name that is no object of the model: 1"
     rows = {row["recording"]: row for row in answers_in(place / "a.csv")}
+    assert [name for name in rows["cup"] if "class" in name] == ["class_1", "class_2", "class_3"]
     assert [rows[name]["answer"] for name in OBJECTS] == list(OBJECTS)
     assert rows["empty"]["answer"] == "no contact" and rows["empty"]["class_1"] == ""
     assert [rows[name]["right"] for name in (*OBJECTS, "empty", "zebra")] == [*["True"] * 4, ""]  # as many as printed

@@ -1,5 +1,7 @@
 """Estimators answer as scikit-learn's on the same points."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
@@ -67,6 +69,12 @@ def test_answers_are_those_of_scikit_learn(classes):
             assert (machines.classes[logarithms.argmax(axis=1)] == plain.predict(new)).all()
         else:
             np.testing.assert_allclose(logarithms - logarithms[:, :1], votes - votes[:, :1], atol=5e-3)
+
+
+def test_what_threads_of_scikit_learn_warn_of_ends_no_fit(monkeypatch):
+    grow, before = ExtraTreesClassifier.fit, list(warnings.filters)
+    monkeypatch.setattr(ExtraTreesClassifier, "fit", lambda *args: warnings.warn("", stacklevel=1) or grow(*args))
+    assert len(Forest(5).fit(*data(3)[:2], 0).roots) == 5 and list(warnings.filters) == before
 
 
 def test_a_value_that_equals_a_threshold_goes_left():

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.cluster import KMeans
 
-from tactile_viewgcn.tables.frames import NO_CLUSTER, TEST
+from stages.cluster import cluster
+from tactile_viewgcn.tables.frames import NO_CLUSTER, TEST, Views, load_table, save_table
 from tactile_viewgcn.views import clustering
 from tactile_viewgcn.views.clustering import cluster_pools, pool_ids, pool_scores, principal_components
 from tactile_viewgcn.views.viewpoints import viewpoints
@@ -42,6 +43,17 @@ def test_training_and_validation_frames_get_a_cluster_and_test_frames_none():
         assert set(views.cluster[views.pool == number].tolist()) == set(range(4))
     np.testing.assert_array_equal(views.pool, pool_ids(frames, np.arange(len(frames)), PARAMS.cluster.scope))
     np.testing.assert_array_equal(views.viewpoints, viewpoints(PARAMS.views, PARAMS.viewpoints, PARAMS.seed))
+
+
+def test_the_seed_decides_the_clusters(tmp_path):
+    save_table(tmp_path / "frames", table(VALIDATED))
+    made = []
+    for seed in (3, 3, 4):
+        record = SimpleNamespace(counts={})
+        job = SimpleNamespace(params=recipe(f"seed={seed}"), needed=True, note=print, record=record)
+        cluster(job, tmp_path, tmp_path / "frames", tmp_path / "views")
+        made.append(load_table(tmp_path / "views", Views).cluster)
+    assert (made[0] == made[1]).all() and not same_partition(made[0], made[2])
 
 
 def test_each_pool_is_clustered_by_itself():
