@@ -8,7 +8,7 @@ import re
 import warnings
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -33,13 +33,8 @@ class Verdict(NamedTuple):
     reasons: list[str]
 
 
-def render(template: str, **content: Any) -> str:
-    """The whole page; a name that the template uses and `content` lacks is an error."""
-    return environment().get_template(template).render(content)
-
-
 def environment() -> Environment:
-    """The templates' environment, with the filters that they use."""
+    """The templates' environment, with the filters that they use; a name that a page lacks is an error."""
     loader = PackageLoader("tactile_viewgcn.pages")
     templates = Environment(
         loader=loader,

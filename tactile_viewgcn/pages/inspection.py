@@ -46,8 +46,8 @@ def inspection_lines(overview: Overview) -> list[str]:
 def inspection_page(overview: Overview) -> str:
     """The page as HTML."""
     path, warned = overview.recordings.path, warnings(overview)
-    return html.render(
-        "inspection.html",
+    page = html.environment().get_template("inspection.html")
+    return page.render(
         title=f"Recordings: {path.name}",
         path=path,
         simulated=str(path) == VIRTUAL,

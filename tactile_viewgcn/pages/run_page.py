@@ -20,7 +20,6 @@ import numpy as np
 from tactile_viewgcn import plots
 from tactile_viewgcn.evaluation.results import SCORED, errors_by_frames
 from tactile_viewgcn.evaluation.trials import ASKED, WHOLE, Predictions, read_predictions
-from tactile_viewgcn.files import readable
 from tactile_viewgcn.intervals import FEW, percent_interval
 from tactile_viewgcn.messages import NEW_SESSION, Note, UserError, several
 from tactile_viewgcn.pages import html
@@ -157,10 +156,9 @@ def next_steps(run: FinishedRun) -> list[tuple[str, str]]:
     else:
         run_id = run.records["evaluate"].run_id if run.name else ""  # its model is in MLflow, or in the workspace
         fetch = f"dvc exp apply {shlex.quote(run.name)}\n" if run.name and not run_id else ""
-        command = again(
-            form, f"{fetch}tactile-viewgcn predict {run_id or 'models/classifier.pt'} NEW_RECORDINGS", "--set"
-        )
-        steps.append(("Ask the classifier about new recordings of the same glove, which need no label.", command))
+        line = f"{fetch}tactile-viewgcn predict {run_id or 'models/classifier.pt'} NEW_RECORDINGS"
+        what = "Ask the classifier about new recordings of the same glove, which need no label."
+        steps.append((what, again(form, line, "--set")))
     return steps
 
 
@@ -185,8 +183,8 @@ def run_page(run: FinishedRun) -> str:
     origin = run.records["evaluate"].origin
     date = f"{datetime.fromisoformat(origin['time']):%d %B %Y, %H:%M} UTC"
     by_frames = {ASKED[name]: errors for name, errors in errors_by_frames(run.metrics).items()}
-    return html.render(
-        "report.html",
+    page = html.environment().get_template("report.html")
+    return page.render(
         run=run,
         simulated=Path(run.params["data.source"]) == Path(VIRTUAL),
         origin=origin,
@@ -214,7 +212,8 @@ def read_run(name: str = "") -> FinishedRun:
             the workspace.
 
     Raises:
-        UserError: no such run; its files are missing, damaged, do not belong together, or are of an earlier version.
+        UserError: no such run; its files are missing, or do not belong together.
+        Exception: any, of a file that is damaged or of an earlier version.
     """
     where, read_file = name or "the workspace", _reader(name)
 
@@ -227,18 +226,12 @@ def read_run(name: str = "") -> FinishedRun:
     contents = {stage: read(f"runs/{stage}.json") for stage in EARLIER}
     contents[ROW], metrics, timing = (read(f"results/{file}.json") for file in (ROW, "metrics", "timing"))
     predictions = read("results/predictions.npz")
-    with readable(f"{where}: a file of runs/ or results/"):
-        records = {stage: Record.read(content) for stage, content in contents.items()}
-        run = FinishedRun(
-            name, json.loads(metrics), json.loads(timing), read_predictions(BytesIO(predictions)), records
-        )
-        evaluated = records["evaluate"].inputs
+    records = {stage: Record.read(content) for stage, content in contents.items()}
+    evaluated = records["evaluate"].inputs
     for stage, content in contents.items():
         if stage in evaluated and evaluated[stage]["md5"] != md5(content, usedforsecurity=False).hexdigest():
-            raise UserError(
-                f"{where}: `{stage}` ran again after `evaluate`, so that the results are of an earlier run; {REMEDY}"
-            )
-    return run
+            raise UserError(f"{where}: `{stage}` ran again after `evaluate`: results are of an earlier run; {REMEDY}")
+    return FinishedRun(name, json.loads(metrics), json.loads(timing), read_predictions(BytesIO(predictions)), records)
 
 
 def _reader(name: str) -> Callable[[str], bytes]:
@@ -253,8 +246,6 @@ def _reader(name: str) -> Callable[[str], bytes]:
 
     files = DVCFileSystem(rev=name)
     if not files.exists("dvc.yaml"):
-        raise UserError(
-            f"{name}: no experiment of DVC here, and no id of an MLflow run, which has 32 digits; "
-            "`dvc exp list` and `mlflow ui` name them"
-        )
+        unknown = "no experiment of DVC here, and no id of an MLflow run, which has 32 digits"
+        raise UserError(f"{name}: {unknown}; `dvc exp list` and `mlflow ui` name them")
     return files.cat_file

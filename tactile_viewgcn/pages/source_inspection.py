@@ -154,12 +154,10 @@ def inspect_source(path: str | Path, form: Form = AUTO, asked: PreprocessSection
     note = next((note for note in overview.remarks if note.key == "data.layout"), None)
     if not note:
         return overview
-    objects, sessions = (
-        bool(error and error.beats_chance) for error in (overview.error, overview.quick_error("session"))
-    )
-    if objects and not sessions:
+    predicted = [bool(each and each.beats_chance) for each in (overview.error, overview.quick_error("session"))]
+    if predicted == [True, False]:
         overview.remarks[overview.remarks.index(note)] = replace(note, level="info")
-    elif sessions and not objects:
+    elif predicted == [False, True]:
         overview = inspect_source(path, replace(form, layout=other_order(str(note.value))), asked)
         text = f"folders are taken in the order {overview.form.layout}: readings tell the outer ones apart, not the "
         text += f"inner ones. If that is wrong, {setting(f'data.layout={note.value}')}"

@@ -6,6 +6,7 @@ The child gets its request as JSON and prints JSON: the file that it reads, and 
 
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -55,7 +56,7 @@ def run_apart(module: str, request: dict[str, Any], path: Path) -> None:
     kind, args = message.get("kind"), message.get("args", [])
     if kind in RAISED:
         raise RAISED[kind](*args)
-    slow = child.returncode == -getattr(signal, "SIGXCPU", 0)
+    slow = child.returncode == -signal.SIGXCPU
     what = f"reading it {'took too long' if slow else 'crashed'}; record or download again what is damaged"
     if kind == "MemoryError":
         what = f"reading it takes more memory than a file of its size may ({args[0]}); save it uncompressed"
@@ -83,10 +84,6 @@ def serve(work: Callable[[dict[str, Any]], None]) -> None:
 
 def limit(request: dict[str, Any], stored: int) -> None:
     """In the child: set the limits of a request for a source of `stored` bytes, where the system has such limits."""
-    if os.name == "nt":
-        return
-    import resource  # here, since Windows has none
-
     limits = {
         resource.RLIMIT_CPU: int(time.process_time()) + request["seconds"] + SECONDS_PER_MB * stored // 10**6,
         resource.RLIMIT_FSIZE: TABLE + TABLE_TIMES * stored,

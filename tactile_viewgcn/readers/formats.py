@@ -35,14 +35,13 @@ def among(files: Sequence[Path], *endings: str) -> list[Path]:
     return [file for file in files if file.name.lower().endswith(endings)]
 
 
-def open_source(path: str | Path, form: Form = AUTO, files: Sequence[Path] | None = None) -> Source:
+def open_source(path: str | Path, form: Form = AUTO) -> Source:
     """The source at a path: STAG's metadata.mat or folder, or recordings in HDF5, arrays and tables.
 
     A damaged file may crash this process; `read_source` uses a separate one.
 
     Args:
         form: of recordings that are not STAG's.
-        files: see `files_of`; found here if not given.
 
     Raises:
         FileNotFoundError: nothing is at that path.
@@ -51,7 +50,7 @@ def open_source(path: str | Path, form: Form = AUTO, files: Sequence[Path] | Non
     path, is_hdf5 = Path(path), False
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file or folder; {EXPECTED}")
-    files = files_of(path) if files is None else files
+    files = files_of(path)
     raw = [file for file in files if file.name == "pressuredata.mat" and len(file.relative_to(path).parts) == 3]
     if raw:
         return joined(path, [[file] for file in raw], lambda group: [read_raw(group[0])], "")
@@ -74,7 +73,7 @@ def read_files(path: Path, files: list[Path], form: Form, unread: list[Path]) ->
     text that hold no table are left out; a note counts them and those `unread` for their endings.
     """
     table, left = cache(partial(read_table, form=form)), dict[Path, str]()
-    for file in among(files, ".txt") if len(files) > 1 else ():
+    for file in among(files, ".txt"):
         try:
             with reading(file):
                 table(file)
@@ -147,10 +146,6 @@ def read_files(path: Path, files: list[Path], form: Form, unread: list[Path]) ->
     source = joined(path, [*groups.values()], whole, layout)
     if form.labelled and (missing := [name for name in form.left_out if name not in left_out]):
         raise UserError(f"{path}: no column {missing[0]!r} in any file; sensors are {listed(source.channel_names)}")
-    if "OBJECT_FILE" in layout and 2 * len(source.names["object"]) > len(files):
-        text = f"{layout} makes {len(source.names['object'])} objects of {len(files)} files; for names as mug_anna_1 "
-        text += f"{setting('data.layout=OBJECT_SESSION_FILE')}, as anna_mug_1 data.layout=SESSION_OBJECT_FILE"
-        source.notes.append(Note(text, "warning", "files"))
     source.notes.extend(unread_note(path, files, dict.fromkeys(unread, "") | left, object_of))
     return source
 

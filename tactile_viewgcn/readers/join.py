@@ -23,8 +23,6 @@ from tactile_viewgcn.readers.source import (
     storage_type,
 )
 
-Traits = tuple[Path, dict[str, Any]]  # of a recording: its file, and the names, shape and columns that are compared
-
 
 def joined(path: Path, groups: list[list[Path]], opened: Callable[..., list[Recording]], layout: str) -> Source:
     """The source of the recordings in groups of files, mostly of one file, of which one group is in memory at a time.
@@ -37,23 +35,25 @@ def joined(path: Path, groups: list[list[Path]], opened: Callable[..., list[Reco
     Raises:
         UserError: lists the files that cannot be read, or are unlike most others, or have the name of an earlier one.
     """
-    traits, headers, mistakes = list[Traits](), list[Recording](), dict[Path, str]()
-    dtypes, frames = set[np.dtype](), 0
+    traits, headers, mistakes = list[tuple[Path, dict[str, Any]]](), list[Recording](), dict[Path, str]()
+    dtypes, frames, known = set[np.dtype](), 0, dict[str, Path]()
     for file, *others in groups:
         try:
             with reading(file):
                 for recording in opened([file, *others]):
                     shape, dtype = check_values(recording.values, str(file))
+                    if (name := recording.names["recording"]) in known:
+                        remedy = "name each by its file without the ending, or in HDF5 by the attribute `recording`"
+                        raise UserError(f"{file}: recording {name!r}, as in {known[name]}; {remedy}")
+                    known[name] = file
                     columns = [name for name in recording.values if name not in ("pressure", "frame")]
-                    traits.append((file, {"channels": recording.channel_names, "shape": shape, "columns": columns}))
+                    traits.append((file, {"columns": columns, "shape": shape, "channels": recording.channel_names}))
                     headers.append(replace(recording, values={}))
                     dtypes.add(dtype)
                     frames += len(recording.values["pressure"])
         except UserError as error:
             mistakes[file] = str(error)
-    for file, text in _unlike(traits, headers):
-        mistakes.setdefault(file, text)
-    if mistakes:
+    if mistakes := dict(_unlike(traits)) | mistakes:
         raise UserError(listed(once_each(mistakes.items()), "; "))
     ids = {
         "object": sorted({header.names["object"] for header in headers}, key=lambda name: (name != EMPTY_HAND, name)),
@@ -88,8 +88,7 @@ def joined(path: Path, groups: list[list[Path]], opened: Callable[..., list[Reco
                         values["time"] = time - time[:1]
                     yield from sliced(values, count)
 
-    channels = headers[0].channel_names
-    channels = channels if len(channels) == shape[0] * shape[1] else []
+    channels = headers[0].channel_names if len(headers[0].channel_names) == shape[0] * shape[1] else []
     return Source(path, ids, shape, np.result_type(*dtypes), frames, blocks(), notes, channels)
 
 
@@ -117,8 +116,8 @@ def side_by_side(recordings: Mapping[Path, list[Recording]], left_out: list[str]
     return [replace(parts[0], values=values, channel_names=np.array(names)[kept].tolist(), left_out=left)]
 
 
-def _unlike(traits: list[Traits], headers: list[Recording]) -> Iterator[tuple[Path, str]]:
-    """What is wrong in each file that is unlike most others, or has the name of an earlier one."""
+def _unlike(traits: list[tuple[Path, dict[str, Any]]]) -> Iterator[tuple[Path, str]]:
+    """Files whose recordings are unlike most, and what is wrong in each; last the channels, which often explain it."""
     for what in traits[0][1] if traits else ():
         texts = [str(each[what]) for _, each in traits]
         usual = Counter(texts).most_common(1)[0][0]
@@ -131,12 +130,6 @@ def _unlike(traits: list[Traits], headers: list[Recording]) -> Iterator[tuple[Pa
                 left = ", ".join(f"leave_out:{name}" for name in sorted(names))
                 remedy = f"; {setting(f'data.columns=[{left}]')}" if left else ""
                 yield file, f"{file}: {what} {text}; expected {usual} as in {example}{remedy}"
-    known = dict[str, Path]()
-    for (file, _), header in zip(traits, headers, strict=True):
-        if (name := header.names["recording"]) in known:
-            remedy = "expected a name for each: of its file without the ending, or in HDF5 the attribute `recording`"
-            yield file, f"{file}: recording {name!r}, as in {known[name]}; {remedy}"
-        known[name] = file
 
 
 def check_values(values: Values, where: str) -> tuple[tuple[int, int], np.dtype]:

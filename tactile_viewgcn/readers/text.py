@@ -9,11 +9,11 @@ import gzip
 import io
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -54,7 +54,8 @@ def read_table(file: Path, form: Form) -> Table:
 
     text = _text(file)
     separator, above, rows = _top(file, text)
-    numbers, units = NOT_NUMBERS.sub("", text), 0
+    numbers = NOT_NUMBERS.sub("", text)
+    lines = (at for at, line in enumerate(io.StringIO(numbers), 1) if at > above and line != "\n")
     # texts of pandas, since those of Arrow need more memory than the child process may take
     with warnings.catch_warnings(), pd.option_context("mode.string_storage", "python"):
         warnings.simplefilter("ignore", DeprecationWarning)  # pandas 3.1 rounds as float_precision asks for by itself
@@ -80,21 +81,13 @@ def read_table(file: Path, form: Form) -> Table:
     if not full and rows and width < len(rows[-1]) <= cells.shape[1]:  # names of columns that are empty at the end
         full, width = rows[-1:], len(rows[-1])
     if full and 1 < width == first.count("1") and len(cells) > 2 and (cells.iloc[:, :width] == 1).sum().eq(1).all():
-        full, cells, units = [*full, first], cells.iloc[1:], 1
-
-    def line(row: int) -> str:
-        """A row of the table as an editor numbers it: comments and empty lines count."""
-        lines = (at for at, text in enumerate(io.StringIO(numbers), 1) if at > above and text != "\n")
-        return f"line {next(islice(lines, row + units, None))}"
-
+        full, cells, _ = [*full, first], cells.iloc[1:], next(lines)
     notes = [Note(f"the line {listed(row)} below the names is no frame (units)", topic="units") for row in full[1:]]
-    table, labels = table_of((full or [[""] * width])[0], cells, form, str(file), line)
+    table, labels = table_of((full or [[""] * width])[0], cells, form, str(file), lines)
     return replace(table, notes=notes + table.notes), labels
 
 
-def table_of(
-    names: list[str], cells: "DataFrame", form: Form, file: str, line: Callable[[int], str] = "frame {}".format
-) -> Table:
+def table_of(names: list[str], cells: "DataFrame", form: Form, file: str, lines: Iterable[Any]) -> Table:
     """A table as one recording, and the names in its lines.
 
     The recording has pressure (T, S), times if a column has them, and notes on the columns without readings. The names
@@ -102,7 +95,7 @@ def table_of(
 
     Args:
         names: of the columns, "" without one; those of `cells` are numbers from 0.
-        line: what an error calls a row of `cells`.
+        lines: number of each row of `cells` for an error: in a file as an editor counts, with comments and empty lines.
 
     Raises:
         UserError: begins with `file`; a cell without a number or a name, or no column of a name that the form gives.
@@ -122,7 +115,8 @@ def table_of(
         if content in ("", *LABELS) and not filled.all():
             what = "a name" if content else f"a number up to {MAX_PRESSURE:g}"
             remedy = f"correct or delete the line, or {setting(f'data.columns=[leave_out:{key}]')}"
-            raise UserError(f"{file}: {line(int(np.argmin(filled)))}, {column} is not {what}; {remedy}")
+            line = next(islice(lines, int(np.argmin(filled)), None))
+            raise UserError(f"{file}: line {line}, {column} is not {what}; {remedy}")
         if not content:
             sensors.append(values)
             channels.append(name)
@@ -160,9 +154,8 @@ def recordings_in(table: Recording, labels: dict[str, np.ndarray], place: str) -
     notes, counts = table.notes, sorted(map(len, lines.values()))
     if labels and "recording" not in labels and len(lines) > 1:
         text = f"{several(len(lines), 'recording')} of {counts[0]:,} to {counts[-1]:,} lines are runs of an object; if "
-        text += (
-            f"these are not what was recorded, add a column `recording`, or {setting('data.columns=[recording:NAME]')}"
-        )
+        remedy = setting("data.columns=[recording:NAME]")
+        text += f"these are not what was recorded, add a column `recording`, or {remedy}"
         notes = [*notes, Note(text, "info" if "time" in table.values else "warning", "recordings")]
     for key, index in lines.items():
         run = [*key] if len(lines) > 1 or not place else []

@@ -120,7 +120,8 @@ def recording_of(recording: Any, name: str, *, frames_last: bool = False, column
     table = Recording({}, {})
     if hasattr(recording, "iloc"):  # a DataFrame of pandas
         names = [str(column) for column in recording.columns]
-        table, _ = table_of(names, recording.set_axis(range(len(names)), axis=1), Form(columns=columns), name)
+        cells = recording.set_axis(range(len(names)), axis=1)
+        table, _ = table_of(names, cells, Form(columns=columns), name, recording.index)
         recording, frames_last = table.values["pressure"], False
     try:
         array = np.asarray(recording)

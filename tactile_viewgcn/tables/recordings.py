@@ -43,7 +43,7 @@ def _read_here(request: dict[str, Any]) -> None:
     if any(file.name.lower().endswith(TEXTS) for file in files):
         import pandas  # noqa: F401  # before the limits: its code takes much of the address space
     limit(request, sum(file.stat().st_size for file in files if file.is_file()))
-    write_recordings(Path(request["out"]), open_source(path, Form(**request["form"]), files))
+    write_recordings(Path(request["out"]), open_source(path, Form(**request["form"])))
 
 
 def write_recordings(folder: Path, source: Source) -> None:

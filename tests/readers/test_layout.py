@@ -178,11 +178,3 @@ def test_several_folders_above_the_object_or_below_it_are_one_session(tmp_path, 
     assert source.names["session"] == sessions
     offered = ["'data.layout=OBJECT/SESSION/SESSION/FILE'" in note.text for note in source.notes]
     assert offered == [True] * (order == "auto")
-
-
-def test_a_layout_that_makes_an_object_of_most_files_is_warned_of(tmp_path):
-    for number in range(6):
-        save(tmp_path / "lab" / f"mug_{'anna' if number < 3 else 'bert'}{number}_{number}.npy")
-    notes = ingested(tmp_path / "lab", form=Form(layout="OBJECT_FILE"))[1].notes
-    assert ["6 objects of 6 files" in note.text and "OBJECT_SESSION_FILE" in note.text for note in notes] == [True]
-    assert ingested(tmp_path / "lab", form=Form(layout="OBJECT_SESSION_FILE"))[1].objects == ["mug"]
