@@ -68,12 +68,11 @@ class Forest(Estimator):
         with warnings.catch_warnings(record=True):  # its threads empty each other's list of filters, and warn of it
             warnings.resetwarnings()  # no filter makes that an error, whichever list a thread has
             grown = ExtraTreesClassifier(self._trees, random_state=seed, n_jobs=-1).fit(points, labels)
-        trees = [each.tree_ for each in grown.estimators_]
         left, right, feature, threshold, shares = (
-            np.concatenate([getattr(tree, name) for tree in trees])
+            np.concatenate([getattr(each.tree_, name) for each in grown.estimators_])
             for name in ("children_left", "children_right", "feature", "threshold", "value")
         )
-        sizes = np.array([tree.node_count for tree in trees])
+        sizes = np.array([each.tree_.node_count for each in grown.estimators_])
         self.classes, self.roots = grown.classes_, np.cumsum(sizes) - sizes
         inner, node, start = left >= 0, np.arange(len(left)), np.repeat(self.roots, sizes)
         self.left, self.right = np.where(inner, left + start, node), np.where(inner, right + start, node)
