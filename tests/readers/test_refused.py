@@ -197,14 +197,8 @@ def test_the_mistakes_of_all_recordings_are_listed_at_once_ten_at_most(tmp_path)
     for name, content in bad.items():
         save(lab / name, content)
     line = refusal(tmp_path / "lab", tmp_path)
-    for words in (
-        "1.h5: time has",
-        "2.h5: recording 'b', as in",
-        "3.h5: columns ['valid']; expected []",
-        "7.npy",
-        *bad,
-    ):
-        assert line.count(words) == 1, words
+    beside = ("1.h5: time has", "2.h5: recording 'b', as in", "3.h5: columns ['valid']; expected []", "7.npy")
+    assert [line.count(words) for words in (*beside, *bad)] == [1] * 8
     for number in range(30):
         save(lab / f"cut{number:02}.npz", b"PK")
     line = refusal(tmp_path / "lab", tmp_path)
