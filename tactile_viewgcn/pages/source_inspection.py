@@ -183,9 +183,12 @@ def _groups(recordings: Recordings, original: np.ndarray) -> dict[str, np.ndarra
 def grid_notes(shape: tuple[int, int], form: Form) -> list[Note]:
     """How sensors in one row are read as a grid, where the user has not said that they are none."""
     side = isqrt(shape[1])
+    divisible = any(shape[1] % rows == 0 for rows in range(2, side + 1))
     text = f"{shape[1]} sensors in one row: if they are a grid, row after row, add "
     text += f"`--shape {f'{side} {side}' if side**2 == shape[1] else 'ROWS COLUMNS'}`"
-    return [Note(text, topic="shape")] if shape[0] == 1 and shape[1] >= GRID and form.shape == "auto" else []
+    return (
+        [Note(text, topic="shape")] if shape[0] == 1 and shape[1] >= GRID and divisible and form.shape == "auto" else []
+    )
 
 
 def _choice(key: str, value: str | int, reason: str) -> Note:

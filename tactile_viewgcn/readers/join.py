@@ -53,7 +53,7 @@ def joined(path: Path, groups: list[list[Path]], opened: Callable[..., list[Reco
                     frames += len(recording.values["pressure"])
         except UserError as error:
             mistakes[file] = str(error)
-    if mistakes := dict(_unlike(traits)) | mistakes:
+    if mistakes := {**mistakes, **dict(_unlike(traits)), **mistakes}:  # those that cannot be read stand first
         raise UserError(listed(once_each(mistakes.items()), "; "))
     ids = {
         "object": sorted({header.names["object"] for header in headers}, key=lambda name: (name != EMPTY_HAND, name)),
@@ -120,7 +120,8 @@ def _unlike(traits: list[tuple[Path, dict[str, Any]]]) -> Iterator[tuple[Path, s
     """Files whose recordings are unlike most, and what is wrong in each; last the channels, which often explain it."""
     for what in traits[0][1] if traits else ():
         texts = [str(each[what]) for _, each in traits]
-        usual = Counter(texts).most_common(1)[0][0]
+        of_files = dict.fromkeys((file, text) for (file, _), text in zip(traits, texts, strict=True))  # each once
+        usual = Counter(text for _, text in of_files).most_common(1)[0][0]
         example, expected = traits[texts.index(usual)]
         for (file, each), text in zip(traits, texts, strict=True):
             if text != usual:

@@ -49,7 +49,9 @@ def names_of(file: Path, root: Path, layout: str, form: Form) -> dict[str, str]:
     if "OBJECT" not in layout:
         expected = f"names no object; expected {PLACES}, a table with a column `object`"
     if form.layout == "auto":
-        remedy = f"{setting('data.layout=OBJECT_FILE')} for names such as mug_1.csv"
+        remedy = (
+            f"{setting('data.layout=OBJECT_FILE')} for names such as mug_1.csv, OBJECT_SESSION_FILE for mug_anna_1.csv"
+        )
     raise UserError(f"{file}: {expected}, or an attribute `object` in HDF5; {remedy}")
 
 

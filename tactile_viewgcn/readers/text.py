@@ -9,11 +9,11 @@ import gzip
 import io
 import re
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -55,7 +55,7 @@ def read_table(file: Path, form: Form) -> Table:
     text = _text(file)
     separator, above, rows = _top(file, text)
     numbers = NOT_NUMBERS.sub("", text)
-    lines = (at for at, line in enumerate(io.StringIO(numbers), 1) if at > above and line != "\n")
+    places = _places(numbers, above)
     # texts of pandas, since those of Arrow need more memory than the child process may take
     with warnings.catch_warnings(), pd.option_context("mode.string_storage", "python"):
         warnings.simplefilter("ignore", DeprecationWarning)  # pandas 3.1 rounds as float_precision asks for by itself
@@ -81,13 +81,19 @@ def read_table(file: Path, form: Form) -> Table:
     if not full and rows and width < len(rows[-1]) <= cells.shape[1]:  # names of columns that are empty at the end
         full, width = rows[-1:], len(rows[-1])
     if full and 1 < width == first.count("1") and len(cells) > 2 and (cells.iloc[:, :width] == 1).sum().eq(1).all():
-        full, cells, _ = [*full, first], cells.iloc[1:], next(lines)
+        full, cells, _ = [*full, first], cells.iloc[1:], next(places)
     notes = [Note(f"the line {listed(row)} below the names is no frame (units)", topic="units") for row in full[1:]]
-    table, labels = table_of((full or [[""] * width])[0], cells, form, str(file), lines)
+    table, labels = table_of((full or [[""] * width])[0], cells, form, str(file), places)
     return replace(table, notes=notes + table.notes), labels
 
 
-def table_of(names: list[str], cells: "DataFrame", form: Form, file: str, lines: Iterable[Any]) -> Table:
+def _places(text: str, above: int) -> Iterator[str]:
+    """`line N` of each row of a table below the first `above` lines, as an editor counts, with empty lines."""
+    # a copy of the text, made where a cell is named, since it takes memory
+    yield from (f"line {at}" for at, line in enumerate(io.StringIO(text), 1) if at > above and line != "\n")
+
+
+def table_of(names: list[str], cells: "DataFrame", form: Form, file: str, places: Iterable[str]) -> Table:
     """A table as one recording, and the names in its lines.
 
     The recording has pressure (T, S), times if a column has them, and notes on the columns without readings. The names
@@ -95,7 +101,7 @@ def table_of(names: list[str], cells: "DataFrame", form: Form, file: str, lines:
 
     Args:
         names: of the columns, "" without one; those of `cells` are numbers from 0.
-        lines: number of each row of `cells` for an error: in a file as an editor counts, with comments and empty lines.
+        places: of each row of `cells`, for an error.
 
     Raises:
         UserError: begins with `file`; a cell without a number or a name, or no column of a name that the form gives.
@@ -113,10 +119,10 @@ def table_of(names: list[str], cells: "DataFrame", form: Form, file: str, lines:
         filled = cells[at].notna().to_numpy() if content in LABELS else np.abs(values) <= MAX_PRESSURE
         column = f"column {at + 1}{f' ({name!r})' if name else ''}"
         if content in ("", *LABELS) and not filled.all():
-            what = "a name" if content else f"a number up to {MAX_PRESSURE:g}"
+            row = int(np.argmin(filled))
+            what = "a name" if content else "a number" if np.isnan(values[row]) else f"a number up to {MAX_PRESSURE:g}"
             remedy = f"correct or delete the line, or {setting(f'data.columns=[leave_out:{key}]')}"
-            line = next(islice(lines, int(np.argmin(filled)), None))
-            raise UserError(f"{file}: line {line}, {column} is not {what}; {remedy}")
+            raise UserError(f"{file}: {next(islice(places, row, None))}, {column} is not {what}; {remedy}")
         if not content:
             sensors.append(values)
             channels.append(name)

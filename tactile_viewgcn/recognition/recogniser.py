@@ -121,7 +121,7 @@ def recording_of(recording: Any, name: str, *, frames_last: bool = False, column
     if hasattr(recording, "iloc"):  # a DataFrame of pandas
         names = [str(column) for column in recording.columns]
         cells = recording.set_axis(range(len(names)), axis=1)
-        table, _ = table_of(names, cells, Form(columns=columns), name, recording.index)
+        table, _ = table_of(names, cells, Form(columns=columns), name, map("row {}".format, recording.index))
         recording, frames_last = table.values["pressure"], False
     try:
         array = np.asarray(recording)

@@ -91,7 +91,7 @@ def recordings_of(path: str | Path, form: Form = AUTO) -> Iterator["Recordings"]
         yield replace(Recordings.read(file), path=Path(path))
 
 
-@dataclass
+@dataclass(eq=False)
 class Recordings:
     """The table of raw counts, which are read when they are indexed.
 

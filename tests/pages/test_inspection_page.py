@@ -94,7 +94,7 @@ def test_quick_errors_are_of_recordings_or_sessions_left_out_and_chance_of_what_
     assert (alone.groups, alone.chance) == (8, 0.5)
 
 
-GRIDS = [(1, 1024, "auto", "32 32"), (1, 48, "auto", "ROWS COLUMNS"), (1, 9, "auto", ""), (8, 8, "auto", "")]
+GRIDS = [(1, 1024, "auto", "32 32"), (1, 48, "auto", "ROWS COLUMNS"), (1, 17, "auto", ""), (8, 8, "auto", "")]
 
 
 @pytest.mark.parametrize(("rows", "sensors", "asked", "advice"), [*GRIDS, (1, 64, [1, 64], "")])

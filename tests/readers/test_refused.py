@@ -115,7 +115,7 @@ TABLES = {  # the text of mug/1.csv, and words of the line
     "an empty file": ("\n", "no line of numbers"),
     "a second password": (
         "1\nme:pa55word\n",
-        "line 2, column 1 is not a number up to 1e+30; correct or delete the line",
+        "line 2, column 1 is not a number; correct or delete the line",
     ),
     "other columns": ("time_s,b,a\n0,1,2\n", "no column 'nix'; found time_s, b, a"),
 }
@@ -154,6 +154,13 @@ def test_a_file_unlike_most_others_or_the_form_is_named(tmp_path, name, bad):
     assert all_alike or (f"mug/{bad}.{ending}: {words}" in line and line.count(f".{ending}: ") == 1)
     assert ("'data.columns=[leave_out:c]'" in line) == (name == "more columns")
     assert ("params.yaml may have it from others: set 'data.layout=auto'" in line) == ("layout" in form)
+
+
+def test_a_file_of_many_recordings_counts_once(tmp_path):
+    runs = "recording,a,b,c\n" + "".join(f"{number},1,2,3\n" for number in range(4))
+    for name, text in {"0": runs, "1": GOOD["csv"], "2": GOOD["csv"]}.items():
+        save(tmp_path / "lab" / "mug" / f"{name}.csv", text)
+    assert "mug/0.csv: channels ['a', 'b', 'c']" in refusal(tmp_path / "lab", tmp_path)
 
 
 def test_a_file_in_which_a_different_program_writes_is_not_called_damaged(tmp_path):
