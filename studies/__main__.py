@@ -72,8 +72,7 @@ def run(
         print("note: params.yaml differs from the last commit, whose values the cells have")
     folder = out or FOLDER / study.name
     try:  # before the first cell runs
-        folder.mkdir(parents=True, exist_ok=True)
-        TemporaryFile(dir=folder).close()
+        TemporaryFile(dir=next(place for place in (folder, *folder.parents) if place.exists())).close()
     except OSError as error:
         raise UserError(f"{folder}: {error.strerror}; with --out name a folder that you can write into") from None
     print(f"{study.name}: {several(len(cells), 'cell')}, finished before: {sum(map(stored, cells))}", flush=True)

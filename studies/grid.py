@@ -69,13 +69,16 @@ class Study:
         """All cells, seed by seed and deal by deal: changes to the committed params.yaml, `on_top` the last ones.
 
         Raises:
-            UserError: `on_top` names one of `AXES`.
+            UserError: `on_top` names one of `AXES`, or git's HEAD has no params.yaml, or a wrong one.
         """
         if axis := [key for key in (change.partition("=")[0] for change in on_top) if key in AXES]:
             raise UserError(f"--set {axis[0]}: every cell has its own; set it in {FOLDER}/{self.name}.yaml")
-        shared, folds = (*_changes(committed_params(Path("params.yaml"))), *_changes(self.set)), self.folds
+        if not (committed := committed_params(Path("params.yaml"))):
+            raise UserError("no params.yaml in git's HEAD; expected the root of a clone: cells are DVC experiments")
+        default_params(values := tuple(map(as_change, committed, committed.values())), "params.yaml in git's HEAD")
+        shared, folds = (*values, *_changes(self.set)), self.folds
         if folds == "all":
-            folds = list(range(default_params((*shared, *on_top, "split.fold=0")).split.folds))
+            folds = list(range(default_params((*shared, *on_top, "split.fold=0"), self.name).split.folds))
         cells = []
         for seed, deal, (variant, changes), fold in product(self.seeds, self.deals, self.crossed(), folds):
             if seed != self.seeds[0] and variant in self.one_seed:

@@ -82,11 +82,11 @@ def write_report(study: Study, answers: list[Answers], folder: Path, on_top: tup
 
 def missing(cells: list[Cell], answers: list[Answers]) -> list[str]:
     """Variants of the study with the number of their missing trainings, as in `mean 2 of 5`."""
-    planned, here = (
-        Counter(name for name, *_ in dict.fromkeys((one.variant, one.seed, one.deal) for one in some))
-        for some in (cells, [each.cell for each in answers])
-    )
-    return [f"{name} {count} of {planned[name]}" for name, count in (planned - here).items()]
+    planned = dict.fromkeys((cell.variant, cell.seed, cell.deal) for cell in cells)  # each training once, in order
+    finished = {(each.cell.variant, each.cell.seed, each.cell.deal) for each in answers}
+    total = Counter(variant for variant, *_ in planned)
+    absent = Counter(training[0] for training in planned if training not in finished)
+    return [f"{variant} {count} of {total[variant]}" for variant, count in absent.items()]
 
 
 def tables(rows: pd.DataFrame, references: Sequence[str], columns: Sequence[str]) -> list[str]:

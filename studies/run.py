@@ -17,6 +17,7 @@ from joblib import Parallel, delayed, parallel_config
 from studies.cells import RESULTS, STORE, answers_of, code_of_stages, key_of, store, stored
 from studies.grid import Cell
 from tactile_viewgcn.evaluation.trials import WHOLE
+from tactile_viewgcn.files import readable
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import VIRTUAL, default_params
 from tactile_viewgcn.schema import as_change, flatten
@@ -27,7 +28,7 @@ one_reader = Lock()  # threads must not share DVC's index of the cache
 def run_cells(name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: str | None = None) -> dict[str, str]:
     """Run every cell that is not stored, store its results, and print its seconds and error, or why it failed.
 
-    A reason that was printed before is not printed again.
+    A reason that was printed before stands as `the same as of` its first cell.
 
     Args:
         name: name of the study.
@@ -45,8 +46,8 @@ def run_cells(name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: st
     with workers(jobs, scheduler) as parallel:
         tasks = (delayed(run_cell)(f"{name}-{key}", key, cells[key], commit) for key in missing)
         for number, (key, contents, text) in enumerate(parallel(tasks), start=1):
-            if contents or text not in faults.values():
-                print(f"{cells[key]}: {text}; {len(missing) - number} left", flush=True)
+            same = [f"failed: the same as of {cells[other]}" for other, fault in faults.items() if fault == text]
+            print(f"{cells[key]}: {[*same, text][0]}; {len(missing) - number} left\n", end="", flush=True)
             if contents:
                 store(key, contents)
             else:
@@ -84,13 +85,16 @@ def run_cell(experiment: str, key: str, cell: Cell, commit: str) -> tuple[str, d
     try:
         if (head := git("rev-parse", "HEAD").strip()) != commit:
             raise UserError(f"at commit {head[:9]}; expected {commit[:9]}, the study's")
-        contents = results(experiment, experiments().get(experiment) or trained(experiment, key, cell))
-        error = 100 * answers_of(cell, contents).predictions.trials[WHOLE].errors.mean()
+        revision = experiments().get(experiment) or trained(experiment, key, cell)
+        remedy = f"to run it again: dvc exp remove {experiment} && rm -r $(dvc cache dir)/runs"  # which restores them
+        with readable(f"experiment {experiment}", "its results cannot be read", remedy):
+            contents = results(revision)
+            error = 100 * answers_of(cell, contents).predictions.trials[WHOLE].errors.mean()
         return key, contents, f"{monotonic() - start:,.0f} s, {error:.1f} % of recordings wrong"
     except UserError as error:
         return key, {}, f"failed: {' '.join(str(error).split())} ({place})"
     except Exception:
-        return key, {}, f"failed: {place}: {format_exc()}"  # a fault of ours keeps its traceback
+        return key, {}, f"failed: {place}: {format_exc().strip()}"  # a fault of ours keeps its traceback
 
 
 def trained(experiment: str, key: str, cell: Cell) -> str:
@@ -103,8 +107,8 @@ def trained(experiment: str, key: str, cell: Cell) -> str:
 
     with Repo(_wait_for_lock=True) as repo, repo.lock:  # another cell that starts hides uncommitted code meanwhile
         if key_of(cell, code_of_stages()) != key:
-            raise UserError("code or data have changed since the study began: no further cell runs; undo the change")
-    print(f"{cell} ...", flush=True)
+            raise UserError("code or data have changed since the study began; undo the change")
+    print(f"{cell} ...\n", end="", flush=True)  # in one write: lines of two threads do not merge
     dvc = [sys.executable, "-P", "-m", "dvc", "--wait-for-lock", "exp", "run", "--temp", "--name", experiment]
     dvc += [word for change in settings(cell) for word in ("--set-param", change)]
     # the experiment's `python` is this one
@@ -125,14 +129,14 @@ def trained(experiment: str, key: str, cell: Cell) -> str:
 
 
 def settings(cell: Cell) -> list[str]:
-    """Every parameter of the cell, for `dvc exp run --set-param`: params.yaml may change while the study runs.
+    """Every parameter of the cell for `dvc exp run --set-param`; with `++` the file may lack the key.
 
-    The source becomes an absolute path: an experiment runs in a separate folder without untracked files.
+    params.yaml may change while the study runs. The source becomes an absolute path: an experiment is elsewhere.
     """
     values = flatten(default_params(cell.changes))
     if values["data.source"] != VIRTUAL:
         values["data.source"] = str(Path(values["data.source"]).resolve())
-    return list(map(as_change, values, values.values()))
+    return [f"++{as_change(key, value)}" for key, value in values.items()]
 
 
 def experiments() -> dict[str, str]:
@@ -141,20 +145,13 @@ def experiments() -> dict[str, str]:
     return {ref.rpartition("/")[2]: commit for commit, ref in map(str.split, lines)}
 
 
-def results(experiment: str, revision: str) -> dict[str, bytes]:
-    """The contents of `RESULTS` of a finished experiment.
-
-    Raises:
-        UserError: neither DVC's cache nor its remote has them any more.
-    """
+def results(revision: str) -> dict[str, bytes]:
+    """The contents of `RESULTS` of a finished experiment, from DVC's cache or its remote."""
     from dvc.api import DVCFileSystem
 
-    try:
-        with one_reader:
-            files = DVCFileSystem(rev=revision)
-            return {name: files.cat_file(name) for name in RESULTS}
-    except FileNotFoundError as error:
-        raise UserError(f"{error} is not in DVC's cache; to run it again: dvc exp remove {experiment}") from None
+    with one_reader:
+        files = DVCFileSystem(rev=revision)
+        return {name: files.cat_file(name) for name in RESULTS}
 
 
 def last_error(log: str) -> str:

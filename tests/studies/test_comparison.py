@@ -64,11 +64,9 @@ def test_trainings_are_paired_on_one_kind_of_machine():
     row = table(*cells)["b", "recording"]
     assert (row["trainings"], row["error"], row["machine"]) == (2, pytest.approx(30), "H100, EPYC")
     assert row["vs a more"] == pytest.approx(10)
-    folds = [
-        answers("b", 4, fold=fold, groups=GROUPS + 8 * fold, machine="H100" if fold else "EPYC") for fold in (0, 1)
-    ]
-    folds += [answers("a", 1, fold=fold, groups=GROUPS + 8 * fold) for fold in (0, 1)]
-    row = table(*folds)["b", "recording"]
+    at = [{"fold": fold, "groups": GROUPS + 8 * fold} for fold in (0, 1)]
+    folds = [answers("b", 4, machine="EPYC", **at[0]), answers("b", 4, **at[1])]
+    row = table(*folds, *(answers("a", 1, **each) for each in at))["b", "recording"]
     assert row["error"] == pytest.approx(40) and np.isnan(row["vs a more"])  # a training of two machines
 
 

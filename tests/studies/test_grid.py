@@ -7,7 +7,6 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from studies import __main__ as main_module
 from studies import grid
 from studies.__main__ import main
 from studies.cells import key_of
@@ -27,7 +26,6 @@ LEAST = {"question": "Which?", "variants": {"a": {}}, "reference": None, "seeds"
 def study(tmp_path, monkeypatch):
     """A study of these keys, and of the least of the others."""
     monkeypatch.setattr(grid, "FOLDER", tmp_path)
-    monkeypatch.setattr(main_module, "FOLDER", tmp_path)
 
     def made(**keys):
         (tmp_path / "made.yaml").write_text(yaml.safe_dump(LEAST | keys, sort_keys=False))
@@ -67,7 +65,6 @@ def test_every_variant_is_trained_on_each_fold_of_each_deal_deal_by_deal(study):
     [
         ({"refrence": "a"}, "unknown key refrence; did you mean reference"),
         ({"reference": "b"}, "reference is 'b'; expected one of a"),
-        ({"picture": "curve"}, "picture: .*'curves'"),
         ({"one_seed": ["c"]}, "one_seed is 'c'"),
         ({"variants": {"a": {"preset": "worst"}}}, "preset is 'worst'"),
         ({"cross": [{"x": None}]}, "cross: "),
@@ -96,13 +93,12 @@ def test_a_cell_is_known_by_its_parameters_and_code():
 
 
 def test_a_cell_is_known_by_what_its_source_holds_wherever_it_lies(tmp_path):
-    files = [tmp_path / place / "mug" / "1.h5" for place in ("here", "there", "elsewhere")]
     keys = []
-    for file, content in zip(files, (b"1", b"1", b"2"), strict=True):
-        file.parent.mkdir(parents=True)
-        file.write_bytes(content)
-        keys.append(key_of(cell_of(f"data.source={file.parents[1]}"), "code"))
-    assert keys[0] == keys[1] != keys[2]
+    for place in (tmp_path / "here", tmp_path / "there"):
+        (place / "mug").mkdir(parents=True)
+        (place / "mug/1.h5").write_bytes(b"1")
+        keys.append(key_of(cell_of(f"data.source={place}"), "code"))
+    assert keys[0] == keys[1]
     with pytest.raises(UserError, match=r"data\.source is no_such_place"):
         key_of(cell_of("data.source=no_such_place"), "code")
 
@@ -120,18 +116,21 @@ def test_a_cell_is_known_by_what_its_source_holds_wherever_it_lies(tmp_path):
     ],
 )
 def test_a_mistake_on_the_command_line_ends_in_one_line_before_any_cell(monkeypatch, words, expected):
-    monkeypatch.setattr(main_module, "run_cells", None)
+    monkeypatch.setattr("studies.__main__.run_cells", None)
     result = CliRunner().invoke(main, words)
     assert result.exit_code == 1 and expected in result.output and result.output.count("\n") == 1
 
 
-def test_changes_on_top_have_a_folder_of_their_own(study, tmp_path, monkeypatch):
-    made, ran = study(variants={"a": {}, "b": {"views": 4}}), []
-    monkeypatch.setattr(main_module, "run_cells", lambda name, cells, **_: ran.extend(cells.values()) or {})
-    main_module.run(made, changes=("preprocess.transform=log",), out=tmp_path / "other")
+@pytest.mark.parametrize("folds", ["all", [0]])
+@pytest.mark.parametrize(("committed", "word"), [({}, "^no params"), ({"views": 0}, "params.yaml in git's HEAD: v")])
+def test_no_cell_without_committed_parameters_or_with_wrong_ones(study, monkeypatch, committed, word, folds):
+    monkeypatch.setattr(grid, "committed_params", lambda path: committed)
+    with pytest.raises(UserError, match=word):
+        study(folds=folds).cells()
+
+
+def test_cells_have_the_committed_values_below_all_changes(study, monkeypatch):
     monkeypatch.setattr(grid, "committed_params", lambda path: {"views": 5, "seed": 0, "pretrain.epochs": 7})
-    main_module.run(made)  # where a run has left other values in params.yaml
-    params = [default_params(cell.changes) for cell in ran]
-    values = [(one.views, one.preprocess.transform, one.pretrain.epochs) for one in params]
-    assert values == [(8, "log", 30), (4, "log", 30), (5, "clip", 7), (4, "clip", 7)]
-    assert {path.name for path in tmp_path.iterdir() if path.is_dir()} == {"other", "made"}
+    cells = study(variants={"a": {}, "b": {"views": 4}}).cells(("preprocess.transform=log",))
+    params = [default_params(cell.changes) for cell in cells]  # whatever a run has left in params.yaml
+    assert [(p.views, p.preprocess.transform, p.pretrain.epochs) for p in params] == [(5, "log", 7), (4, "log", 7)]

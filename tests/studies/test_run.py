@@ -8,16 +8,15 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from socket import socket
 
+import psutil
 import pytest
 import yaml
 
-from studies import cells as cells_module
-from studies.cells import RESULTS, code_of_stages, key_of, stored
+from studies.cells import RESULTS, STORE, code_of_stages, key_of, stored
 from studies.grid import Cell
 from studies.run import run_cell, run_cells, settings
 from tests.glove_data import ROOT
@@ -51,7 +50,7 @@ def machine(tmp_path, monkeypatch):
     sh("dvc", "init", "-q", cwd=place)
     stage = STAGE.format(log=tmp_path / "log", cell=tmp_path / "cell", outs=", ".join(RESULTS))
     (place / "dvc.yaml").write_text(stage)
-    (place / "params.yaml").write_text((ROOT / "params.yaml").read_text())
+    (place / "params.yaml").write_text("seed: 0\ncluster: {restarts: 10}\n")  # the other keys have their defaults
     (place / ".gitignore").write_text("/studies/\n")
     commit(place)
     monkeypatch.chdir(place)
@@ -61,12 +60,9 @@ def machine(tmp_path, monkeypatch):
 
 def processes_in(folder):
     """The processes that run in a folder or below it, but for this one."""
-    for process in Path("/proc").glob("[0-9]*"):
-        try:
-            if (process / "cwd").readlink().is_relative_to(folder) and int(process.name) != os.getpid():
-                yield int(process.name)
-        except OSError:
-            continue
+    for process in psutil.process_iter(["cwd", "name"]):
+        if Path(process.info["cwd"] or "/").is_relative_to(folder) and process.pid != os.getpid():
+            yield process.info["name"]
 
 
 def wait_for(condition):
@@ -79,11 +75,6 @@ def wait_for(condition):
 def python(*words, cwd, **options):
     """A Python program of this checkout in another folder, as a process."""
     return subprocess.Popen([sys.executable, *words], cwd=cwd, env=os.environ | {"PYTHONPATH": str(ROOT)}, **options)
-
-
-def stuck_in(folder):
-    """Whether the cell that does not end runs in this folder."""
-    return any(Path(f"/proc/{pid}/cmdline").read_bytes().startswith(b"sleep") for pid in processes_in(folder))
 
 
 def seeds_in(log):
@@ -107,17 +98,22 @@ def test_a_failed_cell_is_named_and_the_same_command_runs_it_again_and_no_other(
     for text, *_ in ends:
         assert re.search(r"seed [013].*: \d+ s, 50\.0 % of recordings wrong$|seed 2.*: failed: Error: the glove", text)
     set_params(machine, "cluster", restarts=3)  # as a run in the same folder does
+    intact = (record := tmp_path / "cell/runs/pretrain.json").rename(tmp_path / "intact")
+    record.write_text("{}")
+    damaged, again = (run_cells("made", CELLS, jobs=2)[KEYS[2]] for _ in range(2))  # the same experiment twice
+    intact.rename(record)
+    assert damaged == again and "its results cannot be read (KeyError: 'notes')" in damaged and "\n" not in damaged
+    sh("sh", "-c", re.search(r"to run it again: (.*) \(", damaged)[1], cwd=machine)
     assert run_cells("made", CELLS, jobs=2) == {}
-    assert seeds_in(tmp_path / "log") == [0, 1, 2, 2, 3] and all(map(stored, KEYS))
-    shutil.rmtree(cells_module.STORE / KEYS[0])
+    assert seeds_in(tmp_path / "log") == [0, 1, 2, 2, 2, 3] and all(map(stored, KEYS))
+    shutil.rmtree(STORE / KEYS[0])
     assert run_cells("made", CELLS) == {}  # from its experiment
-    assert len(seeds_in(tmp_path / "log")) == 5
-    kept = {file.name: file.read_bytes() for file in (cells_module.STORE / KEYS[0]).iterdir()}
+    assert len(seeds_in(tmp_path / "log")) == 6
+    kept = {file.name: file.read_bytes() for file in (STORE / KEYS[0]).iterdir()}
     assert kept == {Path(name).name: (tmp_path / "cell" / name).read_bytes() for name in RESULTS}
 
 
 @with_dvc
-@pytest.mark.skipif(not Path("/proc/self").exists(), reason="no /proc to find processes in")
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_ctrl_c_in_a_terminal_ends_the_cells_and_the_others_are_run_later(machine, tmp_path, jobs):
     code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)  # which a background job ignores\n"
@@ -136,24 +132,22 @@ def test_ctrl_c_in_a_terminal_ends_the_cells_and_the_others_are_run_later(machin
 
 
 @with_dvc
-@pytest.mark.skipif(not Path("/proc/self").exists(), reason="no /proc to find processes in")
 def test_a_killed_worker_s_cell_goes_to_another_and_all_come_out_once(machine, tmp_path):
     pytest.importorskip("distributed", reason="Dask is not installed: pip install -e '.[cluster]'")
     (tmp_path / "log.failed").mkdir()
-    with closing(socket()) as port:
+    with socket() as port:
         port.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{port.getsockname()[1]}"
     dask = [python("-m", "dask", "scheduler", "--port", address.rpartition(":")[2], "--no-dashboard", cwd=machine)]
     for name in ("first", "second"):
-        user = ("-c", "user.name=t", "-c", "user.email=t@localhost")
-        sh("git", "clone", "-q", *user, machine, tmp_path / name, cwd=tmp_path)
+        sh("git", "clone", "-q", "-c", "user.name=t", "-c", "user.email=t@localhost", machine, name, cwd=tmp_path)
         worker = ("-m", "dask", "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--name", name)
         dask.append(python(*worker, cwd=tmp_path / name))
     try:
         with ThreadPoolExecutor(1) as pool:
             study = pool.submit(run_cells, "made", CELLS, scheduler=address)
             wait_for((tmp_path / "log.stuck").exists)
-            name = next(name for name in ("first", "second") if stuck_in(tmp_path / name))
+            name = next(name for name in ("first", "second") if "sleep" in processes_in(tmp_path / name))
             dask[1 + (name == "second")].kill()
             assert study.result(timeout=400) == {}
         assert seeds_in(tmp_path / "log") == [0, 1, 1, 2, 3] and all(map(stored, KEYS))
@@ -167,13 +161,19 @@ def test_a_killed_worker_s_cell_goes_to_another_and_all_come_out_once(machine, t
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_clone_at_another_commit_and_changed_data_are_refused_before_any_work(machine, tmp_path, capsys, jobs):
     assert "expected 123456789" in run_cell("made", KEYS[0], CELLS[KEYS[0]], "123456789abc")[2]
-    changed = {key[::-1]: cell for key, cell in CELLS.items()}  # as if what the keys are made of had changed
-    assert run_cells("made", changed, jobs=jobs).keys() == changed.keys()
-    assert re.fullmatch(r"a, seed \d.*failed: code or data have changed.*; 3 left\n", capsys.readouterr().out)
+    (source := tmp_path / "source").write_bytes(b"1")
+    on_file = [replace(cell, changes=(*cell.changes, f"data.source={source}")) for cell in CELLS.values()]
+    cells = {key_of(cell, code_of_stages()): cell for cell in on_file}
+    source.write_bytes(b"2")  # while the study runs
+    assert run_cells("made", cells, jobs=jobs).keys() == cells.keys()
+    printed = re.findall(r"(a, seed \d.*): failed: (.*); (\d) left\n", capsys.readouterr().out)
+    names, reasons, left = zip(*printed, strict=True)
+    assert set(names) == set(map(str, on_file)) and "".join(left) == "3210"
+    assert "code or data have changed" in reasons[0] and {*reasons[1:]} == {f"the same as of {names[0]}"}
     assert not (tmp_path / "log").exists()
 
 
 def test_an_experiment_has_the_last_change_of_a_key_and_a_source_that_it_can_read():
     cell = replace(CELLS[KEYS[0]], changes=("views=4", "seed=1", "views=2", "data.source=tests"))
-    expected = {"views=2", "seed=1", f"data.source={Path('tests').resolve()}", "pretrain.epochs=30"}
-    assert expected < set(settings(cell)) and "views=4" not in settings(cell)
+    expected = {"++views=2", "++seed=1", f"++data.source={Path('tests').resolve()}", "++pretrain.epochs=30"}
+    assert expected < set(settings(cell)) and "++views=4" not in settings(cell)

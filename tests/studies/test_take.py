@@ -19,7 +19,7 @@ from tactile_viewgcn.params import load
 from tactile_viewgcn.schema import flatten
 from tests.glove_data import ROOT
 from tests.records import RECORD
-from tests.stages.running import sh
+from tests.stages.running import commit
 
 CELLS = {views: Cell(variant=views, seed=0, deal=0, fold=0, changes=(f"views={views}",)) for views in ("2", "4")}
 ORIGIN = {"git.dirty": "false", "device": "NVIDIA H100", "processor": "Intel"}
@@ -29,14 +29,12 @@ ORIGIN = {"git.dirty": "false", "device": "NVIDIA H100", "processor": "Intel"}
 def place(tmp_path, monkeypatch):
     """A repository of one stage's code with two commits, in which the test runs."""
     monkeypatch.chdir(tmp_path)
-    sh("git", "init", "-q", cwd=tmp_path)
     (tmp_path / "params.yaml").write_text((ROOT / "params.yaml").read_text())
+    (tmp_path / "tactile_viewgcn/nn").mkdir(parents=True)
+    (tmp_path / "tactile_viewgcn/nn/graph.py").write_text("code")
     for text in ("before", "now"):
-        for name in ("tactile_viewgcn/nn/graph.py", "dvc.yaml"):
-            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-            (tmp_path / name).write_text(text if name == "dvc.yaml" else "code")
-        sh("git", "add", "-A", cwd=tmp_path)
-        sh("git", "-c", "user.name=t", "-c", "user.email=t@example.org", "commit", "-qm", text, cwd=tmp_path)
+        (tmp_path / "dvc.yaml").write_text(text)
+        commit(tmp_path)
     monkeypatch.setattr(cells_module, "STORE", tmp_path / "store")
     return tmp_path / "cells"
 
@@ -128,12 +126,17 @@ def test_a_folder_twice_or_none_is_refused(place):
         take_cells(place, CELLS)
 
 
-def test_a_study_that_takes_cells_runs_none_and_reports_those_that_are_there(place, capsys, monkeypatch):
+@pytest.mark.parametrize(("changes", "out"), [((), None), (("cluster.restarts=3",), Path("other"))])
+def test_a_study_that_takes_cells_runs_none_and_reports_those_that_are_there(place, capsys, monkeypatch, changes, out):
     monkeypatch.setattr("studies.__main__.run_cells", None)
-    write_cell(place / "first", 4)
+    write_cell(place / "first", 4, changes=changes)
     (place.parent / "params.yaml").write_text("")  # DVC is about to write it
     settings = {"reference": None, "seeds": [0], "folds": [0], "columns": []}
-    run(Study(name="made", question="", variants={"a": {"views": 4}, "b": {"views": 2}}, **settings), take=place)
+    study = Study(name="made", question="", variants={"a": {"views": 4}, "b": {"views": 2}}, **settings)
+    with pytest.raises(UserError, match="first/results: not the results of a cell"):
+        run(study, take=place / "first", changes=changes, out=out)
+    assert not Path("studies").exists() and not Path("other").exists()
+    run(study, take=place, changes=changes, out=out)
     printed = capsys.readouterr().out
     assert "1 cell taken from" in printed and "not been run: b 1 of 1." in printed
-    assert Path("studies/made/results.md").read_text() in printed
+    assert ((out or Path("studies/made")) / "results.md").read_text() in printed
