@@ -72,8 +72,8 @@ def fit(
     Raises:
         UserError: it diverges, or the checkpoint is damaged.
     """
-    epochs, factor, loss_of = config.epochs, lr_lambda(config), Replay(loss, loss.parameters())
-    rates = [group["lr"] for group in optimiser.param_groups]
+    epochs, factor, rates = config.epochs, lr_lambda(config), [group["lr"] for group in optimiser.param_groups]
+    loss_of = Replay(loss, weights_of(optimiser))
     parts = [loss, optimiser, *generators, torch.default_generator]
     if torch.cuda.is_initialized():
         parts.append(torch.cuda.default_generators[torch.cuda.current_device()])
@@ -90,11 +90,8 @@ def fit(
             bar.set_description(f"{stage} epoch {epoch + 1}/{epochs}")
             total = torch.zeros(())
             for arguments in batches(epoch):
-                batch_loss = loss_of(*arguments)
-                optimiser.zero_grad(set_to_none=True)
-                batch_loss.backward()
+                total = total + loss_of(*arguments)
                 optimiser.step()
-                total = total + batch_loss.detach()
                 bar.update()
                 if progress.first_loss is None:
                     progress.first_loss = float(total)
@@ -112,10 +109,14 @@ def fit(
     return progress
 
 
+def weights_of(optimiser: torch.optim.Optimizer) -> list[nn.Parameter]:
+    """The weights that an optimiser changes."""
+    return [weight for group in optimiser.param_groups for weight in group["params"]]
+
+
 def _check_converges(stage: str, epoch: int, mean: float, progress: Progress, optimiser: torch.optim.Optimizer) -> None:
     """Raise a UserError if the training has diverged at the end of an epoch with this mean loss."""
-    weights = (weight for group in optimiser.param_groups for weight in group["params"])
-    finite = all(weight.isfinite().all() for weight in weights)  # no loss follows the last step
+    finite = all(weight.isfinite().all() for weight in weights_of(optimiser))  # no loss follows the last step
     if finite and math.isfinite(mean) and mean <= MAX_LOSS * max(1.0, progress.first_loss or 1.0):
         return
     rates = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)
