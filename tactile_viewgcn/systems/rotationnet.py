@@ -18,8 +18,10 @@ from tactile_viewgcn.params import Model
 class RotationNet(ViewSystem):
     """Features (B, V, C) to logits (B, classes), the score of each class under its best assignment.
 
-    An assignment is a permutation; the best one is computed exactly (Kuhn 1955).
+    An assignment is a permutation; the best one is computed exactly (Kuhn 1955), on the processor.
     """
+
+    on_device = False
 
     def __init__(self, viewpoints: Tensor, shape: tuple[int, ...], classes: int, model: Model):
         super().__init__()

@@ -58,6 +58,8 @@ def fit(
     generators: Sequence[torch.Generator | np.random.Generator],
     checkpoint_path: Path | None = None,
     on_epoch: OnEpoch | None = None,
+    *,
+    on_device: bool = True,
 ) -> Progress:
     """Run the epochs: a step down the loss of each batch, at the learning rates of the schedule.
 
@@ -68,12 +70,13 @@ def fit(
         generators: those of `batches` that a checkpoint keeps, besides torch's default ones.
         checkpoint_path: file for the state after every epoch; a saved training is continued.
         on_epoch: called with the number, from 1, and the values of every epoch, those of the checkpoint too.
+        on_device: no part of the loss is computed on the processor, so that a card may repeat its kernels.
 
     Raises:
         UserError: it diverges, or the checkpoint is damaged.
     """
     epochs, factor, rates = config.epochs, lr_lambda(config), [group["lr"] for group in optimiser.param_groups]
-    loss_of = Replay(loss, weights_of(optimiser))
+    loss_of = Replay(loss, weights_of(optimiser), records=on_device)
     parts = [loss, optimiser, *generators, torch.default_generator]
     if torch.cuda.is_initialized():
         parts.append(torch.cuda.default_generators[torch.cuda.current_device()])

@@ -20,17 +20,20 @@ class Replay:
         function: tensors -> loss, a scalar. Nothing in it waits for the card; all shapes follow from the arguments'.
             It draws random numbers from torch's default generator alone.
         parameters: whose gradients a call replaces by those of its loss.
+        records: whether kernels are recorded; without, `function` may wait for the card.
     """
 
-    def __init__(self, function: Callable[..., Tensor], parameters: Iterable[torch.nn.Parameter]):
-        self._function, self._parameters = function, list(parameters)
+    def __init__(
+        self, function: Callable[..., Tensor], parameters: Iterable[torch.nn.Parameter], *, records: bool = True
+    ):
+        self._function, self._parameters, self._records = function, list(parameters), records
         self._graphs: dict[tuple[torch.Size, ...], Recorded | None] = {}
         self._pool: Any = None
         self._stream: torch.cuda.Stream | None = None
 
     def __call__(self, *arguments: Tensor) -> Tensor:
         """The loss, detached."""
-        if arguments[0].device.type != "cuda":
+        if arguments[0].device.type != "cuda" or not self._records:
             return self._computed(arguments)
         shapes = tuple(each.shape for each in arguments)
         if shapes not in self._graphs:

@@ -57,6 +57,15 @@ def test_a_loss_moves_every_weight(name, classes):
     assert still == set()
 
 
+@pytest.mark.parametrize("name", NETWORKS)
+def test_a_system_says_whether_its_loss_leaves_the_device(name, monkeypatch):
+    monkeypatch.setattr(torch, "autocast", lambda *_, **options: nullcontext())  # it does not know the device "meta"
+    classifier = built(name).train()
+    head, views = classifier.head.to("meta"), some_views(classifier).to("meta")  # whose values no processor can read
+    with nullcontext() if head.on_device else pytest.raises(NotImplementedError, match="Cannot copy out of meta"):
+        assert head.loss(*head(views), torch.zeros(3, dtype=torch.int64, device="meta")).device.type == "meta"
+
+
 @pytest.mark.parametrize("name", ["gvcnn", "rotationnet"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_a_view_that_is_not_finite_makes_the_logits_of_its_set_alone_nan_and_so_the_loss(name, bad):

@@ -32,7 +32,7 @@ def fitted(monkeypatch):
     """The arguments of the loop over epochs, which then does nothing."""
     arguments = {}
 
-    def fit(stage, config, steps, loss, optimiser, batches, validate, *_):
+    def fit(stage, config, steps, loss, optimiser, batches, validate, *_, **_options):
         arguments.update(groups=optimiser.param_groups, loss=loss, batches=batches, validate=validate)
         return Progress()
 
