@@ -32,9 +32,8 @@ def main(name: str | None, changes: tuple[str, ...], **options: Any) -> None:
         if changes and not options["out"]:
             raise UserError("--set without --out: name a folder, as the study's own results are those without changes")
         if name is None:
-            print(f"{'study':<15} {'cells':>5}  question")
-            for study in map(read_study, names()):
-                print(f"{study.name:<15} {len(study.cells()):>5}  {study.question}")
+            rows = [f"{study.name:<15} {len(study.cells()):>5}  {study.question}" for study in map(read_study, names())]
+            print(f"{'study':<15} {'cells':>5}  question", *rows, sep="\n")
         else:
             try:
                 run(read_study(name), changes=changes, **options)
