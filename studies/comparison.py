@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.random import Generator
 from scipy.stats import t as student
 
 from studies.cells import Answers
@@ -13,6 +12,7 @@ from studies.grid import COLUMNS
 from tactile_viewgcn.evaluation.trials import ASKED
 from tactile_viewgcn.intervals import group_interval, proportion_interval
 from tactile_viewgcn.messages import UserError, several
+from tactile_viewgcn.randomness import stream
 
 MIN_SEEDS = 3  # for an interval over trainings
 ENOUGH = 5.0  # points: largest acceptable detectable difference of a study
@@ -70,7 +70,7 @@ def trainings_of(answers: list[Answers]) -> pd.DataFrame:
     return pd.DataFrame(rows).groupby("variant").agg(functions | {"machine": lambda names: ", ".join(names.unique())})
 
 
-def rows_of(answers: list[Answers], references: Iterable[str], rng: Generator) -> pd.DataFrame:
+def rows_of(answers: list[Answers], references: Iterable[str]) -> pd.DataFrame:
     """A row for each protocol and variant, in per cent; every split group counts once. NaN: a missing number.
 
     The columns `vs R more`, `low` and `high` have the paired difference to the reference R and its interval over
@@ -87,12 +87,12 @@ def rows_of(answers: list[Answers], references: Iterable[str], rng: Generator) -
             by_group = part.groupby("group")["wrong"].mean()
             trainings = 100 * part.groupby(TRAINING)["wrong"].mean()
             row: dict[str, Any] = {"variant": name, "protocol": protocol}
-            row |= percent(("error", "low", "high"), by_group, proportion_interval, rng)
+            row |= percent(("error", "low", "high"), by_group, proportion_interval)
             row |= {"trainings": len(trainings), "std": trainings.std()} | dict(once.loc[name])
             for reference in references:
                 same_place = f"{reference} / {name.partition(' / ')[2]}"
                 other = reference if reference in parts else same_place
-                row |= compared(part, parts.get(other) if other != name else None, f"vs {reference} ", rng)
+                row |= compared(part, parts.get(other) if other != name else None, f"vs {reference} ")
                 trained = once["trained"].reindex([name, other]).all()
                 row[f"vs {reference} verdict"] = verdict(row, f"vs {reference} ") if trained else UNTRAINED
             rows.append(row)
@@ -100,14 +100,17 @@ def rows_of(answers: list[Answers], references: Iterable[str], rng: Generator) -
 
 
 def percent(
-    names: tuple[str, ...], by_group: pd.Series, interval: Callable[..., tuple[float, float] | None], rng: Generator
+    names: tuple[str, ...], by_group: pd.Series, interval: Callable[..., tuple[float, float] | None]
 ) -> dict[str, float]:
-    """The mean of the groups' values and the ends of its interval, in per cent, under these names."""
-    ends = interval(by_group.to_numpy(), by_group.index.to_numpy(), rng) or (np.nan, np.nan)
+    """The mean of the groups' values and the ends of its interval, in per cent, under these names.
+
+    Each interval resamples by the same random numbers, so that a further variant leaves the others' as they are.
+    """
+    ends = interval(by_group.to_numpy(), by_group.index.to_numpy(), stream(0, "study")) or (np.nan, np.nan)
     return {name: 100 * float(value) for name, value in zip(names, (by_group.mean(), *ends), strict=True)}
 
 
-def compared(part: pd.DataFrame, reference: pd.DataFrame | None, head: str, rng: Generator) -> dict[str, float]:
+def compared(part: pd.DataFrame, reference: pd.DataFrame | None, head: str) -> dict[str, float]:
     """The paired difference over common trainings; NaN for the reference itself, or without common trainings."""
     names = tuple(f"{head}{name}" for name in ("more", "low", "high", "seeds_low", "seeds_high"))
     row = dict.fromkeys(names, np.nan)
@@ -122,7 +125,7 @@ def compared(part: pd.DataFrame, reference: pd.DataFrame | None, head: str, rng:
         raise UserError(f"variant {ours} was tested on other view sets than {theirs}; set reference: null")
     more = pairs.assign(more=pairs["wrong"] - pairs["wrong of the reference"])
     by_group, by_seed = more.groupby("group")["more"].mean(), 100 * more.groupby("seed")["more"].mean()
-    row |= percent(names[:3], by_group, group_interval, rng)
+    row |= percent(names[:3], by_group, group_interval)
     if len(by_seed) >= MIN_SEEDS and more["deal"].nunique() == 1:
         # Student's interval of the mean difference; trainings on several deals share groups and are not independent
         half = student.ppf(0.975, len(by_seed) - 1) * by_seed.std() / len(by_seed) ** 0.5

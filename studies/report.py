@@ -18,7 +18,6 @@ from tactile_viewgcn.files import new_files
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import several
 from tactile_viewgcn.params import VIRTUAL, default_params
-from tactile_viewgcn.randomness import stream
 
 EXPLAINED = """Errors are in per cent, means over folds, trials and a variant's trainings, each from one seed on all
 folds of one deal; every split group counts once. In brackets: the 95 % interval that resamples these groups,
@@ -51,7 +50,7 @@ def write_report(study: Study, answers: list[Answers], folder: Path, on_top: tup
     variants = {each.cell.variant for each in answers}
     places = variants | {variant.partition(" / ")[0] for variant in variants}
     references = [name for name in study.references if name in places]
-    rows = rows_of(answers, references, stream(params.seed, f"study.{study.name}"))
+    rows = rows_of(answers, references)
     tested = [(each.cell, each.predictions.trials) for each in answers]
     groups = len({group for _, trials in tested for group in trials[WHOLE].groups})
     first, deals = answers[0], len({each.cell.deal for each in answers})

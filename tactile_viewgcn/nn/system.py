@@ -20,7 +20,7 @@ class ViewSystem(nn.Module):
         in_time_order: views are sorted from the earliest frame to the latest; viewpoints play no part.
         takes_fewer: a system for V views also takes fewer; takes_more: also more, as all frames of a recording.
         trainable: it has weights to fine-tune.
-        on_device: no part of its loss is computed on the processor.
+        capturable: a CUDA card can record its loss, no part of which is computed on the processor.
     """
 
     takes = "features"
@@ -28,7 +28,7 @@ class ViewSystem(nn.Module):
     takes_fewer = False
     takes_more = False
     trainable = True
-    on_device = True
+    capturable = True
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         """Logits (B, classes), and further tensors for `loss`."""

@@ -21,7 +21,7 @@ class RotationNet(ViewSystem):
     An assignment is a permutation; the best one is computed exactly (Kuhn 1955), on the processor.
     """
 
-    on_device = False
+    capturable = False
 
     def __init__(self, viewpoints: Tensor, shape: tuple[int, ...], classes: int, model: Model):
         super().__init__()

@@ -99,10 +99,7 @@ def _train(
         return {"validation_error": error_rate(logits, validation.frames.labels[validation.anchors])}
 
     steps, generators = num_batches(len(train.anchors), config.batch), (train.noise_rng, train.rng)
-    return fit(
-        "finetune", config, steps, loss, optimiser, batches, validate, generators, checkpoint_path, on_epoch,
-        on_device=network.head.on_device,
-    )  # fmt: skip
+    return fit("finetune", config, steps, loss, optimiser, batches, validate, generators, checkpoint_path, on_epoch)
 
 
 @torch.no_grad()

@@ -58,25 +58,23 @@ def fit(
     generators: Sequence[torch.Generator | np.random.Generator],
     checkpoint_path: Path | None = None,
     on_epoch: OnEpoch | None = None,
-    *,
-    on_device: bool = True,
 ) -> Progress:
     """Run the epochs: a step down the loss of each batch, at the learning rates of the schedule.
 
     Args:
         config: its epochs and schedule; steps: number of batches in an epoch.
-        loss: the loss of a batch's arguments; batches: epoch -> the arguments of each batch.
+        loss: the loss of a batch's arguments; a card does not record it if its attribute `capturable` is False.
+        batches: epoch -> the arguments of each batch.
         validate: values of an epoch besides the mean loss.
         generators: those of `batches` that a checkpoint keeps, besides torch's default ones.
         checkpoint_path: file for the state after every epoch; a saved training is continued.
         on_epoch: called with the number, from 1, and the values of every epoch, those of the checkpoint too.
-        on_device: no part of the loss is computed on the processor, so that a card may repeat its kernels.
 
     Raises:
         UserError: it diverges, or the checkpoint is damaged.
     """
     epochs, factor, rates = config.epochs, lr_lambda(config), [group["lr"] for group in optimiser.param_groups]
-    loss_of = Replay(loss, weights_of(optimiser), records=on_device)
+    loss_of = Replay(loss, _weights(optimiser), records=getattr(loss, "capturable", True))
     parts = [loss, optimiser, *generators, torch.default_generator]
     if torch.cuda.is_initialized():
         parts.append(torch.cuda.default_generators[torch.cuda.current_device()])
@@ -112,14 +110,14 @@ def fit(
     return progress
 
 
-def weights_of(optimiser: torch.optim.Optimizer) -> list[nn.Parameter]:
+def _weights(optimiser: torch.optim.Optimizer) -> list[nn.Parameter]:
     """The weights that an optimiser changes."""
     return [weight for group in optimiser.param_groups for weight in group["params"]]
 
 
 def _check_converges(stage: str, epoch: int, mean: float, progress: Progress, optimiser: torch.optim.Optimizer) -> None:
     """Raise a UserError if the training has diverged at the end of an epoch with this mean loss."""
-    finite = all(weight.isfinite().all() for weight in weights_of(optimiser))  # no loss follows the last step
+    finite = all(weight.isfinite().all() for weight in _weights(optimiser))  # no loss follows the last step
     if finite and math.isfinite(mean) and mean <= MAX_LOSS * max(1.0, progress.first_loss or 1.0):
         return
     rates = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)

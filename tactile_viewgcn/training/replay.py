@@ -17,10 +17,10 @@ class Replay:
     at first, recorded the second time, and repeated from then on.
 
     Args:
-        function: tensors -> loss, a scalar. Nothing in it waits for the card; all shapes follow from the arguments'.
-            It draws random numbers from torch's default generator alone.
-        parameters: whose gradients a call replaces by those of its loss.
-        records: whether kernels are recorded; without, `function` may wait for the card.
+        function: tensors -> loss, a scalar. All shapes follow from the arguments'. It draws random numbers from torch's
+            default generator alone.
+        parameters: all that the loss has gradients for.
+        records: False: `function` may wait for the card, and its kernels are launched each time.
     """
 
     def __init__(
@@ -32,13 +32,13 @@ class Replay:
         self._stream: torch.cuda.Stream | None = None
 
     def __call__(self, *arguments: Tensor) -> Tensor:
-        """The loss, detached."""
+        """Replace the gradients of the parameters by those of the loss, which is returned detached."""
         if arguments[0].device.type != "cuda" or not self._records:
-            return self._computed(arguments)
+            return self._compute(arguments)
         shapes = tuple(each.shape for each in arguments)
         if shapes not in self._graphs:
             self._graphs[shapes] = None
-            return self._launched(arguments)
+            return self._compute_on_stream(arguments)
         recorded = self._graphs[shapes]
         if recorded is None:
             recorded = self._graphs[shapes] = self._record(arguments)
@@ -50,27 +50,27 @@ class Replay:
             parameter.grad = gradient
         return loss.clone()
 
-    def _computed(self, arguments: tuple[Tensor, ...]) -> Tensor:
-        """The loss by the kernels themselves."""
+    def _compute(self, arguments: tuple[Tensor, ...]) -> Tensor:
+        """Compute the loss, detached, and replace the gradients."""
         for parameter in self._parameters:
             parameter.grad = None
         loss = self._function(*arguments)
         loss.backward()
         return loss.detach()
 
-    def _launched(self, arguments: tuple[Tensor, ...]) -> Tensor:
+    def _compute_on_stream(self, arguments: tuple[Tensor, ...]) -> Tensor:
         """The same on the stream that graphs are recorded on, to which the gradients then belong."""
         if self._stream is None:
             self._stream = torch.cuda.Stream()
         self._stream.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(self._stream):
-            loss = self._computed(arguments)
+            loss = self._compute(arguments)
         torch.cuda.current_stream().wait_stream(self._stream)
         return loss
 
     def _record(self, arguments: tuple[Tensor, ...]) -> Recorded:
         kept, graph = tuple(each.clone() for each in arguments), torch.cuda.CUDAGraph()
         with torch.cuda.graph(graph, pool=self._pool, stream=self._stream):
-            loss = self._computed(kept)
+            loss = self._compute(kept)
         self._pool = graph.pool()
         return graph, kept, loss, [parameter.grad for parameter in self._parameters]

@@ -115,6 +115,7 @@ class SetLoss(nn.Module):
     def __init__(self, network: ViewNetwork, compute: Compute, bank_size: int = 0):
         super().__init__()
         self.network, self.compute, shape = network, compute, network.feature_shape
+        self.capturable = network.head.capturable
         dtype = torch.bfloat16 if len(shape) > 1 and compute.precision == "bfloat16" else torch.float32
         self.register_buffer("bank", torch.zeros((bank_size, *shape), dtype=dtype, device=compute.device))
 

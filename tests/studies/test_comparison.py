@@ -29,7 +29,7 @@ def answers(variant, wrong, *, seed=0, deal=0, fold=0, groups=GROUPS, trained=Tr
 def table(*cells, references=("a",)):
     """Rows by variant and protocol."""
     whole = complete(list(cells), len({each.cell.fold for each in cells}))
-    rows = rows_of(whole, references, np.random.default_rng(0)).to_dict("records")
+    rows = rows_of(whole, references).to_dict("records")
     return {(row["variant"], row["protocol"].removesuffix(" protocol")): row for row in rows}
 
 
@@ -45,6 +45,7 @@ def test_a_known_difference_has_its_size_and_its_interval():
     second = table(a, b)["b", "recording"]
     assert second["vs a more"] == pytest.approx((7 * 20 - 10) / 8)
     assert second["vs a low"] < second["vs a more"] < second["vs a high"]
+    assert table(answers("c", 5), a, b)["b", "recording"]["vs a low"] == second["vs a low"]  # whatever else is compared
 
 
 @pytest.mark.parametrize(

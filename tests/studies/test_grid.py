@@ -127,6 +127,7 @@ def test_no_cell_without_committed_parameters_or_with_wrong_ones(study, monkeypa
     monkeypatch.setattr(grid, "committed_params", lambda path: committed)
     with pytest.raises(UserError, match=word):
         study(folds=folds).cells()
+    assert CliRunner().invoke(main, []).output.count("\n") == 1  # no list begins
 
 
 def test_cells_have_the_committed_values_below_all_changes(study, monkeypatch):

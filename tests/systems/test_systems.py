@@ -58,11 +58,11 @@ def test_a_loss_moves_every_weight(name, classes):
 
 
 @pytest.mark.parametrize("name", NETWORKS)
-def test_a_system_says_whether_its_loss_leaves_the_device(name, monkeypatch):
-    monkeypatch.setattr(torch, "autocast", lambda *_, **options: nullcontext())  # it does not know the device "meta"
+def test_a_system_says_whether_its_loss_reads_values_on_the_processor(name, monkeypatch):
+    monkeypatch.setattr(torch, "autocast", lambda *_, **options: nullcontext())  # which refuses the device "meta"
     classifier = built(name).train()
     head, views = classifier.head.to("meta"), some_views(classifier).to("meta")  # whose values no processor can read
-    with nullcontext() if head.on_device else pytest.raises(NotImplementedError, match="Cannot copy out of meta"):
+    with nullcontext() if head.capturable else pytest.raises(RuntimeError, match="meta tensor"):
         assert head.loss(*head(views), torch.zeros(3, dtype=torch.int64, device="meta")).device.type == "meta"
 
 

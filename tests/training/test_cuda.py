@@ -9,6 +9,7 @@ from torch.nn.functional import mse_loss
 
 from tactile_viewgcn import device
 from tactile_viewgcn.device import Compute, select_device
+from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.training.replay import Replay
@@ -19,21 +20,36 @@ pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch see
 CUDA = select_device("cuda", "float32") if torch.cuda.is_available() else CPU
 
 
+@pytest.fixture
+def graphs(monkeypatch):
+    """The graphs that are repeated, once for each time."""
+    repeated, replay = [], torch.cuda.CUDAGraph.replay
+
+    def watched(graph):
+        repeated.append(graph)
+        replay(graph)
+
+    monkeypatch.setattr(torch.cuda.CUDAGraph, "replay", watched)
+    return repeated
+
+
 @pytest.mark.parametrize("name", NETWORKS)
-def test_every_network_learns_in_bfloat16_and_its_logits_are_those_of_the_processor(name):
+def test_every_network_learns_in_bfloat16_and_its_logits_are_those_of_the_processor(name, graphs):
     compute, params = Compute(torch.device("cuda"), "bfloat16"), recipe(f"model.system={name}")
     backbone, classifier, progress = pretrain_backbone(table(), params, compute)
     assert progress.curves["loss"][-1] < 0.5 * progress.curves["loss"][0]
     weights = {"backbone": backbone.state_dict(), "classifier": classifier.state_dict()}
+    graphs.clear()
     tuned, progress = finetune_classifier(table(), views_of(table(), params), weights, params, compute)
     assert next(tuned.parameters()).device.type == "cuda"
     assert not tuned.head.trainable or progress.curves["loss"][-1] < progress.first_loss
+    assert bool(graphs) == (tuned.head.trainable and tuned.head.capturable)
     draw = torch.Generator().manual_seed(2)
     frames = torch.rand(40, 12, 12, generator=draw).numpy()
     sets = torch.randint(40, (16, tuned.views), generator=draw).numpy()
     answers = []
-    for compute in (CUDA, CPU):
-        tuned.prepare(compute)
+    for place in (CUDA, CPU):
+        tuned.prepare(place)
         answers.append(tuned.view_sets(tuned.frame_values(frames), sets))
     np.testing.assert_allclose(*answers, rtol=1e-4, atol=1e-4)
 
@@ -49,19 +65,6 @@ def test_an_interrupted_training_goes_on_as_one_that_was_not(tmp_path):
     progress = pretrain_backbone(table(), recipe(), CUDA, tmp_path / "kept.pt")[2]
     assert progress.resumed[0] == 2
     assert progress.curves["loss"] == pytest.approx(whole.curves["loss"], abs=0.01)  # some sums have no fixed order
-
-
-@pytest.fixture
-def graphs(monkeypatch):
-    """The graphs that are repeated, once for each time."""
-    repeated, replay = [], torch.cuda.CUDAGraph.replay
-
-    def watched(graph):
-        repeated.append(graph)
-        replay(graph)
-
-    monkeypatch.setattr(torch.cuda.CUDAGraph, "replay", watched)
-    return repeated
 
 
 def test_a_repeated_step_has_the_loss_and_the_gradients_of_a_launched_one(graphs):
@@ -92,7 +95,7 @@ def test_repeated_kernels_learn_what_launched_ones_do(change, graphs, monkeypatc
     inputs = table(), views_of(table(), params), pretrained(), params, CUDA
     repeated = finetune_classifier(*inputs)[1].curves["loss"]
     assert len(graphs) > len(set(graphs)) > 0
-    monkeypatch.setattr(Replay, "__call__", lambda self, *arguments: self._computed(arguments))
+    monkeypatch.setattr(ViewSystem, "capturable", False)
     assert repeated == pytest.approx(finetune_classifier(*inputs)[1].curves["loss"], rel=0.02)
 
 

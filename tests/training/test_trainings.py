@@ -32,7 +32,7 @@ def fitted(monkeypatch):
     """The arguments of the loop over epochs, which then does nothing."""
     arguments = {}
 
-    def fit(stage, config, steps, loss, optimiser, batches, validate, *_, **_options):
+    def fit(stage, config, steps, loss, optimiser, batches, validate, *_):
         arguments.update(groups=optimiser.param_groups, loss=loss, batches=batches, validate=validate)
         return Progress()
 
@@ -51,6 +51,12 @@ def test_backbone_and_graph_network_have_rates_of_their_own_and_the_backbone_its
         len(list(part.parameters())) for part in (network.backbone, network.head)
     ]
     assert network.backbone.dropout.p == share
+
+
+@pytest.mark.parametrize(("name", "recorded"), [("view_gcn", True), ("rotationnet", False)])
+def test_a_card_records_the_losses_of_the_systems_that_say_so(fitted, name, recorded):
+    finetune(f"model.system={name}")
+    assert fitted["loss"].capturable is recorded
 
 
 def test_pretraining_learns_from_the_training_side_s_anchors_alone_each_once_an_epoch(fitted):
