@@ -26,7 +26,7 @@ COLUMNS = {  # costs, and their keys in results/timing.json
 }
 AXES = ("seed", "split.deal", "split.fold")  # keys of params.yaml that a study sets in every cell
 Seeds = Annotated[list[Seed], MinLen(1)]
-Variants = Annotated[dict[StrictStr, dict[StrictStr, Any]], MinLen(1)]  # changes to params.yaml by name
+Variants = Annotated[dict[StrictStr, dict[StrictStr, Any]], MinLen(1)]  # names, and changes to params.yaml
 
 
 @dataclass(frozen=True)
@@ -45,21 +45,21 @@ class Cell:
 
 @dataclass(frozen=True, config=SECTION)
 class Study:
-    """The content of studies/NAME.yaml; docs/studies.md, "Write a study", explains the keys."""
+    """The content of studies/NAME.yaml."""
 
     name: str
-    question: Annotated[StrictStr, MaxLen(41)]  # it has to fit the list of studies
-    variants: Variants
-    reference: StrictStr | list[StrictStr] | None
-    seeds: Seeds
-    folds: Literal["all"] | Annotated[list[Natural], MinLen(1)]
-    columns: list[Literal[tuple(COLUMNS)]]
-    deals: Seeds = field(default_factory=lambda: [0])
-    set: dict[StrictStr, Any] = field(default_factory=dict)
-    cross: list[Variants] = field(default_factory=list)
-    one_seed: list[StrictStr] = field(default_factory=list)
-    one_deal: list[StrictStr] = field(default_factory=list)
-    picture: Literal["seconds", "curves"] | None = None
+    question: Annotated[StrictStr, MaxLen(41)]  # what the list of studies prints
+    variants: Variants  # the key `preset` among the changes stands for a preset's
+    reference: StrictStr | list[StrictStr] | None  # the others are compared with it; one of `variants`: in the same place
+    seeds: Seeds  # every variant is trained from each
+    folds: Literal["all"] | Annotated[list[Natural], MinLen(1)]  # and on each; all: as many as `split.folds` says
+    columns: list[Literal[tuple(COLUMNS)]]  # costs in the table
+    deals: Seeds = field(default_factory=lambda: [0])  # values of `split.deal`
+    set: dict[StrictStr, Any] = field(default_factory=dict)  # changes of every cell
+    cross: list[Variants] = field(default_factory=list)  # further variants; every combination is trained
+    one_seed: list[StrictStr] = field(default_factory=list)  # variants that are trained from the first seed alone
+    one_deal: list[StrictStr] = field(default_factory=list)  # on the first deal alone
+    picture: Literal["seconds", "curves"] | None = None  # error against seconds, or along numbered names of `cross`
 
     @property
     def references(self) -> list[str]:
