@@ -50,7 +50,7 @@ class Study:
     name: str
     question: Annotated[StrictStr, MaxLen(41)]  # what the list of studies prints
     variants: Variants  # the key `preset` among the changes stands for a preset's
-    reference: StrictStr | list[StrictStr] | None  # the others are compared with it; one of `variants`: in the same place
+    reference: StrictStr | list[StrictStr] | None  # what the others are compared with; or, with `cross`, its first part
     seeds: Seeds  # every variant is trained from each
     folds: Literal["all"] | Annotated[list[Natural], MinLen(1)]  # and on each; all: as many as `split.folds` says
     columns: list[Literal[tuple(COLUMNS)]]  # costs in the table
