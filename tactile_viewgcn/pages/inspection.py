@@ -117,7 +117,7 @@ def warnings(overview: Overview) -> list[Note]:
     guessing = error and not error.beats_chance
     texts = {
         "contact": untouched and f"Never in contact: {untouched}. Record these objects again, held firmly.",
-        "error": guessing and f"A quick classifier predicts the objects no better than guessing. {FIRMLY}",
+        "error": guessing and f"The error of a quick classifier cannot be told from guessing. {FIRMLY}",
         "session": error
         and session
         and error.high < min(session.error, error.chance)
