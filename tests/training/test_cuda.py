@@ -41,7 +41,6 @@ def test_every_network_learns_in_bfloat16_and_its_logits_are_those_of_the_proces
     weights = {"backbone": backbone.state_dict(), "classifier": classifier.state_dict()}
     graphs.clear()
     tuned, progress = finetune_classifier(table(), views_of(table(), params), weights, params, compute)
-    assert next(tuned.parameters()).device.type == "cuda"
     assert not tuned.head.trainable or progress.curves["loss"][-1] < progress.first_loss
     assert bool(graphs) == (tuned.head.trainable and tuned.head.capturable)
     draw = torch.Generator().manual_seed(2)

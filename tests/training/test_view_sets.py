@@ -13,7 +13,8 @@ from tests.glove_data import CPU
 
 def loss_with_bank(size, shape=(1,), compute=CPU):
     """A loss whose network's features are the frames themselves; it comes in evaluation mode."""
-    return SetLoss(SimpleNamespace(backbone=nn.Flatten().eval(), feature_shape=shape), compute, size)
+    head = SimpleNamespace(capturable=True)
+    return SetLoss(SimpleNamespace(backbone=nn.Flatten().eval(), head=head, feature_shape=shape), compute, size)
 
 
 class Noisy:
