@@ -102,7 +102,7 @@ def rows_of(answers: list[Answers], references: Iterable[str]) -> pd.DataFrame:
 def percent(
     names: tuple[str, ...], by_group: pd.Series, interval: Callable[..., tuple[float, float] | None]
 ) -> dict[str, float]:
-    """The groups' mean and the ends of its interval, in per cent, under these names; all resample by the same numbers."""
+    """The groups' mean and the ends of its interval, in per cent, under these names; all draw the same numbers."""
     ends = interval(by_group.to_numpy(), by_group.index.to_numpy(), stream(0, "study")) or (np.nan, np.nan)
     return {name: 100 * float(value) for name, value in zip(names, (by_group.mean(), *ends), strict=True)}
 
