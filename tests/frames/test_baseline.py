@@ -1,6 +1,7 @@
 """The baseline of each sensor."""
 
 import numpy as np
+import pytest
 
 from tactile_viewgcn.frames.baseline import (
     ROUNDING_SD,
@@ -51,3 +52,13 @@ def test_noise_that_is_cut_off_at_the_smallest_reading_is_measured_as_if_it_were
     noise = np.random.default_rng(0).normal(0, 3, (4000, 9))
     for counts in (noise, np.maximum(noise, 0)):
         np.testing.assert_allclose(trimmed_moments(counts, visible_noise(counts))[1], 3, rtol=0.25)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_readings_in_tenths_have_the_noise_of_rounding_to_tenths_whatever_their_last_digit(dtype):
+    """One sensor stays at 500 and another moves by tenths; every second reading is off by one unit of the last digit."""
+    tenths = np.tile([4999, 5000, 5001, 5002], 25)
+    readings = np.stack([np.full(100, 500.0), tenths / 10], axis=1).astype(dtype)
+    readings[::2] = np.nextafter(readings[::2], dtype(np.inf))
+    noise = trimmed_moments(readings)[1]
+    assert noise[0] == pytest.approx(0.1 * ROUNDING_SD, rel=1e-3)

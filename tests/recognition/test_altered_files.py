@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.recognition.model_file import CLOSE
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tests.glove_data import SHAPE, answer_of, model_file, recording
 
@@ -114,6 +115,17 @@ def test_an_altered_file_is_refused_and_runs_no_code(tmp_path, capfd, case):
     *alteration, named = case
     assert named in refused(altered(tmp_path / "classifier.pt", *alteration))
     assert RAN not in capfd.readouterr().out
+
+
+def test_a_single_stored_answer_that_does_not_come_out_again_refuses_the_file(tmp_path):
+    """It differs by twice what rounding may do; over all answers the mean difference is within rounding."""
+    sensors = "model.system=sensors", "model.members=[trees]"
+    path = model_file(tmp_path / "classifier.pt", *sensors, "precision=float32")
+    content = torch.load(path, weights_only=True)
+    content["answers"].view(-1)[0] += 2 * CLOSE["float32"]
+    torch.save(content, path)
+    seal(path)
+    assert "again" in refused(path)
 
 
 def test_a_file_with_any_bit_flipped_is_refused(tmp_path):

@@ -90,6 +90,18 @@ def test_one_short_training_recording_makes_no_part_of_a_recording_a_whole_one()
             assert (classifier.recording(read[:count]) == as_set).all() == (count < least)
 
 
+def test_a_recording_is_whole_from_half_the_tenth_percentile_of_the_training_s_lengths_on():
+    """Of 21 lengths the tenth percentile is the third smallest: 10 frames, so five frames are a whole recording."""
+    lengths = [6, 6, 10, *[40] * 18]
+    labels = np.arange(len(lengths)) % 2
+    made = [recording(NAMES[labels[seed]], seed, frames=frames) for seed, frames in enumerate(lengths)]
+    classifier = fitted(["svm"], made, labels)
+    read = values(classifier, recording("up", 100, frames=40))
+    for count in (4, 5):
+        as_set = classifier.view_sets(read, np.arange(count)[None])[0]
+        assert (classifier.recording(read[:count]) == as_set).all() == (count < 5)
+
+
 @pytest.mark.parametrize("members", [IN_TIME, KERNELS])
 def test_of_a_recording_of_very_many_frames_every_second_one_is_read(monkeypatch, members):
     classifier = fitted(members, *recordings())
