@@ -56,7 +56,7 @@ def test_noise_that_is_cut_off_at_the_smallest_reading_is_measured_as_if_it_were
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_readings_in_tenths_have_the_noise_of_rounding_to_tenths_whatever_their_last_digit(dtype):
-    """One sensor stays at 500 and another moves by tenths; every second reading is off by one unit of the last digit."""
+    """One sensor stays at 500 and another moves by tenths; every second reading is one ulp too large."""
     tenths = np.tile([4999, 5000, 5001, 5002], 25)
     readings = np.stack([np.full(100, 500.0), tenths / 10], axis=1).astype(dtype)
     readings[::2] = np.nextafter(readings[::2], dtype(np.inf))
