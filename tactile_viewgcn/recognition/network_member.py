@@ -59,7 +59,8 @@ class NetworkMember:
                 index, pool = np.concatenate(left), np.repeat(np.arange(len(left)), [len(each) for each in left])
                 network = self.train(index)
                 values = network.frame_values(Gathered(self.table.inputs, index))
-                shares[fold], answered = np.exp(recording_answers(network, None, values, pool)), answered | fold
+                points = self.table.points(index)
+                shares[fold], answered = np.exp(recording_answers(network, None, values, points, pool)), answered | fold
         except UserError as error:
             count, answered, text = 0, np.zeros_like(answered), str(error)
         else:
