@@ -18,6 +18,7 @@ from stages.pipeline import code_of, params_of, stages
 from tactile_viewgcn.files import md5, new_outputs, readable, write_file
 from tactile_viewgcn.messages import Note, UserError, program
 from tactile_viewgcn.params import load
+from tactile_viewgcn.progress import say, shown, working
 from tactile_viewgcn.provenance import ROW, Record, changed_params, origin, peak_mb, run_name
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tracking import Run, stage_run
@@ -82,7 +83,7 @@ class Job:
         if not sys.stderr.isatty():
             line = ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in values.items())
             place = f"{self.record.stage}: epoch {epoch}/{getattr(self.params, self.record.stage).epochs}"
-            print(f"{place}, {line}, {self.seconds:.0f} s", file=sys.stderr, flush=True)
+            say(f"{place}, {line}, {self.seconds:.0f} s")
 
     def checkpoint_key(self) -> str:
         """A hash of the parameters, the inputs, and the code that the stage's `deps` in dvc.yaml name."""
@@ -112,7 +113,7 @@ def run(work: Callable[..., str], *inputs: str, logged: bool = True) -> None:
         tracked: AbstractContextManager[Run] = nullcontext(Run())
         if job.needed and logged:
             tracked = stage_run(job.record)
-        with job.afterwards, tracked as job.run, new_outputs(*places) as made:
+        with job.afterwards, tracked as job.run, new_outputs(*places) as made, shown(), working(job.record.stage):
             if len(places) == 1 and record:
                 made[0].mkdir()
             text = work(job, **paths, out=made[0])
