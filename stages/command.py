@@ -8,16 +8,17 @@ import textwrap
 import time
 from argparse import ArgumentParser
 from collections.abc import Callable
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stages import STARTED
 from stages.pipeline import code_of, params_of, stages
-from tactile_viewgcn.files import md5, new_files, readable, write_file
+from tactile_viewgcn.files import md5, new_outputs, readable, write_file
 from tactile_viewgcn.messages import Note, UserError, program
 from tactile_viewgcn.params import load
+from tactile_viewgcn.progress import say, shown, working
 from tactile_viewgcn.provenance import ROW, Record, changed_params, origin, peak_mb, run_name
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tracking import Run, stage_run
@@ -35,12 +36,14 @@ class Job:
         record: what is written beside the outputs; the stage puts its numbers into `record.counts`.
         needed: whether `model.system` needs the stage, which otherwise writes a placeholder.
         run: the stage's run in MLflow.
+        afterwards: contexts that end after output and record have taken their places, or after an error.
     """
 
     params: Any
     record: Record
     needed: bool = True
     run: Run = field(default_factory=Run)
+    afterwards: ExitStack = field(default_factory=ExitStack)
 
     @property
     def seconds(self) -> float:
@@ -80,7 +83,7 @@ class Job:
         if not sys.stderr.isatty():
             line = ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in values.items())
             place = f"{self.record.stage}: epoch {epoch}/{getattr(self.params, self.record.stage).epochs}"
-            print(f"{place}, {line}, {self.seconds:.0f} s", file=sys.stderr, flush=True)
+            say(f"{place}, {line}, {self.seconds:.0f} s")
 
     def checkpoint_key(self) -> str:
         """A hash of the parameters, the inputs, and the code that the stage's `deps` in dvc.yaml name."""
@@ -89,27 +92,36 @@ class Job:
         return hashlib.sha256(repr((self.params, inputs, code)).encode()).hexdigest()
 
 
-def run(work: Callable[..., str], *inputs: str) -> None:
+def run(work: Callable[..., str], *inputs: str, logged: bool = True) -> None:
     """Run a stage from its command line; a mistake of the user ends it with exit code 1 and one line.
 
     Args:
-        work: takes a `Job`, by name the paths of the inputs, and `out`, the path of its output; the text that it
-            returns is printed once everything is written.
+        work: takes a `Job`, by name the paths of the inputs, and `out`, a temporary path of its output. Output and
+            record take their places together at the end, or neither does; then the text that it returns is printed.
         inputs: files and folders that the stage reads, each an option, but for `source`, which is the parameter
             data.source. If the input `needs` says that the system does without the stage, `work` writes a placeholder,
             and nothing is logged to MLflow.
+        logged: whether the stage has a run in MLflow, whose library takes seconds to load.
     """
     options = _options(work, [name for name in (*inputs, "out") if name != "source"])
     with program(debug=options["debug"]):
         job, paths = _begin(work.__name__, options, inputs)
         out, record = options["out"], options["record"]
-        beside = record and record.parent == out  # then all are written together
-        logged = stage_run(job.record) if job.needed else nullcontext(Run())
-        with logged as job.run, new_files(out) if beside else nullcontext(out) as place:
-            text = work(job, **paths, out=place)
-            job.record.seconds, job.record.peak_mb = job.seconds, peak_mb()
+        places = [out]
+        if record and record.parent != out:
+            places.append(record)
+        tracked: AbstractContextManager[Run] = nullcontext(Run())
+        if job.needed and logged:
+            tracked = stage_run(job.record)
+        with job.afterwards, tracked as job.run, new_outputs(*places) as made, shown(), working(job.record.stage):
+            if len(places) == 1 and record:
+                made[0].mkdir()
+            text = work(job, **paths, out=made[0])
+            job.record.seconds = job.seconds
+            job.record.peak_mb = peak_mb()
             if record:
-                write_file(place / record.name if beside else record, job.record.text)
+                new_record = made[1] if len(made) > 1 else made[0] / record.name
+                write_file(new_record, job.record.text)
         print(text, flush=True)
 
 

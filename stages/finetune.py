@@ -22,9 +22,9 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
         with readable(backbone):
             pretrained = torch.load(backbone, map_location="cpu", weights_only=True)
     key = job.checkpoint_key()
-    with training_checkpoint("finetune", key, compute) as checkpoint_path:
-        fitted = fit_classifier(table, clusters, pretrained, params, compute, checkpoint_path, job.epoch)
-        save_classifier(out, fitted.classifier, fitted.model, table, compute.precision, fitted.temperature)
+    checkpoint_path = job.afterwards.enter_context(training_checkpoint("finetune", key, compute))
+    fitted = fit_classifier(table, clusters, pretrained, params, compute, checkpoint_path, job.epoch)
+    save_classifier(out, fitted.classifier, fitted.model, table, compute.precision, fitted.temperature)
     for note in fitted.notes:
         job.note(note)
     job.record.seconds = fitted.progress.resumed[1]  # of the processes before an interruption; this one's are added

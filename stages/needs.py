@@ -1,6 +1,9 @@
-"""Look whether data.source is there, and write which stages the system needs: on the sensors no clusters, no backbone.
+"""Check all parameters and data.source, and write which stages the system needs.
 
-DVC removes what a stage has written before it looks for its inputs, so that the source is looked for here, first.
+A system on the sensors needs no clusters and no backbone. All other stages come after this one, which loads neither
+torch nor MLflow: a wrong value is refused within a second.
+
+DVC removes what a stage has written before it looks for its inputs, so that the source is looked for here.
 """
 
 import json
@@ -31,4 +34,4 @@ def needs(job: Job, out: Path) -> str:
 
 
 if __name__ == "__main__":
-    run(needs)
+    run(needs, logged=False)

@@ -17,11 +17,13 @@ def pretrain(job: Job, needs: Path, frames: Path, out: Path) -> str:
     from tactile_viewgcn.training.checkpoint import training_checkpoint, write_tensors
     from tactile_viewgcn.training.pretraining import pretrain_backbone
 
-    table, compute, key = load_table(frames, Frames), job.compute(), job.checkpoint_key()
-    with training_checkpoint("pretrain", key, compute) as checkpoint_path:
-        backbone, classifier, progress = pretrain_backbone(table, job.params, compute, checkpoint_path, job.epoch)
-        states = {"backbone": backbone.cpu().state_dict(), "classifier": classifier.cpu().state_dict()}
-        write_tensors(out, states | {"classes": table.classes})
+    table = load_table(frames, Frames)
+    compute = job.compute()
+    key = job.checkpoint_key()
+    checkpoint_path = job.afterwards.enter_context(training_checkpoint("pretrain", key, compute))
+    backbone, classifier, progress = pretrain_backbone(table, job.params, compute, checkpoint_path, job.epoch)
+    states = {"backbone": backbone.cpu().state_dict(), "classifier": classifier.cpu().state_dict()}
+    write_tensors(out, states | {"classes": table.classes})
     job.record.counts["weights.backbone"] = sum(weight.numel() for weight in backbone.parameters())
     if progress.epoch:
         job.record.counts["loss.first"] = progress.first_loss  # before a step: that of guessing

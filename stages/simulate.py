@@ -1,9 +1,8 @@
 """Simulate recordings of a tactile glove, for a machine that has none."""
 
 import json
-from collections import Counter
+import shutil
 from pathlib import Path
-from shutil import copytree
 
 from filelock import FileLock
 from joblib import cpu_count
@@ -15,25 +14,41 @@ from tactile_viewgcn.glove.simulation import simulate as write_recordings
 
 
 def simulate(job: Job, out: Path) -> str:
-    """Simulate, or copy what an equal simulation left in `checkpoints/`, since DVC's cache does not have it."""
+    """Simulate, or copy what an equal simulation left in `checkpoints/`, since DVC's cache does not have it.
+
+    The record's seconds are the seconds of this run: of the copy, where there was something to copy.
+    """
     recipe = recipe_from_params(job.params.glove)
     kept = root() / "checkpoints" / f"simulate-{job.checkpoint_key()[:16]}"
     kept.parent.mkdir(exist_ok=True)
     with FileLock(f"{kept}.lock"):
-        if not kept.exists():
+        was_kept = kept.exists()
+        if not was_kept:
             with new_files(kept) as part:
                 cost = write_recordings(recipe, part / "recordings", workers=cpu_count())
                 (part / "cost.json").write_text(json.dumps({"seconds": job.seconds, **cost}))
-        cost = Counter(json.loads((kept / "cost.json").read_text()))
-        with new_files(out) as part:
-            copytree(kept / "recordings", part, dirs_exist_ok=True)
-    job.record.seconds = max(0.0, cost.pop("seconds") - job.seconds)
+        _copy_folder(kept / "recordings", out)
+        cost = json.loads((kept / "cost.json").read_text())
+    seconds = cost.pop("seconds")
     recordings = len(recipe.recordings)
-    job.record.counts |= {"recordings": recordings, "frames": recordings * recipe.frames, "version": VERSION, **cost}
-    return (
-        f"simulate: {recordings * recipe.frames:,} simulated frames of {recordings} recordings, virtual glove version "
-        f"{VERSION}\n  of {cost['steps']:,} steps {cost['forced']:,} missed the tolerance"
-    )
+    frames = recordings * recipe.frames
+    counts = {"recordings": recordings, "frames": frames, "version": VERSION, "simulation.seconds": seconds}
+    job.record.counts |= counts | cost
+    text = f"simulate: {frames:,} simulated frames of {recordings} recordings, virtual glove version {VERSION}"
+    if was_kept:
+        text += f", copied from checkpoints/{kept.name}"
+    steps = cost.get("steps", 0)
+    forced = cost.get("forced", 0)
+    return f"{text}\n  {seconds:,.0f} s of simulation; of {steps:,} steps {forced:,} missed the tolerance"
+
+
+def _copy_folder(source: Path, target: Path) -> None:
+    """Copy a folder; the first error ends it, where shutil.copytree would make a list of all."""
+    for file in source.rglob("*"):
+        if file.is_file():
+            place = target / file.relative_to(source)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, place)
 
 
 if __name__ == "__main__":

@@ -4,15 +4,19 @@ import errno
 import hashlib
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
+from shutil import rmtree
 from tempfile import TemporaryDirectory
+
+from filelock import FileLock
 
 from tactile_viewgcn.messages import UserError
 
 NO_ROOM = errno.ENOSPC, errno.EDQUOT, errno.EFBIG  # on the disk, for this user, or in one file
 PART = ".unfinished"  # beginning of the name of a hidden folder in which files are written
+LOCK = "lock"  # file in that folder, locked by the process that writes
 MOST_READ = 100_000_000  # bytes of a page or a table of ours
 _md5 = partial(hashlib.md5, usedforsecurity=False)
 LEFT_BEHIND = ("__MACOSX", "Thumbs.db", "desktop.ini")  # by programs that look into a folder or pack it
@@ -41,44 +45,131 @@ def write_file(path: str | Path, content: str | bytes, is_own: Callable[[str], b
 
 @contextmanager
 def new_files(folder: str | Path, name: str = "") -> Iterator[Path]:
-    """An empty folder whose files take their places in `folder` at the end of the block; after an error none does.
+    """An empty folder whose files take their places in `folder` at the end of the block.
 
-    The files are synced first. All old ones of the same names go before the first new one comes, so that files of two
-    runs never lie side by side; others stay. What a killed run leaves is a hidden folder, `.unfinished...`. A library
-    that hides a full disk's error, as torch.save does, has to write into memory.
+    After an error none does. Otherwise as in `new_outputs`. A library that hides a full disk's error, as torch.save
+    does, has to write into memory.
 
     Args:
         name: of the only file, which takes the old one's place at once.
+    """
+    folder = Path(folder)
+    place = folder / name if name else folder
+    with new_outputs(place) as (made,):
+        if name:
+            yield made.parent
+        else:
+            made.mkdir()  # with the usual permissions
+            yield made
+
+
+@contextmanager
+def new_outputs(*places: Path) -> Iterator[list[Path]]:
+    """Paths at which to write files or folders, one for each place, where they are put together at the end.
+
+    After an error nothing is put there. What is written beside one of the paths belongs beside its place.
+
+    The files are synced first. All old ones of the same names go before the first new one comes, so that files of two
+    runs never lie side by side; others stay. What a killed run leaves is a hidden folder, `.unfinished...`, which the
+    next run that writes there removes.
 
     Raises:
         UserError: where a file belongs is a link, folder, named pipe, socket or device.
-        OSError: there is no room, or `folder` is none.
+        OSError: there is no room, or a folder is none.
     """
-    folder = Path(folder)
-    try:
-        (folder if name else folder.parent).mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(prefix=PART, dir=folder if folder.exists() else folder.parent) as hidden:
-            (part := Path(hidden, "new")).mkdir()  # with the usual permissions
-            yield part
-            files = [file for file in part.rglob("*") if file.is_file()]
-            for file in files:
-                with file.open("rb+") as stream:
-                    os.fsync(stream)  # some file systems learn only here that a disk is full
-            if not folder.exists():
-                part.rename(folder)
-                return
-            places = [folder / file.relative_to(part) for file in files]
+    made: list[Path] = []
+    with ExitStack() as stack:
+        try:
             for place in places:
-                place.parent.mkdir(parents=True, exist_ok=True)
-                _check_place(place)
-            for place in () if name else places:
+                hidden = stack.enter_context(_hidden_folder(place if place.is_dir() else place.parent))
+                made.append(hidden / (place.name or "new"))
+            yield made
+            moves: list[tuple[Path, Path]] = []
+            for written, place in zip(made, places, strict=True):
+                moves += _moves(written, place)
+            _take_places(moves)
+        except OSError as error:
+            if error.errno not in NO_ROOM:
+                raise
+            name = _place_of(error.filename2 or error.filename, made, places)
+            raise OSError(error.errno, f"{os.strerror(error.errno)}; make room", name) from error
+
+
+@contextmanager
+def _hidden_folder(parent: Path) -> Iterator[Path]:
+    """An empty folder in a hidden folder of `parent`, which is locked as long as it is used and then removed.
+
+    What runs that were killed have left in `parent` is removed too: nobody holds its lock.
+    """
+    parent.mkdir(parents=True, exist_ok=True)
+    for path in parent.iterdir():
+        if path.name.startswith(PART):
+            _remove_if_abandoned(path)
+    with TemporaryDirectory(prefix=PART, dir=parent) as hidden:
+        lock = FileLock(Path(hidden, "locking"))
+        with suppress(NotImplementedError):  # a file system without locks; the folder is then never taken for abandoned
+            lock.acquire()
+            Path(lock.lock_file).rename(Path(hidden, LOCK))  # appears locked
+        try:
+            new = Path(hidden, "new")
+            new.mkdir()
+            yield new
+        finally:
+            lock.release()
+
+
+def _remove_if_abandoned(hidden: Path) -> None:
+    """Remove the hidden folder of a run that was killed; that of a running one stays."""
+    lock = FileLock(hidden / LOCK)
+    with suppress(OSError, NotImplementedError):  # locked, another user's, or on a file system without locks
+        if (hidden / LOCK).is_file():
+            lock.acquire(timeout=0)
+            rmtree(hidden, ignore_errors=True)
+    lock.release()
+
+
+def _moves(written: Path, place: Path) -> list[tuple[Path, Path]]:
+    """What was written at a path and beside it, each with its place; a folder as one where there is none before."""
+    moves: list[tuple[Path, Path]] = []
+    for path in sorted(written.parent.iterdir()):
+        target = place if path == written else place.parent / path.name
+        if path.is_dir() and target.exists():
+            moves += [(file, target / file.relative_to(path)) for file in _files_below(path)]
+        else:
+            moves.append((path, target))
+    return moves
+
+
+def _files_below(folder: Path) -> list[Path]:
+    return [file for file in sorted(folder.rglob("*")) if file.is_file()]
+
+
+def _take_places(moves: list[tuple[Path, Path]]) -> None:
+    """Move each file or folder to its place; nothing is moved or removed where one of them cannot be."""
+    for path, _ in moves:
+        for file in _files_below(path) if path.is_dir() else [path]:
+            with file.open("rb+") as stream:
+                os.fsync(stream)  # some file systems learn only here that a disk is full
+    for path, place in moves:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_file():
+            _check_place(place)
+    if len(moves) > 1:  # a single file takes the old one's place at once
+        for path, place in moves:
+            if path.is_file():
                 place.unlink(missing_ok=True)
-            for file, place in zip(files, places, strict=True):
-                file.rename(place)
-    except OSError as error:
-        if error.errno not in NO_ROOM:
-            raise
-        raise OSError(error.errno, f"{error.strerror}; make room", error.filename or str(folder / name)) from error
+    for path, place in moves:
+        path.rename(place)
+
+
+def _place_of(name: str | None, made: list[Path], places: tuple[Path, ...]) -> str:
+    """The place that a file belongs to which could not be written; without a name the first one."""
+    if name is None:
+        return str(places[0])
+    for written, place in zip(made, places, strict=False):  # fewer are made where the first had no room
+        if Path(name).is_relative_to(written.parent):
+            return str(place)
+    return str(name)
 
 
 def _check_place(place: Path) -> None:

@@ -29,7 +29,17 @@ LAYOUT = "^(auto|[^A-Z]*(OBJECT|SESSION|SPLIT|PART|FILE)([^A-Z]+(OBJECT|SESSION|
 CORNERS = 8  # viewpoints of the cube
 
 System = Literal[  # all but sensors are networks on the pretrained backbone
-    "view_gcn", "stag", "cnn_lstm", "conv_lstm", "mvcnn", "mean", "gvcnn", "rotationnet", "gcn", "vote", "sensors"
+    "view_gcn",
+    "stag",
+    "cnn_lstm",
+    "conv_lstm",
+    "mvcnn",
+    "mean",
+    "gvcnn",
+    "rotationnet",
+    "gcn",
+    "vote",
+    "sensors",
 ]
 SensorMember = Literal["trees", "svm", "convolutions", "kernel", "pooled_kernel"]  # of sensors; one may be alone
 Member = Literal[SensorMember, "network"]

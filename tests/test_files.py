@@ -3,8 +3,11 @@
 import errno
 import hashlib
 import os
+import signal
 import socket
 import stat
+import subprocess
+import sys
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -16,6 +19,8 @@ from tactile_viewgcn.files import all_below, md5, new_files, readable, write_fil
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.training.checkpoint import write_tensors
 from tests.full_disk import room_for
+
+ROOT = Path(__file__).parents[1]
 
 
 def write_all(folder, texts):
@@ -133,6 +138,35 @@ def test_two_writers_of_one_place_do_not_meet_and_the_last_one_stays(tmp_path, b
         write_all(other, {"a": "2"})
     assert texts_in(tmp_path) == {"made/a": "1", "made.unfinished/b": "mine"}
     assert len({stat.S_IMODE((tmp_path / folder).stat().st_mode) for folder in ("made", "made.unfinished")}) == 1
+
+
+WRITER = """
+import os, signal, sys
+from pathlib import Path
+from tactile_viewgcn.files import new_files
+
+with new_files(*sys.argv[1:]) as part:
+    (part / "a").write_text("unfinished")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.parametrize("name", ["", "a"])
+@pytest.mark.parametrize("before", [{}, {"made/a": "0"}])
+def test_what_a_killed_run_leaves_goes_at_the_next_run_and_what_a_running_one_writes_stays(tmp_path, before, name):
+    write_all(tmp_path, before | {"other/b": "mine"})
+    command = [sys.executable, "-c", WRITER, str(tmp_path / "made"), *[name] * bool(name)]
+    for _ in range(2):
+        done = subprocess.run(command, check=False, env=os.environ | {"PYTHONPATH": str(ROOT)})
+        assert done.returncode == -signal.SIGKILL
+    assert "unfinished" in texts_in(tmp_path).values()
+    with new_files(tmp_path / "made", name) as running:
+        write_all(running, {"a": "1"})
+        with new_files(tmp_path / "made", name) as part:
+            write_all(part, {"a": "2"})
+        assert texts_in(running)["a"] == "1"
+    assert texts_in(tmp_path) == {"made/a": "1", "other/b": "mine"}
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["made", "other"]
 
 
 def test_a_file_where_a_folder_belongs_costs_no_old_file(tmp_path):

@@ -14,6 +14,7 @@ from tactile_viewgcn.device import Compute
 from tactile_viewgcn.evaluation.trials import PROTOCOLS, TOP, WHOLE, Predictions, Trials, answer_recordings, run_trials
 from tactile_viewgcn.intervals import proportion_interval
 from tactile_viewgcn.params import Params
+from tactile_viewgcn.progress import progress
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.calibration import Classifier
 from tactile_viewgcn.tables.counts import Counts, Gathered
@@ -41,7 +42,7 @@ def evaluate_table(
     side = params.evaluate.side
     train, tested = (table.on(SIDES.index(name)) for name in ("train", side))
     classifier.prepare(compute)
-    values = classifier.frame_values(evaluated_frames(classifier, table, params))
+    values = _frame_values(classifier, evaluated_frames(classifier, table, params))
     trials = {protocol: run_trials(classifier, values, table, params, protocol) for protocol in PROTOCOLS}
     trials[WHOLE] = answer_recordings(classifier, values, table, params)
     metrics: dict[str, Any] = {
@@ -56,6 +57,17 @@ def evaluate_table(
     for number, (asked, answers) in enumerate(trials.items()):
         metrics[asked] = scores_of(answers, stream(params.seed, "interval", number), len(table.classes))
     return Predictions(trials, np.array(table.classes)), metrics
+
+
+def _frame_values(classifier: Classifier, frames: Gathered) -> Any:
+    """The classifier's values of the frames (n, H, W), with the progress through them."""
+    with progress("frames", "frames", len(frames)) as bar:
+
+        def read(index: np.ndarray) -> np.ndarray:
+            bar.update(len(index))
+            return frames[index]
+
+        return classifier.frame_values(Gathered(read, np.arange(len(frames))))
 
 
 def error_of(correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator) -> dict[str, float | None]:

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from tqdm import tqdm
 
 from tactile_viewgcn.params import Params
+from tactile_viewgcn.progress import steps
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.calibration import Classifier, recording_answers
 from tactile_viewgcn.tables.frames import SIDES, Frames
@@ -70,7 +70,7 @@ def run_trials(classifier: Classifier, values: Any, table: Frames, params: Param
     scores = pool_scores(points, pool) if cluster.method == "kmeans" and views > 1 else None
     sizes = powers_of_two(views)[:-1] if classifier.takes_fewer else ()
     best, fewer = list[np.ndarray](), {size: list[np.ndarray]() for size in sizes}
-    for trial in tqdm(range(params.evaluate.trials), desc=f"evaluate by {protocol}", unit="trial", disable=None):
+    for trial in steps(range(params.evaluate.trials), f"{protocol} protocol", "trials"):
         rng = stream(params.seed, "trial", number, trial)
         sets = ViewSets(cluster_pools(points, pool, views, cluster, rng, scores), pool, views)
         drawn = sets.draw(anchors, rng, cluster.assignment)

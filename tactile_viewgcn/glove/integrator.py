@@ -16,6 +16,7 @@ Newton iteration.
 """
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -113,6 +114,7 @@ class ImplicitIntegrator:
         statistics: cost, summed over hands: `steps`; of these `rejected`, repeated with a shorter step, and `forced`,
             accepted in spite of their error because they are as short as SMALLEST; `evaluations` of the mechanics;
             `unsolved` stages, whose Newton iteration did not converge.
+        on_frames: called with the number of frames, of all hands together, that were completed in a step.
 
     Attributes:
         y: (B, n) state at the start of each hand's step; slope: (B, n) of its first stage.
@@ -126,6 +128,7 @@ class ImplicitIntegrator:
     tolerance: float = 0.02
     step: float | None = None
     statistics: Counter[str] = field(default_factory=Counter)
+    on_frames: Callable[[int], object] | None = None
 
     def run(self, y: np.ndarray, frames: int) -> np.ndarray:
         """States (B, frames, n) at knots 1 to `frames`, from y (B, n) at knot 0."""
@@ -203,6 +206,8 @@ class ImplicitIntegrator:
         states[complete, self.knot[complete]] = self.y[complete]
         self.knot[complete] += 1
         self.elapsed[complete] = 0
+        if self.on_frames:
+            self.on_frames(len(complete))
         self._begin(rows)
 
     def _error(self, rows: np.ndarray, balance: Balance, y: np.ndarray) -> np.ndarray:

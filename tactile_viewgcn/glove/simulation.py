@@ -1,7 +1,7 @@
 """A recipe of recordings, and its simulation: plan scenes, solve mechanics, read sensors and write, block by block."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -10,7 +10,6 @@ from typing import Any, get_args
 import h5py
 import numpy as np
 from joblib import Parallel, delayed
-from tqdm import tqdm
 
 from tactile_viewgcn.glove.contact import Drive, Layer, Mechanics
 from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, USUAL, Fit, stag_hands
@@ -20,6 +19,7 @@ from tactile_viewgcn.glove.scene import HOLD, OPEN, OPENING, plan, schedule
 from tactile_viewgcn.glove.sensor import Sensors
 from tactile_viewgcn.glove.shapes import Solids
 from tactile_viewgcn.params import Effect
+from tactile_viewgcn.progress import is_shown, progress, shown
 from tactile_viewgcn.randomness import stream
 
 #: Version of the constants in this folder, an attribute of every file. They are set against published and measured
@@ -100,14 +100,19 @@ class Simulation:
         self.sensors = Sensors(self.hands, recipe.seed, sessions, self._streams("noise"), recipe.effects)
         self.statistics: Counter[str] = Counter()
 
-    def blocks(self) -> Iterator[np.ndarray]:
-        """Counts (B, T, 32, 32) int16 of all B recordings, at most BLOCK frames at a time."""
+    def blocks(self, on_frames: Callable[[int], object] | None = None) -> Iterator[np.ndarray]:
+        """Counts (B, T, 32, 32) int16 of all B recordings, at most BLOCK frames at a time.
+
+        `on_frames` is called with the number of frames, of all recordings together, that were solved in a step.
+        """
         recipe, y = self.recipe, None
         for start in range(0, recipe.frames, BLOCK):
             stop = min(start + BLOCK, recipe.frames)
             mechanics = self.mechanics(start, stop)
             y = mechanics.initial_state() if y is None else y
-            integrator = ImplicitIntegrator(mechanics, 1 / RATE, TOLERANCE, statistics=self.statistics)
+            integrator = ImplicitIntegrator(
+                mechanics, 1 / RATE, TOLERANCE, statistics=self.statistics, on_frames=on_frames
+            )
             states = integrator.run(y, stop - start)
             y = states[:, -1]
             yield self.sensors.read(*self.sensor_inputs(mechanics, states))
@@ -153,6 +158,7 @@ def simulate(recipe: Recipe, folder: Path, *, workers: int = 1) -> Counter[str]:
     """Write a recipe's recordings to `folder`/SESSION/NUMBER-OBJECT.h5.
 
     The recordings do not depend on the number of worker processes. Memory holds a block of pressures, and all counts.
+    The first process shows its progress, where the caller shows any.
 
     Returns:
         The cost, see `Simulation.statistics`.
@@ -160,16 +166,17 @@ def simulate(recipe: Recipe, folder: Path, *, workers: int = 1) -> Counter[str]:
     workers = max(1, min(workers, len(recipe.recordings) // MIN_RECORDINGS_PER_WORKER))
     shares = (recipe.recordings[worker::workers] for worker in range(workers))
     write = delayed(_write)
-    costs = Parallel(n_jobs=workers)(write(recipe, part, folder, bar=not n) for n, part in enumerate(shares))
+    bar = is_shown()
+    costs = Parallel(n_jobs=workers)(write(recipe, part, folder, bar=bar and not n) for n, part in enumerate(shares))
     return sum(costs, Counter())
 
 
 def _write(recipe: Recipe, recordings: list[SessionObject], folder: Path, *, bar: bool) -> Counter[str]:
-    """Simulate the recordings of one process into a folder of sessions; `bar` shows the progress on a terminal."""
+    """Simulate the recordings of one process into a folder of sessions; `bar`: this process shows the progress."""
     simulation, (phase, _, grasp) = Simulation(recipe, recordings), schedule(recipe.frames, recipe.grasps)
-    number_of_blocks, silent = -(-recipe.frames // BLOCK), None if bar else True
-    blocks = tqdm(simulation.blocks(), "simulate", number_of_blocks, unit="block", disable=silent)
-    for (session, number), counts in zip(recordings, np.concatenate(list(blocks), axis=1), strict=True):
+    with shown(bar), progress("frames of this process", "frames", len(recordings) * recipe.frames) as frames:
+        blocks = list(simulation.blocks(on_frames=frames.update))
+    for (session, number), counts in zip(recordings, np.concatenate(blocks, axis=1), strict=True):
         grasp_object, content = recipe.objects[number], BytesIO()  # HDF5 may say nothing where a disk is full
         with h5py.File(content, "w") as file:
             file.create_dataset("pressure", data=counts, compression="gzip", compression_opts=1, shuffle=True)

@@ -16,11 +16,12 @@ class ViewSystem(nn.Module):
     number of `classes`, and the section `model` of params.yaml.
 
     Attributes:
-        takes: the backbone's `features` (B, k, C), or its `maps` (B, k, C, H, W).
-        in_time_order: views are sorted from the earliest frame to the latest; viewpoints play no part.
-        takes_fewer: a system for V views also takes fewer; takes_more: also more, as all frames of a recording.
-        trainable: it has weights to fine-tune.
-        capturable: a CUDA card can record its loss, no part of which is computed on the processor.
+        takes: what the system reads: the backbone's `features` (B, k, C), or its `maps` (B, k, C, H, W).
+        in_time_order: whether views come sorted from the earliest frame to the latest; viewpoints then play no part.
+        takes_fewer: whether a system built for V views also answers fewer, k from 1 to V - 1.
+        takes_more: whether it also answers more than V views, such as all frames of a recording at once.
+        trainable: whether it has weights to fine-tune.
+        capturable: whether a GPU can record its loss; False where a part of the loss is computed on the CPU.
     """
 
     takes = "features"

@@ -8,6 +8,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from tactile_viewgcn.files import new_files, readable
+from tactile_viewgcn.progress import steps
 from tactile_viewgcn.tables.counts import Counts, Gathered, read_columns, read_counts, write_columns, write_counts
 
 TRAIN, VALIDATION, TEST = 0, 1, 2
@@ -142,7 +143,8 @@ def save_table(path: str | Path, table: Any) -> None:
     counts = values.pop("counts", None)
     with new_files(path) as part:
         if counts is not None:
-            blocks = (counts[start : start + BLOCK_FRAMES] for start in range(0, len(counts), BLOCK_FRAMES))
+            starts = steps(range(0, len(counts), BLOCK_FRAMES), "writing", "blocks of frames")
+            blocks = (counts[start : start + BLOCK_FRAMES] for start in starts)
             write_counts(part, counts.shape, counts.dtype, blocks)
         write_columns(part, values)
 

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import torch
 from torch import Tensor, nn
-from tqdm import tqdm
 
 from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.params import Finetune, Pretrain
+from tactile_viewgcn.progress import progress as shown_progress
 from tactile_viewgcn.training.checkpoint import restore, save
 from tactile_viewgcn.training.optim import lr_lambda
 from tactile_viewgcn.training.replay import Replay
@@ -84,7 +84,7 @@ def fit(
     on_epoch = on_epoch or (lambda *_: None)
     for epoch in range(progress.epoch):
         on_epoch(epoch + 1, {name: line[epoch] for name, line in progress.curves.items()})
-    with tqdm(total=epochs * steps, initial=progress.epoch * steps, desc=stage, unit="batch", disable=None) as bar:
+    with shown_progress(stage, "batches", epochs * steps, done=progress.epoch * steps) as bar:
         for epoch in range(progress.epoch, epochs):
             for group, rate in zip(optimiser.param_groups, rates, strict=True):
                 group["lr"] = rate * factor(epoch)

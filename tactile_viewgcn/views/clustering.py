@@ -7,9 +7,9 @@ from functools import cache
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
-from tqdm import tqdm
 
 from tactile_viewgcn.params import Cluster
+from tactile_viewgcn.progress import steps
 from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import NO_CLUSTER, TRAIN, VALIDATION, Frames, Views
 from tactile_viewgcn.views.sampling import random_clusters
@@ -64,8 +64,7 @@ def cluster_pools(
         return random_clusters(pool, views, rng)
     scores = scores or pool_scores(points, pool)
     cluster = np.empty(len(pool), dtype=np.int64)
-    bar = tqdm(scores, desc="k-means", unit="pool", disable=None, leave=False)
-    for number, pool_score in enumerate(bar):
+    for number, pool_score in enumerate(steps(scores, "k-means", "pools")):
         seed = int(rng.integers(2**31))
         cluster[pool == number] = kmeans(pool_score, views, restarts=params.restarts, seed=seed)
     return cluster
@@ -73,7 +72,8 @@ def cluster_pools(
 
 def pool_scores(points: np.ndarray | Gathered, pool: np.ndarray) -> list[np.ndarray]:
     """Principal components (n_p, c) of the frames of each pool p, from points (n, d) and pools (n,)."""
-    return [principal_components(points[pool == number], COMPONENTS) for number in range(pool.max() + 1)]
+    numbers = steps(range(pool.max() + 1), "principal components", "pools")
+    return [principal_components(points[pool == number], COMPONENTS) for number in numbers]
 
 
 def principal_components(points: np.ndarray, count: int) -> np.ndarray:

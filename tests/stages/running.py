@@ -72,18 +72,19 @@ def set_params(place, section, **values) -> None:
     (place / "params.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
 
 
-def run_stage(name, *words, cwd, store="disabled"):
-    """A stage from its command line, in this process: exit code and output."""
+def run_stage(name, *words, cwd, store="disabled", clock=lambda: 0.0):
+    """A stage from its command line, in this process: exit code and output; by `clock` it says that it goes on."""
     program = str(ROOT / "stages" / f"{name}.py")
-    return captured(lambda: runpy.run_path(program, run_name="__main__"), *words, cwd=cwd, store=store)
+    return captured(lambda: runpy.run_path(program, run_name="__main__"), *words, cwd=cwd, store=store, clock=clock)
 
 
-def captured(call, *words, cwd, store="disabled"):
+def captured(call, *words, cwd, store="disabled", clock=lambda: 0.0):
     """A call that reads these words from the command line: exit code and output."""
     before, code, out, err = signal.getsignal(signal.SIGTERM), 0, StringIO(), StringIO()
     with ExitStack() as stack:
         stack.enter_context(patch.dict(os.environ, {"MLFLOW_TRACKING_URI": store, "DVC_ROOT": str(cwd)}))
         stack.enter_context(patch.object(sys, "argv", ["stage", *map(str, words)]))
+        stack.enter_context(patch("tactile_viewgcn.progress.clock", clock))
         for manager in (chdir(cwd), redirect_stdout(out), redirect_stderr(err)):
             stack.enter_context(manager)
         stack.callback(signal.signal, signal.SIGTERM, before)

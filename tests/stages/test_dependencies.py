@@ -22,7 +22,7 @@ NEUTRAL = {
     f"tactile_viewgcn/{name}.py"
     for name in (
         *("params", "schema", "messages", "files", "training/checkpoint"),
-        *("device", "provenance", "tracking", "plots"),
+        *("device", "provenance", "tracking", "plots", "progress"),
     )
 }
 CASES = [(name, system) for name, stage in STAGES.items() for system in (SYSTEMS if SYSTEM in stage["deps"] else [""])]

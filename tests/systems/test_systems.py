@@ -11,8 +11,17 @@ from tactile_viewgcn.nn.network import view_set_logits
 from tests.glove_data import recipe
 from tests.systems.small_systems import NETWORKS, built, some_views
 
-ORDERLESS = {"mvcnn", "mean", "vote", "gvcnn", "rotationnet"}
+# A new system's name goes into the sets that describe it.
+#: The order of the views does not change the answer
+ANY_ORDER = {"mvcnn", "mean", "vote", "gvcnn", "rotationnet"}
+#: `in_time_order`
 IN_TIME = {"cnn_lstm", "conv_lstm"}
+#: `takes_fewer` and `takes_more`
+ANY_NUMBER = {"mvcnn", "mean", "vote", "gvcnn"}
+#: Neither of them: V views and no other number
+ALL_VIEWS = {"stag", "rotationnet"}
+#: `takes` maps
+ON_MAPS = {"conv_lstm", "gvcnn"}
 
 
 @pytest.mark.parametrize("name", NETWORKS)
@@ -27,18 +36,19 @@ def test_the_order_of_the_views_matters_where_it_should_and_those_in_time_order_
         direct, sorted_or_not = (view_set_logits(network.head, features, sets) for sets in (rising, shuffled))
     torch.testing.assert_close(direct, expected)
     torch.testing.assert_close(sorted_or_not, expected if name in IN_TIME else moved)
-    assert (moved - expected).abs().max() < 1e-5 if name in ORDERLESS else (moved - expected).abs().max() > 1e-3
+    assert (moved - expected).abs().max() < 1e-5 if name in ANY_ORDER else (moved - expected).abs().max() > 1e-3
 
 
 @pytest.mark.parametrize("name", NETWORKS)
 def test_fewer_and_more_views_are_taken_where_a_system_says_so(name):
     classifier = built(name)
-    assert classifier.head.takes_fewer == (name not in {"stag", "rotationnet"})
-    assert classifier.takes_fewer == (name not in {"stag", "rotationnet", "conv_lstm", "gvcnn"})
+    assert classifier.head.takes_fewer == (name not in ALL_VIEWS)
+    assert classifier.takes_fewer == (name not in ALL_VIEWS | ON_MAPS)  # on maps each number costs as much as the rest
+    assert (classifier.head.takes == "maps") == (name in ON_MAPS)
     assert not built("view_gcn", "model.selector=joint").takes_fewer
     with nullcontext() if classifier.head.takes_fewer else pytest.raises(UserError, match=f"model.system is {name}"):
         recipe("finetune.num_views=random", f"model.system={name}")
-    assert classifier.head.takes_more == (name in {"mvcnn", "mean", "vote", "gvcnn"})
+    assert classifier.head.takes_more == (name in ANY_NUMBER)
     for count in [*range(1, 4)] * classifier.head.takes_fewer + [9] * classifier.head.takes_more:
         logits = classifier.head(some_views(classifier, count=count))[0]
         assert logits.shape == (3, 5)

@@ -1,0 +1,133 @@
+"""How far a long step has come: a bar on a terminal, and elsewhere a line every ten seconds or so.
+
+Commands show it, inside `shown`. A Python program that uses the package sees nothing unless it does the same.
+"""
+
+import sys
+import time
+from collections.abc import Iterable, Iterator, Sized
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any, TypeVar
+
+from tqdm import tqdm
+
+EVERY = 10.0  # seconds between two lines at least, and before the first one
+clock = time.monotonic
+Item = TypeVar("Item")
+_is_shown = ContextVar("is_shown", default=False)
+
+
+@contextmanager
+def shown(is_shown: bool = True) -> Iterator[None]:
+    """Context in which all of this file shows something, or does not."""
+    token = _is_shown.set(is_shown)
+    try:
+        yield
+    finally:
+        _is_shown.reset(token)
+
+
+def is_shown() -> bool:
+    """Whether anything is shown here, which a process that is started here has to be told."""
+    return _is_shown.get()
+
+
+def steps(items: Iterable[Item], step: str, units: str) -> Iterator[Item]:
+    """The items, one after another, with the progress through them; for the arguments see `progress`."""
+    total = len(items) if isinstance(items, Sized) else None
+    with progress(step, units, total) as bar:
+        for item in items:
+            yield item
+            bar.update()
+
+
+def progress(step: str, units: str = "", total: int | None = None, done: int = 0) -> tqdm:
+    """A context whose `update(n)` is told of n more units.
+
+    Args:
+        step: the words before the numbers.
+        units: the things that are counted, such as frames.
+        total: their number; None where it is not known, and the seconds alone are shown.
+        done: units before the first update.
+    """
+    settings: dict[str, Any] = {"desc": step, "unit": f" {units}", "total": total, "initial": done, "leave": False}
+    if not _is_shown.get():
+        return tqdm(disable=True, **settings)
+    if sys.stderr.isatty():
+        return tqdm(file=sys.stderr, **settings)
+    return _Lines(file=sys.stderr, **settings)
+
+
+@contextmanager
+def working(step: str) -> Iterator[None]:
+    """Context of a step that says every ten seconds or so that it goes on, unless there is a terminal with bars."""
+    if sys.stderr.isatty():
+        yield
+        return
+    with progress(step):
+        yield
+
+
+def say(text: str) -> None:
+    """Print a line on the standard error at once, above a bar."""
+    if not _is_shown.get():
+        return
+    if sys.stderr.isatty():
+        tqdm.write(text, file=sys.stderr)
+        return
+    print(text, file=sys.stderr, flush=True)
+    _Lines.last = clock()
+
+
+class _Lines(tqdm):
+    """Progress as lines. One line names all steps that are under way, the outer ones first.
+
+    tqdm's monitor calls `display` too, where nothing is counted for long.
+    """
+
+    monitor_interval = EVERY / 2  # type: ignore[assignment]  # tqdm's types have an integer
+    under_way: "list[_Lines]" = []  # noqa: RUF012  # of this process
+    last = 0.0  # when the last line was printed
+
+    def __init__(self, **settings: Any):
+        super().__init__(delay=EVERY, maxinterval=EVERY, **settings)  # the delay: nothing is printed here
+        self.begin = clock()
+        if not self.under_way:
+            _Lines.last = clock()
+        self.under_way.append(self)
+        self._look_after()
+
+    def update(self, n: float | None = 1) -> bool | None:
+        self.n += n or 0
+        self.display()
+        return None
+
+    def close(self) -> None:
+        _Lines.under_way = [bar for bar in self.under_way if bar is not self]  # bars are equal by their place
+        super().close()
+
+    def display(self, msg: str | None = None, pos: int | None = None) -> None:
+        """Print the line, if this is the innermost step and the last line is long enough ago."""
+        self._look_after()
+        is_innermost = bool(self.under_way) and self.under_way[-1] is self
+        if msg != "" and is_innermost and clock() - self.last >= EVERY:
+            print("; ".join(bar.text() for bar in self.under_way), file=self.fp, flush=True)
+            _Lines.last = clock()
+
+    def _look_after(self) -> None:
+        """Have tqdm's monitor call `display` after `maxinterval`, which it does for a bar with `miniters` above 1."""
+        self.miniters = 2
+        self.last_print_t = time.time()
+
+    def text(self) -> str:
+        """The step, how many of its units are done, and about how long the others take."""
+        seconds = clock() - self.begin
+        text = self.desc.removesuffix(": ")
+        if not self.total:
+            return f"{text}: {seconds:,.0f} s"
+        text += f": {self.n:,} of {self.total:,}{self.unit}"
+        done = self.n - self.initial
+        if done > 0:
+            text += f", about {seconds * (self.total - self.n) / done:,.0f} s left"
+        return text

@@ -1,0 +1,61 @@
+"""What a stage says that takes long: how far it is and about how long it still takes, by a clock of the test's own."""
+
+import re
+import shutil
+from itertools import count
+
+import pytest
+
+from tactile_viewgcn.tables.frames import save_table
+from tests.glove_data import SMALL, fewer_anchors, table
+from tests.stages.running import FILES, SENSORS, changed, record_of, run_stage, set_params
+
+GLOVE = {"objects": ["ball"], "sessions": 2, "grasps": 1, "grasp_frames": 17}  # the smallest
+STEP = re.compile(r"(\w[\w /-]*): ([\d,]+) of ([\d,]+) ([\w ]+)")
+
+
+def said(stage, *words, cwd) -> dict[str, set[str]]:
+    """The numbers that were said of each step of a stage whose every look at the clock is a minute later."""
+    minutes = count(step=60.0)
+    result = run_stage(stage, *words, cwd=cwd, clock=lambda: next(minutes))
+    assert result.returncode == 0, result.stderr
+    numbers: dict[str, set[str]] = {}
+    for line in result.stderr.splitlines():
+        assert line.startswith(f"{stage}: ") and line.isprintable()
+        for step, done, total, units in STEP.findall(line):
+            assert int(done.replace(",", "")) <= int(total.replace(",", ""))
+            numbers.setdefault(step, set()).add(f"{total} {units}")
+    assert "s left" in result.stderr
+    return numbers
+
+
+def test_a_simulation_counts_its_frames(place):
+    set_params(place, "glove", **GLOVE)
+    words = ("--out", "made", "--record", "made.json")
+    assert said("simulate", *words, cwd=place) == {"frames of this process": {"100 frames"}}
+
+
+@pytest.mark.parametrize(
+    ("stage", "steps"),
+    [
+        ("preprocess", {"writing": {"1 blocks of frames"}}),
+        ("evaluate", {"object protocol": {"3 trials"}, "recording protocol": {"3 trials"}}),
+    ],
+)
+def test_a_stage_on_the_sensors_counts_its_steps(finished, tmp_path, stage, steps):
+    place = tmp_path / "workspace"
+    shutil.copytree(finished, place)
+    numbers = said(stage, *FILES[stage].split(), "--record", record_of(stage), *changed(*SENSORS), cwd=place)
+    assert steps.items() <= numbers.items()
+    if stage == "evaluate":
+        assert "frames" in numbers and "k-means" in numbers
+
+
+def test_stages_of_a_network_count_pools_and_batches(place):
+    save_table(place / "frames", fewer_anchors(table(), 4))
+    settings = changed(*SMALL, "device=cpu", "precision=float32", "pretrain.epochs=2", "model.system=mean")
+    assert run_stage("needs", "--out", "needs.json", cwd=place).returncode == 0
+    words = ("--needs", "needs.json", "--frames", "frames", *settings)
+    assert said("cluster", *words, "--out", "views", cwd=place)["k-means"] == {"4 pools"}
+    numbers = said("pretrain", *words, "--out", "backbone.pt", cwd=place)
+    assert any(step.startswith("pretrain epoch 2") for step in numbers), numbers
