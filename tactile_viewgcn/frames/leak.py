@@ -3,7 +3,6 @@
 If they do, a low error of a system says little about touch.
 """
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from tactile_viewgcn.frames.baseline import Baseline
-from tactile_viewgcn.frames.folds import left_out
+from tactile_viewgcn.frames.folds import complete_folds
 from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.frames.split import SPLIT_SEED
 from tactile_viewgcn.intervals import proportion_interval
@@ -37,6 +36,7 @@ class QuickError:
         low, high: 95 % interval, which resamples groups.
         chance: error of always answering the object with the most groups.
         groups, frames: numbers of those that were used.
+        objects_left_out: number of objects that have usable frames in a single group, which no fold can hold out.
     """
 
     error: float
@@ -45,6 +45,7 @@ class QuickError:
     chance: float
     groups: int
     frames: int
+    objects_left_out: int = 0
 
     @property
     def beats_chance(self) -> bool:
@@ -62,17 +63,20 @@ def quick_error(
 ) -> QuickError | None:
     """Error of recognising the objects in about 2,000 frames; None unless two objects have two groups each.
 
-    Each mean is over frames that are spread over an object's frames in a group. A third of the groups is held out at a
-    time: of each object by itself, or of all objects at once where groups span objects, as sessions do.
+    Each mean is over frames that are spread over an object's frames in a group. About a third of the groups is held out
+    at a time, for all objects at once, such that each object of two groups or more is answered in all of them.
+    An object of a single group is left out: it is neither learnt nor answered.
 
     Args:
         readings: function from frames (n,) to their readings (n, S).
         usable: bool (T,) frames to draw from.
         label, group: (T,) object and group of each frame.
-        nearest: the answer is the nearest mean's object, however objects alternate; else that of ridge regression.
+        nearest: the answer is the nearest mean's object, however objects alternate; else by ridge regression.
     """
     cells = np.unique(np.stack([label, group])[:, usable].astype(np.int64), axis=1)
+    objects_used = len(np.unique(cells[0]))
     cells = cells[:, np.bincount(cells[0])[cells[0]] > 1]
+    objects_left_out = objects_used - len(np.unique(cells[0]))
     if len(np.unique(cells[0])) < 2:
         return None
     rows, of_cell = list[np.ndarray](), list[int]()
@@ -90,24 +94,39 @@ def quick_error(
     wrong = np.bincount(of_cell, is_wrong) / np.bincount(of_cell)
     low, high = proportion_interval(wrong, cells[1], stream(SPLIT_SEED, "quick error")) or (0.0, 1.0)
     chance = 1 - np.bincount(cells[0]).max() / len(cells.T)
-    return QuickError(float(wrong.mean()), low, high, float(chance), len(np.unique(cells[1])), len(used))
+    groups = len(np.unique(cells[1]))
+    return QuickError(float(wrong.mean()), low, high, float(chance), groups, len(used), objects_left_out)
 
 
 def _answers(means: np.ndarray, label: np.ndarray, group: np.ndarray, *, nearest: bool) -> np.ndarray:
-    """Objects (n,) that a classifier of other groups assigns to mean readings (n, S); -1 if none was fitted."""
-    from sklearn.linear_model import RidgeClassifier
+    """Objects (n,) that a classifier of other groups assigns to mean readings (n, S).
+
+    Every object has two groups or more, so that each mean is answered, see `complete_folds`.
+
+    With `nearest` the answer is the nearest mean's object.
+    Else it is the object whose ridge scores are nearest on average. The largest score alone would never name an object
+    that reads between two others, as where all sensors of an object share an offset (Hastie, Tibshirani and Friedman,
+    "The elements of statistical learning", section 4.2, masking).
+    """
+    from sklearn.linear_model import Ridge
     from sklearn.neighbors import KNeighborsClassifier
-    from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
     from threadpoolctl import threadpool_limits
 
     answer = np.full(len(label), -1)
-    classifier = KNeighborsClassifier(1) if nearest else RidgeClassifier(PENALTY * means.shape[1])
-    model = make_pipeline(StandardScaler(), classifier)
-    with threadpool_limits(1), warnings.catch_warnings():  # threads: no choice depends on their number
-        warnings.filterwarnings("ignore", "The number of unique classes")  # many objects of two groups each
-        for test in left_out(group, label, FOLDS):
-            answer[test] = model.fit(means[~test], label[~test]).predict(means[test])
+    with threadpool_limits(1):  # no choice depends on the number of threads
+        for test in complete_folds(group, label, FOLDS):
+            scaler = StandardScaler().fit(means[~test])
+            points = scaler.transform(means)
+            learnt, known = points[~test], label[~test]
+            if not nearest:
+                objects = np.unique(known)
+                is_object = (known[:, None] == objects).astype(np.float64)
+                scores = Ridge(PENALTY * means.shape[1]).fit(learnt, is_object).predict
+                points = scores(points).reshape(len(means), -1)
+                learnt = np.stack([points[~test][known == one].mean(axis=0) for one in objects])
+                known = objects
+            answer[test] = KNeighborsClassifier(1).fit(learnt, known).predict(points[test])
     return answer
 
 
@@ -142,6 +161,8 @@ def leak_note(leak: QuickError, *, advised: bool) -> Note:
         f"({100 * leak.low:.1f} to {100 * leak.high:.1f}), chance {100 * leak.chance:.1f} %; "
         f"{several(leak.frames, 'frame')} in {several(leak.groups, 'group')}"
     )
+    if leak.objects_left_out:
+        text += f"; not in it: {several(leak.objects_left_out, 'object')} with such frames in a single group"
     if not leak.beats_chance:
         return Note(text, topic=TOPIC)
     text += ". Errors say less about touch than they seem to: "

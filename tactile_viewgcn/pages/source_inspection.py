@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from tactile_viewgcn.frames.auto import choose
-from tactile_viewgcn.frames.folds import left_out
+from tactile_viewgcn.frames.folds import complete_folds
 from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.split import SPLIT_SEED, published_test, split_groups
 from tactile_viewgcn.intervals import FEW, proportion_interval
@@ -115,7 +115,7 @@ class Overview:
         counts = (self.excess(every_few(contact[at])) for at in parts.values())
         points = np.concatenate([read.of_recordings(MEMBER, read.scaled(each)[None]) for each in counts])
         answers = np.full(len(labels), -1)
-        for left in left_out(groups, labels, FOLDS):
+        for left in complete_folds(groups, labels, FOLDS):
             fitted = read.estimator(MEMBER).fit(points[~left], labels[~left], SPLIT_SEED)
             answers[left] = fitted.classes[fitted.predict_proba(points[left]).argmax(axis=1)]
         answered = answers >= 0
@@ -124,7 +124,8 @@ class Overview:
         wrong = pd.Series(answers != labels)[answered].groupby(groups[answered]).mean().to_numpy()
         low, high = proportion_interval(wrong, np.arange(len(wrong)), stream(SPLIT_SEED, "quick error")) or (0.0, 1.0)
         chance = 1 - np.bincount(labels[answered]).max() / answered.sum()
-        return QuickError(float(wrong.mean()), low, high, float(chance), len(wrong), len(contact))
+        objects_left_out = len(np.unique(labels)) - len(np.unique(labels[answered]))
+        return QuickError(float(wrong.mean()), low, high, float(chance), len(wrong), len(contact), objects_left_out)
 
     @cached_property
     def counts(self) -> dict[str, np.ndarray]:

@@ -117,7 +117,8 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         check_is_fitted(self, "recogniser_")
         recogniser, names = self.recogniser_, list(map(str, self.classes_))
         recordings = self._recordings(X)
-        if isinstance(X, np.ndarray) and X.shape[1:] == recogniser.shape:
+        is_one_recording = isinstance(X, np.ndarray) and X.shape[1:] == recogniser.shape
+        if is_one_recording and recogniser.shape[0] > 1:  # else it is n recordings of one frame, as in `fit`
             raise UserError(f"X {X.shape} is one recording; expected a list: [X], or [*X] of single frames")
         answers, notes = recogniser.answer_recordings(recordings)
         none = [answer.recording for answer in answers if not answer.contact and EMPTY_HAND not in recogniser.classes]

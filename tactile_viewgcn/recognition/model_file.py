@@ -75,6 +75,7 @@ class FittedPreprocessing:
         kept_share: share of the training's frames that the filter keeps.
         dtype: of the counts.
         strong_readings: see the function of this name.
+        least_change: the smallest `change_between_frames` above 0 of the training's recordings; 0: not known.
         rates: lowest and highest frame rate of the training's recordings in Hz; 0 and infinity without times.
         channel_names: names of the sensors, row after row, or none.
         live: bool (H, W) sensors.
@@ -91,6 +92,7 @@ class FittedPreprocessing:
     live: np.ndarray
     noise: np.ndarray
     baselines: dict[str, np.ndarray]
+    least_change: Annotated[float, Field(ge=0)] = 0.0
 
     @classmethod
     def of(cls, frames: Frames) -> Self:
@@ -104,7 +106,9 @@ class FittedPreprocessing:
         params, noise = PreprocessSection(**frames.preprocess), np.nan_to_num(frames.noise)
         rates = sorted(frame_rates(frames.time[train], frames.recording[train]).values()) or [0.0, np.inf]
         names, readings, rates = frames.channel_names or [], strong_readings(frames), [rates[0], rates[-1]]
-        return cls(params, frames.kept_share, dtype, readings, rates, names, frames.live, noise, baselines)
+        changes = [change_between_frames(frames.counts[index], frames.live) for index in _by_recording(frames, train)]
+        least = min((change for change in changes if change > 0), default=0.0)
+        return cls(params, frames.kept_share, dtype, readings, rates, names, frames.live, noise, baselines, least)
 
     def mean_baseline(self) -> np.ndarray:
         """Mean (H, W) of the baselines of the training's sessions."""
@@ -221,29 +225,57 @@ def _converted(state: Any, kind: type, convert: Callable[[Any], Any]) -> Any:
 
 def _examples(frames: Frames) -> np.ndarray:
     """Counts (3, 8, H, W) of recordings that are evenly spread over the training side, and of frames over each."""
-    train = frames.on(TRAIN)
-    numbers = np.unique(frames.recording[train])
-    rows = (train[frames.recording[train] == number] for number in numbers[spread_frames(len(numbers), EXAMPLES)])
-    return np.stack([frames.counts[index[spread_frames(len(index), EXAMPLE_FRAMES)]] for index in rows])
+    recordings = _by_recording(frames, frames.on(TRAIN))
+    chosen = [recordings[number] for number in spread_frames(len(recordings), EXAMPLES)]
+    return np.stack([frames.counts[index[spread_frames(len(index), EXAMPLE_FRAMES)]] for index in chosen])
+
+
+def _by_recording(frames: Frames, index: np.ndarray) -> list[np.ndarray]:
+    """The frames of each recording among rising indices (n,), one array of rising indices for each."""
+    order = index[np.argsort(frames.recording[index], kind="stable")]
+    parts = np.split(order, 1 + np.flatnonzero(np.diff(frames.recording[order])))
+    return [part for part in parts if len(part)]
 
 
 def strong_readings(frames: Frames) -> list[list[float]]:
-    """The strong readings of the weakest and of the strongest training recording of an object, above baseline and raw.
+    """The strong readings of the weakest recording of an object and of the strongest recording, above baseline and raw.
 
-    Up to 2,000 training anchors are used.
+    The empty hand counts for the strongest, since a new recording may be of it; it is no object.
+    Up to 2,000 anchors of the training side are used.
     """
     empty = frames.classes.index(EMPTY_HAND) if EMPTY_HAND in frames.classes else -1
-    anchors = np.flatnonzero(frames.anchor & (frames.side == TRAIN) & (frames.label != empty))
-    used = evenly(anchors, STRONG_FRAMES)
-    both, recording = (frames.inputs(used, "counts"), frames.counts[used]), frames.recording[used]
-    parts = [np.flatnonzero(recording == number) for number in np.unique(recording)]
-    strong = [[strong_reading(readings[part][:, frames.live]) for part in parts] for readings in both]
-    return [[min(each), max(each)] for each in strong]
+    anchors = np.flatnonzero(frames.anchor & (frames.side == TRAIN))
+    is_empty = frames.label[anchors] == empty
+    of_objects = _strong_by_recording(frames, evenly(anchors[~is_empty], STRONG_FRAMES))
+    of_empty_hand = _strong_by_recording(frames, evenly(anchors[is_empty], STRONG_FRAMES))
+    of_all = np.concatenate([of_objects, of_empty_hand])
+    return np.stack([of_objects.min(axis=0), of_all.max(axis=0)], axis=1).tolist()
+
+
+def _strong_by_recording(frames: Frames, index: np.ndarray) -> np.ndarray:
+    """The strong readings (R, 2), above baseline and raw, of each recording among rising frames (n,)."""
+    strong = [
+        (
+            strong_reading(frames.inputs(of_recording, "counts")[:, frames.live]),
+            strong_reading(frames.counts[of_recording][:, frames.live]),
+        )
+        for of_recording in _by_recording(frames, index)
+    ]
+    return np.reshape(strong, (-1, 2))
 
 
 def strong_reading(readings: np.ndarray) -> float:
     """The strong reading of a recording: what one in a hundred absolute readings (n, S) of its live sensors exceeds."""
     return float(np.quantile(np.abs(readings), 1 - STRONG_SHARE))
+
+
+def change_between_frames(counts: np.ndarray, live: np.ndarray) -> float:
+    """How much frames (T, H, W) of a recording differ: the median sensor's standard deviation over a few of them.
+
+    It is 0 for a single frame, and where most sensors stand still.
+    """
+    few = counts[spread_frames(len(counts), EXAMPLE_FRAMES)]
+    return float(np.median(few[:, live].std(axis=0, dtype=np.float64)))
 
 
 def load_classifier(path: str | Path) -> tuple[Classifier, Content]:

@@ -10,11 +10,12 @@ from tactile_viewgcn.frames.filter import flagged, pressed_frames
 from tactile_viewgcn.frames.open_hand import hand_states
 from tactile_viewgcn.messages import Note, UserError, listed, several
 from tactile_viewgcn.readers.source import Recording
-from tactile_viewgcn.recognition.model_file import FittedPreprocessing, strong_reading
+from tactile_viewgcn.recognition.model_file import FittedPreprocessing, change_between_frames, strong_reading
 from tactile_viewgcn.tables.frames import frame_rates
-from tactile_viewgcn.tables.recordings import Recordings
+from tactile_viewgcn.tables.recordings import NO_SESSION, Recordings
 
 MOST_TIMES = 4.0  # factor by which readings may be weaker or stronger than all recordings of the training
+STILL_TIMES = MOST_TIMES**2  # factor by which the frames of an untouched hand may differ less than the training's
 RATE_TIMES = 1.1  # factor by which frame rates may be lower or higher
 Layout = tuple[tuple[int, ...], list[str]]  # (H, W) of a frame, and names of the sensors, row after row, or none
 ALL_KEPT = 0.99  # share of the training's frames that the filter kept, from which recordings count as all contact
@@ -65,6 +66,42 @@ def fault_of(fitted: FittedPreprocessing, counts: np.ndarray, contact: np.ndarra
     return ""
 
 
+def is_untouched(fitted: FittedPreprocessing, counts: np.ndarray, contact: np.ndarray, excess: np.ndarray) -> bool:
+    """Whether a recording reads as little as a hand that touches nothing: too weak for every object of the training.
+
+    A few of its frames may pass for contact by their noise, or all of them where the training took every frame.
+
+    A glove in a smaller unit reads less, too. Then its baseline and its noise are smaller as well. So a recording is
+    not taken for untouched if it reads less than a quarter of the smallest baseline of the training, or if its frames
+    differ by less than a sixteenth of what those of every training recording do. `fault_of` then says what is wrong.
+
+    Args:
+        counts: (n, H, W) of all its frames.
+        contact: bool (n,) frames that pass for contact, at least one.
+        excess: (k, H, W) their counts above baseline.
+    """
+    live = fitted.live
+    (weakest, _), (_, strongest_raw) = fitted.strong_readings
+    raw = strong_reading(counts[contact][:, live])
+    is_weak = strong_reading(excess[:, live]) < weakest / MOST_TIMES
+    baseline = min(strong_reading(mean[live]) for mean in fitted.baselines.values())
+    is_in_range = baseline / MOST_TIMES <= raw <= strongest_raw * MOST_TIMES
+    if not (is_weak and is_in_range):
+        return False
+    change = change_between_frames(counts, live)
+    return change == 0 or change >= fitted.least_change / STILL_TIMES
+
+
+def untouched_note(fitted: FittedPreprocessing, names: list[str], total: int, *, is_class: bool) -> Note:
+    """A note on the recordings that `is_untouched` found among `total`; a warning unless the empty hand is a class."""
+    text = (
+        f"{len(names)} of {several(total, 'recording')} read less than a quarter of the training's weakest "
+        f"({fitted.strong_readings[0][0]:.3g} off the baseline), as a hand that touches nothing: {listed(names)}. "
+        "If the hand holds something, the glove or the unit is a different one."
+    )
+    return Note(text, "info" if is_class else "warning", "contact")
+
+
 def rate_notes(fitted: FittedPreprocessing, recordings: Recordings) -> list[Note]:
     """A warning of recordings that are slower or faster than the training's by more than a tenth."""
     rates, (lowest, highest) = frame_rates(recordings.columns["time"], recordings.columns["recording"]), fitted.rates
@@ -80,7 +117,10 @@ def find_contact(fitted: FittedPreprocessing, recordings: Recordings) -> tuple[B
     """The baseline of new recordings, and whether each frame is in contact, bool (T,).
 
     A recording's baseline is its session's empty hand if that is among the recordings; else it depends on the recording
-    alone, whatever others are asked beside it. Every frame is in contact where the training could not find contact.
+    alone, whatever others are asked beside it. Without an open hand it has its session's baseline of the training, or
+    the mean of all sessions if its own has no name, or one that the training does not know. Every frame is in contact
+    where the training could not find contact.
+
     Names of objects are not used, but for the empty hand's.
     """
     params, recordings = fitted.params, _apart(recordings)
@@ -88,7 +128,8 @@ def find_contact(fitted: FittedPreprocessing, recordings: Recordings) -> tuple[B
     trained, states = None, None
     if params.baseline != "none":
         average = fitted.mean_baseline()
-        trained = [(fitted.baselines.get(name, average), fitted.noise) for name in recordings.sessions]
+        known = {name: mean for name, mean in fitted.baselines.items() if name != NO_SESSION}
+        trained = [(known.get(name, average), fitted.noise) for name in recordings.sessions]
     moments = session_moments(recordings, trained)
     if params.baseline != "none":
         states = hand_states(recordings, sensors, moments)

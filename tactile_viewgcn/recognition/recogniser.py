@@ -14,7 +14,15 @@ from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.readers.source import MAX_PRESSURE, UNLABELLED, Form, Recording, check_shape, storage_type
 from tactile_viewgcn.readers.text import table_of
 from tactile_viewgcn.recognition.model_file import UNFIT, load_classifier
-from tactile_viewgcn.recognition.raw_counts import check_layout, check_layouts, fault_of, find_contact, rate_notes
+from tactile_viewgcn.recognition.raw_counts import (
+    check_layout,
+    check_layouts,
+    fault_of,
+    find_contact,
+    is_untouched,
+    rate_notes,
+    untouched_note,
+)
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, in_memory
 
 
@@ -64,13 +72,14 @@ class Recogniser:
         """The answers to recordings of `recording_of`, each from its frames alone; see `answer_table`."""
         if not recordings:
             return [], []
-        numbers = np.arange(len(recordings))
         check_layouts(recordings, self._layout)
-        table = in_memory(recordings, [UNLABELLED], 0 * numbers, numbers)
+        table = in_memory(recordings, [UNLABELLED], np.zeros(len(recordings), dtype=np.int64))
         return self.answer_table(replace(table, path=Path()))
 
     def answer_table(self, recordings: Recordings) -> tuple[list[Answer], list[Note]]:
-        """The answers to the recordings of a table; and notes: on baselines that could not be measured, and on rates.
+        """The answers to the recordings of a table; and notes.
+
+        They are on baselines that could not be measured, on rates, and on recordings that read as untouched.
 
         Raises:
             UserError: recordings unlike the training's in layout, sensors or scale; it names the first.
@@ -82,10 +91,15 @@ class Recogniser:
         baseline, contact = find_contact(fitted, recordings)
         empty = np.array([name == EMPTY_HAND for name in self.classes], dtype=np.float32)
         answers, faults, index_of = list[Answer](), dict[str, str](), frames_by_recording(recordings)
+        untouched = list[str]()
         for index in index_of:
             name = recordings.recordings[columns["recording"][index[0]]]
             pressed = index[contact[index]]
             excess = recordings.counts[pressed] - baseline.mean[baseline.of_frame[pressed]]
+            if len(pressed) and is_untouched(fitted, recordings.counts[index], contact[index], excess):
+                untouched.append(name)
+                contact[index] = False
+                excess = excess[:0]
             names = {recordings.objects[number] for number in columns["object"][index]}
             label = names.pop() if len(names) == 1 else UNLABELLED
             in_contact = contact[index] & (label != EMPTY_HAND)
@@ -102,6 +116,8 @@ class Recogniser:
             place, fault = next(iter(faults.items()))
             more = f" and {len(faults) - 1} more of {several(len(index_of), 'recording')}" if len(faults) > 1 else ""
             raise UserError(f"{place}{more}: {fault}")
+        if untouched:
+            notes.append(untouched_note(fitted, untouched, len(index_of), is_class=bool(empty.any())))
         return answers, baseline.notes + notes
 
 

@@ -22,6 +22,7 @@ from tactile_viewgcn.readers.source import AUTO, BLOCK_FRAMES, COLUMNS, Form, Re
 from tactile_viewgcn.tables.counts import Counts, Gathered, read_columns, read_counts, write_columns, write_counts
 
 ALWAYS = tuple(COLUMNS)[:5]  # the columns that every table has
+NO_SESSION = ""  # name of the session of a recording that names none
 MIN_SPREAD = 1e-30  # of the readings of the sensor that varies most; see MAX_PRESSURE in readers/source.py
 
 
@@ -172,21 +173,25 @@ class Recordings:
 
 
 def in_memory(
-    recordings: Sequence[Recording], objects: list[str], labels: np.ndarray, sessions: np.ndarray
+    recordings: Sequence[Recording], objects: list[str], labels: np.ndarray, sessions: np.ndarray | None = None
 ) -> Recordings:
     """The table of n recordings of one layout, with times where all have them.
 
     Args:
         objects: names; labels: (n,) index of each recording's object.
-        sessions: (n,) number of each recording's session, from 0.
+        sessions: (n,) number of each recording's session, from 0. None: each has its own, which has no name.
     """
     arrays, names = [each.values["pressure"] for each in recordings], [each.names["recording"] for each in recordings]
+    if sessions is None:
+        sessions = np.arange(len(recordings))
+        of_sessions = [NO_SESSION] * len(recordings)
+    else:
+        of_sessions = [f"session {number}" for number in range(int(sessions.max()) + 1)]
     counts, row = np.concatenate(arrays), np.repeat(np.arange(len(arrays)), [len(array) for array in arrays])
     columns = {"object": labels[row], "recording": row, "session": sessions[row], "time": np.full(len(row), np.nan)}
     columns["frame"] = np.concatenate([np.arange(len(array)) for array in arrays])
     if all("time" in each.values for each in recordings):
         columns["time"] = np.concatenate([each.values["time"] - each.values["time"][:1] for each in recordings])
-    of_sessions = [f"session {number}" for number in range(int(sessions.max()) + 1)]
     live, first = (counts != counts[0]).any(axis=0), recordings[0]
     return Recordings(Path("X"), objects, names, of_sessions, counts, columns, live, first.channel_names, first.notes)
 

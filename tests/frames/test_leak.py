@@ -83,3 +83,50 @@ def test_objects_are_recognised_in_groups_that_are_held_out_and_labels_at_random
     assert quick_error((trend + 20 * label[:, None]).__getitem__, np.ones(768, dtype=bool), label, group).error == 0
     mostly = np.where(np.arange(768) % 8 < 6, 1.0, -1.0) * (2 * label - 1)  # the eighth frames are in one mean each
     assert quick_error(mostly[:, None].__getitem__, np.ones(768, dtype=bool), label, group).error == 0.25
+
+
+def designs():
+    """Random designs: the objects and the groups of frames, where groups span objects as sessions do."""
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        objects, sessions = rng.integers(3, 12), rng.integers(6, 15)
+        held_in = [rng.permutation(sessions)[: rng.integers(1, 5)] for _ in range(objects)]
+        label = np.repeat(np.arange(objects), [8 * len(each) for each in held_in])
+        yield label, np.repeat(np.concatenate(held_in), 8), rng
+    paired = np.repeat([0, 3, 0, 3, 1, 4, 1, 4, 2, 5, 2, 5], 8)
+    yield np.repeat(np.arange(6), 16), paired, np.random.default_rng(0)
+
+
+def test_readings_that_are_the_object_are_recognised_whatever_sessions_it_was_held_in():
+    """Every object of two sessions or more is answered; the others are counted."""
+    for label, group, rng in designs():
+        sessions = np.array([len(np.unique(group[label == one])) for one in range(label.max() + 1)])
+        everything = np.ones(len(label), dtype=bool)
+        offset = label[:, None] + rng.normal(0, 0.05, (len(label), 5))  # all sensors share it
+        pattern = rng.normal(0, 1, (len(sessions), 30))[label] + rng.normal(0, 0.05, (len(label), 30))
+        for readings in (label[:, None].astype(np.float64), offset, pattern):
+            leak = quick_error(readings.__getitem__, everything, label, group)
+            if np.count_nonzero(sessions > 1) < 2:
+                assert leak is None
+                continue
+            assert leak.error == 0
+            assert leak.objects_left_out == np.count_nonzero(sessions == 1)
+            assert leak.frames == 8 * sessions[sessions > 1].sum()
+            assert leak.beats_chance == (leak.high < leak.chance)
+
+
+def test_readings_at_random_are_no_leak_whatever_sessions_the_objects_were_held_in():
+    """About one in forty such intervals lies below chance by chance."""
+    leaks = [
+        quick_error(rng.normal(0, 1, (len(label), 30)).__getitem__, np.ones(len(label), dtype=bool), label, group)
+        for label, group, rng in designs()
+    ]
+    assert np.mean([leak.beats_chance for leak in leaks if leak]) < 0.1
+    assert np.mean([leak.error - leak.chance for leak in leaks if leak]) == pytest.approx(0.03, abs=0.06)
+
+
+def test_a_leak_note_counts_the_objects_that_were_left_out():
+    leak = QuickError(0.05, 0.02, 0.08, 0.96, 6, 2000)
+    alone = QuickError(0.05, 0.02, 0.08, 0.96, 6, 2000, 3)
+    assert "3 objects" in leak_note(alone, advised=False).text
+    assert "object" not in leak_note(leak, advised=False).text.replace("predict the object", "")

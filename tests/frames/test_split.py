@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.frames import split as module
-from tactile_viewgcn.frames.folds import in_fold, left_out
+from tactile_viewgcn.frames.folds import complete_folds, in_fold, left_out
 from tactile_viewgcn.frames.split import draw_anchors, published_test, split_groups, surplus_groups, validation_sides
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 
@@ -150,3 +150,24 @@ def test_what_a_fit_answers_is_left_out_of_it_and_every_class_stays_in():
     groups, labels = np.array([0, 1, 2, 0, 1, 2, 0, 3, 3]), np.repeat([0, 1, 2], 3)
     masks = left_out(groups, labels, 3)
     assert [np.flatnonzero(left).tolist() for left in masks] == [[0, 3], [1, 4], [2, 5]]
+
+
+def test_complete_folds_hold_out_every_class_of_two_groups_and_are_those_of_left_out_where_these_do():
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        classes, spanning, folds = rng.integers(1, 9), rng.integers(2, 10), int(rng.integers(2, 5))
+        counts = rng.integers(1, 6, classes)
+        labels = np.repeat(np.arange(classes), counts)
+        groups = np.concatenate([rng.permutation(spanning + 4)[:count] for count in counts])
+        masks = complete_folds(groups, labels, folds)
+        repeated = counts[labels] > 1
+        assert (np.sum([repeated & False, *masks], axis=0) == repeated).all()  # each once
+        for held_out in masks:
+            assert set(labels[held_out]) <= set(labels[~held_out])
+            assert not set(groups[held_out]) & set(groups[~held_out & repeated])
+        apart = rng.permutation(len(labels)) + 10 * seed  # a group of each row
+        session = np.tile(np.arange(spanning), classes)  # every class is in every session
+        in_session = np.repeat(np.arange(classes), spanning)
+        for group, label in ((apart, labels), (session, in_session)):
+            expected = left_out(group, label, folds)
+            assert np.array_equal(complete_folds(group, label, folds), expected) or not expected

@@ -164,3 +164,24 @@ def test_columns_called_time_index_or_label_or_left_out_by_name_are_not_read_and
         model.predict(alike)
     with pytest.raises(UserError, match=r"X\[1\]: sensor 1 is f2; expected f1 of f1, f2"):
         model.fit([X[0], alike[0]], ["a", "b"])
+
+
+@pytest.mark.parametrize(
+    ("shape", "params"),
+    [
+        ((24, 1, 6), {}),
+        ((24, 1, 1), {}),
+        ((24, 9, 6), {}),
+        ((24, 6, 1), {"data.shape": "frames_last"}),
+        ((24, 1, 6), {"data.shape": "frames_last"}),
+        ((24, 1, 4, 6), {}),
+        ((24, 5, 4, 6), {}),
+    ],
+)
+def test_what_fit_takes_predict_takes_and_answers_a_row_each(shape, params):
+    """One array of recordings, also of a single frame each."""
+    label = np.tile(["a", "b"], 12)
+    X = np.random.default_rng(0).normal(0, 1, shape) + np.reshape(8.0 * (label == "b"), (24, *[1] * (len(shape) - 1)))
+    classifier = TactileClassifier(system="svm", params=params).fit(X, label)
+    assert (classifier.predict(X) == label).all()
+    np.testing.assert_array_equal(classifier.predict_proba(X[:1]), classifier.predict_proba([X[0]]))

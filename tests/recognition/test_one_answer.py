@@ -10,9 +10,12 @@ from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.cli import cli
 from tactile_viewgcn.evaluation.trials import recording_answers
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.params import default_params, preset_changes
+from tactile_viewgcn.recognition.estimator import train
 from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tests.glove_data import CPU, OBJECTS, of_arrays, recording, write
+from tactile_viewgcn.tables.recordings import recordings_of
+from tests.glove_data import CPU, OBJECTS, SHAPE, empty_hand, of_arrays, recording, write
 
 ALL_CONTACT = {"preprocess.baseline": "none", "preprocess.zero": 500, "preprocess.filter": "none"}
 NETWORK = {
@@ -102,3 +105,33 @@ def test_one_recording_has_one_probability_by_all_interfaces(tmp_path, preset, s
         trained, content.temperature, values, inputs[:, frames.live], frames.recording[index] - len(X)
     )
     np.testing.assert_allclose(np.exp(answers), by_class, atol=1e-6)
+
+
+def test_recordings_in_memory_have_one_answer_wherever_they_stand_whatever_the_training_s_sessions_are_called(tmp_path):
+    """A glove whose baseline differs between sessions, and recordings without an open hand."""
+    rng, source = np.random.default_rng(0), tmp_path / "source"
+    offsets = {"session 0": 0.0, "session 1": 25.0, "session": -25.0, "": 15.0, "X[0]": -15.0}
+    for number, (session, offset) in enumerate(offsets.items()):
+        shift = np.rint(offset * rng.normal(0, 1, SHAPE)).astype(np.int16)
+        write(source / f"{number}.h5", empty_hand(number) + shift, object="empty_hand", session=session)
+        for place, name in enumerate(OBJECTS):
+            for repeat in range(2):
+                counts = recording(name, 10 * number + 5 * repeat + place) + shift
+                write(source / f"{number}{name}{repeat}.h5", counts, object=name, session=session)
+    with recordings_of(source) as table:
+        changes = "preprocess.baseline=empty_hand", "preprocess.filter=contact", "preprocess.contact_sensors=6"
+        params = default_params((*preset_changes("kernels"), *changes))
+        train(table, params, table.columns["recording"], tmp_path / "classifier.pt")
+    held = [recording(name, 90, before=0, after=0) for name in OBJECTS]
+    classifier = TactileClassifier.load(tmp_path / "classifier.pt")
+    served = RecogniserModel(Recogniser(tmp_path / "classifier.pt"))
+    for counts in held:
+        alone = classifier.predict_proba([counts])[0]
+        others = [each for each in held if each is not counts]
+        for X in ([counts] * 6, [*others, counts, *others, counts]):
+            rows = classifier.predict_proba(X)
+            from_server = served.predict({"recordings": [each.tolist() for each in X]}).to_numpy()
+            for place, each in enumerate(X):
+                if each is counts:
+                    np.testing.assert_array_equal(rows[place], alone)
+                    np.testing.assert_allclose(from_server[place], alone, atol=1e-6)
