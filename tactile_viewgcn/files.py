@@ -28,6 +28,14 @@ def root() -> Path:
     return Path(os.environ.get("DVC_ROOT") or Path.cwd()).resolve()
 
 
+def home_path(path: str | Path) -> str:
+    """A path whose ~ is written out as the home folder; as it is where there is no such folder."""
+    try:
+        return str(Path(path).expanduser())
+    except RuntimeError:  # ~ of nobody
+        return str(path)
+
+
 def write_file(path: str | Path, content: str | bytes, is_own: Callable[[str], bool] | None = None) -> None:
     """Write a file, a text as UTF-8, whole or not at all; errors as in `new_files`.
 
@@ -185,7 +193,9 @@ def readable(
     fault: str = "damaged, or not written by this version",
     remedy: str = "delete it and repeat the command",
 ) -> Iterator[None]:
-    """Context for reading a file, by default of an earlier stage.
+    """Context of a library's call that reads a file, by default of an earlier stage.
+
+    Code of ours belongs outside: its faults would be blamed on the file.
 
     Raises:
         UserError: one line with `fault` and `remedy`, for any exception of a library that reads it.
@@ -194,7 +204,7 @@ def readable(
     """
     try:
         yield
-    except (UserError, ImportError):
+    except (UserError, ImportError, NameError):  # no content of a file lacks a name of our code
         raise
     except BlockingIOError as error:  # HDF5 locks a file in which it writes
         raise OSError(f"{path}: a different program has it open; close it there and try again") from error

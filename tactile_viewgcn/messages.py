@@ -4,6 +4,7 @@ Names of objects, recordings, sessions and paths may come from anybody. Tables a
 """
 
 import csv
+import re
 import signal
 import sys
 import unicodedata
@@ -127,15 +128,22 @@ def several(count: int, thing: str, things: str = "") -> str:
 
 
 def once_each(texts: Iterable[tuple[Path, str]]) -> list[str]:
-    """The texts that come with files; equal ones but for the file's path stand once, with the other files' names."""
+    """The texts that come with files; those that are equal but for the file's path and for numbers stand once.
+
+    The first text is the example, and the names of the other files follow it.
+    """
     alike = dict[str, list[tuple[Path, str]]]()
     for file, text in texts:
-        alike.setdefault(text.replace(shown(file), ""), []).append((file, text))
-    others = [[file.name for file, _ in same[1:]] for same in alike.values()]
-    return [
-        same[0][1] + (f" (the same in {several(len(names), 'more file')}: {listed(names)})" if names else "")
-        for same, names in zip(alike.values(), others, strict=True)
-    ]
+        key = re.sub(r"\d+", "0", text.replace(shown(file), ""))
+        alike.setdefault(key, []).append((file, text))
+    sentences = list[str]()
+    for (_, example), *others in alike.values():
+        more = ""
+        if others:
+            names = [file.name for file, _ in others]
+            more = f" (the same in {several(len(names), 'more file')}: {listed(names)})"
+        sentences.append(f"{example}{more}")
+    return sentences
 
 
 def listed(texts: list[str], mark: str = ", ") -> str:

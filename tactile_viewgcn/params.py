@@ -14,6 +14,7 @@ from pydantic import Strict, StrictBool, StrictFloat, StrictInt, StrictStr, Stri
 from pydantic.dataclasses import dataclass
 from pydantic.functional_validators import AfterValidator, model_validator
 
+from tactile_viewgcn.files import home_path
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.schema import SECTION, Unique, as_change, build, flatten, nearest, read_yaml
 
@@ -77,6 +78,13 @@ def _each_once(layout: str) -> str:
     return layout
 
 
+def _written_out(path: str) -> str:
+    """The path of the source; a ValueError for a home folder as ~, which only a shell expands, and not after `=`."""
+    if path.startswith("~"):
+        raise ValueError(f"~ is not expanded here; write data.source={home_path(path)}")
+    return path
+
+
 def on_sensors(name: str) -> bool:
     """Whether the system reads the sensors, so that no backbone is pretrained for it."""
     return name == "sensors"
@@ -84,7 +92,7 @@ def on_sensors(name: str) -> bool:
 
 @dataclass(frozen=True, config=SECTION)
 class Data:
-    source: Annotated[StrictStr, MinLen(1)] = VIRTUAL
+    source: Annotated[StrictStr, MinLen(1), AfterValidator(_written_out)] = VIRTUAL
     shape: Literal["auto", "frames_last"] | Annotated[list[Side], Strict(), MinLen(2), MaxLen(2)] = "auto"
     layout: Annotated[StrictStr, StringConstraints(pattern=LAYOUT), AfterValidator(_each_once)] = "auto"
     columns: Columns = field(default_factory=list)

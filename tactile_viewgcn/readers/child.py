@@ -13,7 +13,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -23,6 +23,8 @@ from tactile_viewgcn.messages import UserError
 MEMORY, MEMORY_TIMES = 2**30, 20  # bytes on top of the program's own; and on top of these, times the source's size
 SECONDS, SECONDS_PER_MB = 10, 2  # of processor time; for each MB of the source, on top
 TABLE, TABLE_TIMES = 2**30, 200  # bytes of the table, and on top times the source's size
+UNPACKED, UNPACKED_TIMES = 2**27, 50  # bytes that a file may unpack to, and on top times its size
+LFS = b"version https://git-lfs.github.com/spec/"  # beginning of a placeholder
 RAISED = {"UserError": UserError, "OSError": OSError, "fault": RuntimeError}  # in the parent, by kind
 PACKAGES = Path(__file__).parents[2]  # where the child finds this package
 _parents: list[TextIO] = []  # in the child: the stream to its parent
@@ -98,9 +100,47 @@ def limit(request: dict[str, Any], stored: int) -> None:
 
 @contextmanager
 def reading(file: Path) -> Iterator[None]:
-    """Context for reading a file of recordings: errors of libraries, and a crash of the child, name the file."""
+    """Context of all that is done with a file of recordings: a crash of the child names it; refuses what is no file."""
     for parent in _parents:
         print(json.dumps({"file": str(file)}), file=parent, flush=True)
     check_is_file(file)
-    with readable(file, "damaged, cut short or of another form", "record, save or download it again"):
-        yield
+    check_is_there(file)
+    yield
+
+
+def check_is_there(file: Path) -> None:
+    """Raise a UserError for what stands in place of a file that is kept elsewhere: a dead link, a text of Git LFS."""
+    if file.is_symlink() and not file.exists():
+        what = f"a link to {file.readlink()}, which is not there"
+        raise UserError(f"{file}: {what}; if Git annex keeps it: git annex get .")
+    with file.open("rb") as stream:
+        if stream.read(len(LFS)) == LFS:
+            raise UserError(f"{file}: a placeholder of Git LFS, not the recording; bring it: git lfs pull")
+
+
+def library(file: Path) -> AbstractContextManager[None]:
+    """Context of a library's call that reads a file of recordings: its errors name the file.
+
+    Only the call stands inside. An error of our own code is a fault of the program and keeps its traceback.
+    """
+    return readable(file, "damaged, cut short or of another form", "record, save or download it again")
+
+
+def check_unpacked(file: Path, unpacked: int, stored: int | None = None) -> None:
+    """Refuse a file that declares far more bytes than it stores, before they are read.
+
+    Args:
+        unpacked: bytes of its arrays or of its text in memory.
+        stored: bytes on the disk; those of the file where they are not given.
+
+    Raises:
+        UserError: it unpacks to more than `UNPACKED` and `UNPACKED_TIMES` its size.
+    """
+    if stored is None:
+        stored = file.stat().st_size
+    most = UNPACKED + UNPACKED_TIMES * stored
+    if unpacked > most:
+        raise UserError(
+            f"{file}: {stored:,} bytes unpack to {unpacked:,} bytes; expected at most {most:,}, since more may fill "
+            "the memory; save it uncompressed"
+        )

@@ -2,10 +2,11 @@
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from shlex import quote
 
-from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, several
 from tactile_viewgcn.readers.source import Form, setting, side_of
 
 PLACES = "OBJECT/FILE or SESSION/OBJECT/FILE"
@@ -14,6 +15,11 @@ ROLE = re.compile("SESSION|SPLIT|OBJECT|FILE|PART")  # of a text in a layout
 WORD = r"((?<![a-zA-Z])|(?<=[a-z])(?=[A-Z]))(?i:%s)(?![a-z])"
 PART = WORD % r"left|right|lh|rh|[lrxyz]|(device|dev|sensor|glove|imu|emg|accel|acc|gyro|mag|board)\d*"
 PIECE = WORD % r"(part|window|win|segment|seg|chunk)[ _-]?\d+"
+
+#: Names of folders with one stage of processing of the same recordings.
+STAGES = (
+    "(un|pre)?(raw|original|filtered|processed|cleaned?|calibrated|smoothed|normali[sz]ed|resampled|scaled)([_ -].*)?"
+)
 
 
 def place_of(file: Path, path: Path) -> str:
@@ -39,20 +45,34 @@ def names_in(place: str, layout: str) -> dict[str, str]:
     return names
 
 
-def names_of(file: Path, root: Path, layout: str, form: Form) -> dict[str, str]:
-    """See `names_in`; a UserError if a path is not of that layout, or names no object where files are labelled."""
-    names = names_in(place_of(file, root), layout)
+def names_of(file: Path, root: Path, layout: str, form: Form, hint: Callable[[], str]) -> dict[str, str]:
+    """See `names_in`.
+
+    Args:
+        hint: gives what the file itself may have in place of an object's name, and what to type then.
+
+    Raises:
+        UserError: a path is not of that layout, or names no object where files are labelled.
+    """
+    place = place_of(file, root)
+    names = names_in(place, layout)
     if names and ("object" in names or not form.labelled):
         return names
-    remedy = f"params.yaml may have it from others: {setting('data.layout=auto')}"
-    expected = f"expected {layout} (data.layout)"
-    if "OBJECT" not in layout:
-        expected = f"names no object; expected {PLACES}, a table with a column `object`"
-    if form.layout == "auto":
-        remedy = (
-            f"{setting('data.layout=OBJECT_FILE')} for names such as mug_1.csv, OBJECT_SESSION_FILE for mug_anna_1.csv"
-        )
-    raise UserError(f"{file}: {expected}, or an attribute `object` in HDF5; {remedy}")
+    if form.layout != "auto":
+        remedy = f"params.yaml may have it from others: {setting('data.layout=auto')}"
+        raise UserError(f"{file}: expected {layout} (data.layout), or an attribute `object` in HDF5; {remedy}")
+    if "OBJECT" in layout:
+        expected = f"expected {layout} (data.layout), as most files have it"
+        raise UserError(f"{file}: {expected}; move the file, or {setting('data.layout=PATTERN')}")
+    expected = f"expected {PLACES}, a table with a column `object`, or an attribute `object` in HDF5"
+    folder = layout.rpartition("FILE")[0]  # such as SPLIT/
+    remedies = [f"{setting(f'data.layout={folder}OBJECT_FILE')} for names such as mug_1.csv"]
+    remedies.append(f"{folder}OBJECT_SESSION_FILE for mug_anna_1.csv")
+    remedies.append(f"{folder}OBJECT for mug.csv")
+    found = hint()
+    if found:
+        raise UserError(f"{file}: names no object; {found}; else {expected}; or {', '.join(remedies)}")
+    raise UserError(f"{file}: names no object; {expected}; {', '.join(remedies)}")
 
 
 def layout_of(places: Sequence[str], form: Form) -> tuple[str, list[Note]]:
@@ -87,6 +107,24 @@ def other_order(layout: str) -> str:
     """The layout with sessions and objects in each other's place."""
     roles = iter(re.findall("SESSION|OBJECT", layout)[::-1])
     return re.sub("SESSION|OBJECT", lambda _: next(roles), layout)
+
+
+def doubles_notes(places: Sequence[str], path: Path) -> list[Note]:
+    """A warning where folders of two stages of processing, as raw and filtered, hold files of the same names."""
+    folders = [place.split("/") for place in places]
+    for level in range(max(map(len, folders)) - 1):
+        below = dict[str, set[str]]()
+        for names in folders:
+            if level < len(names) - 1:
+                below.setdefault(names[level].lower(), set()).add("/".join(names[:level] + names[level + 1 :]))
+        named = [folder for folder in below if re.fullmatch(STAGES, folder)]
+        both = set.intersection(*below.values()) if len(below) > 1 else set()
+        if named and both:
+            text = f"the folders {listed(sorted(below))} hold {several(len(both), 'file')} of the same names, such as "
+            text += f"{min(both)}: are they two forms of the same recordings? Then move the others away, "
+            text += f"and name one: tactile-viewgcn inspect {quote(str(path / named[0] if not level else path))}"
+            return [Note(f"{text}.", "warning", "doubles")]
+    return []
 
 
 def stem_of(place: str) -> str:

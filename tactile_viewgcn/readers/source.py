@@ -24,17 +24,18 @@ NUMBERS = "biuf"  # `kind` of the dtypes of numbers
 #: Type of each column, one value per frame. Every source has the first five.
 COLUMNS = {
     "object": np.int16,  # index into objects
-    "recording": np.int16,  # index into recordings
+    "recording": np.int32,  # index into recordings
     "session": np.int16,  # index into sessions
     "frame": np.int32,  # frame number inside the recording
     "time": np.float64,  # seconds since the recording's first frame
-    "take": np.int16,  # index of the first of the recordings that belong together, as those of two hands do
+    "take": np.int32,  # index of the first of the recordings that belong together, as those of two hands do
     "split": np.int8,  # published side: TRAIN or TEST
     "valid": np.bool_,  # the object is held (STAG: hasValidLabel)
     "balanced": np.bool_,  # STAG's subset of equally many frames a class (isBalanced)
     "grasp": np.int16,  # number of the grasp inside the recording (graspIndex)
     "grasp_valid": np.bool_,  # 4th to 6th second of a grasp (graspValid)
 }
+MODEL_TOPIC = "sensors of the model"  # of notes on columns that a model does without
 FRAMES_LAST, LEAVE_OUT = "frames_last", "leave_out:"
 Block = dict[str, np.ndarray]  # "pressure" (n, H, W) and columns (n,) of consecutive frames
 Values = dict[str, Any]  # "pressure" (T, H, W) and columns (T,): arrays, or datasets that are read when sliced
@@ -49,12 +50,15 @@ class Form:
         layout: pattern of the files' paths, or `auto`, see `layout_of`.
         columns: what columns, arrays or datasets of the files hold, such as `pressure:emg`, `leave_out:note`.
         labelled: False: files may name no object, and arrays may lie in no object's folder; theirs is `UNLABELLED`.
+        sensors: names of those that a model knows, in its order: tables that have all of them are read by these names,
+            and their other columns are left out.
     """
 
     shape: str | Sequence[int] = "auto"
     layout: str = "auto"
     columns: Sequence[str] = ()
     labelled: bool = True
+    sensors: Sequence[str] = ()
 
     @property
     def names(self) -> dict[str, str]:
@@ -120,6 +124,14 @@ def tidy(name: str) -> str:
     return unicodedata.normalize("NFC", name).strip()
 
 
+def label_text(value: Any) -> str:
+    """A label as text; a whole number is written as an integer, since 1 and 1.0 are one label."""
+    if isinstance(value, bytes):
+        value = value.decode("utf-8", "replace")
+    text = tidy(str(value))
+    return text.partition(".")[0] if re.fullmatch(r"[-+]?\d+\.0*", text) else text
+
+
 def side_of(name: str) -> int | None:
     """Code of the published side that a name means, see `SIDE`; capitals do not matter. None: it names none."""
     match = SIDE.fullmatch(name.strip().lower())
@@ -148,22 +160,46 @@ def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
 
 
 def framed(values: Any, form: Form, where: str) -> Any:
-    """An array or a dataset as frames (T, H, W), of which two axes may be one; read only where its axes differ."""
-    if len(values.shape) == 3 and (form.shape == "auto" or list(values.shape[1:]) == list(form.shape)):
+    """An array or a dataset as frames (T, H, W), or with an axis more by the form's shape as recordings (n, T, H, W).
+
+    Two axes may be one. With a shape of [8, 6], arrays (n, T, 48) and (n, T, 8, 6) are n recordings of T frames. A
+    dataset is read only where its axes differ.
+
+    Raises:
+        UserError: begins with `where`; other axes, of which it says what they may be and what to type.
+    """
+    axes = tuple(values.shape)
+    if form.shape == "auto":
+        if len(axes) > 3:
+            raise UserError(f"{where}: an array {axes}; expected (frames, rows, columns); {_as_stack(axes)}")
+        if len(axes) == 3 and max(axes[1:]) > MAX_SIDE:
+            what = f"frames of {axes[1]} x {axes[2]}; expected 1 x 1 to {MAX_SIDE} x {MAX_SIDE}"
+            last = setting(f"data.shape={FRAMES_LAST}")
+            raise UserError(f"{where}: {what}; {_as_stack(axes)}; if the frames are the last axis, {last}")
+        if len(axes) == 3:
+            return values
+    elif not isinstance(form.shape, str) and axes[1:] == tuple(form.shape):
         return values
     array = values[()]
     if form.shape == FRAMES_LAST:
         array = np.moveaxis(array, -1, 0)
     elif not isinstance(form.shape, str):
         rows, columns = form.shape
-        if array.shape in ((len(array), rows * columns), (rows, columns)):
+        if axes == (rows, columns) or axes[1:] == (rows * columns,):
             return array.reshape(-1, rows, columns)
-        expected = f"(frames, {rows}, {columns}) or (frames, {rows * columns})"
-        raise UserError(
-            f"{where}: an array {array.shape}; expected {expected} by data.shape, or by the model: "
-            "report.html has the line with which it reads files like its own"
-        )
+        if (len(axes) == 3 and axes[2] == rows * columns) or (len(axes) == 4 and axes[2:] == (rows, columns)):
+            return array.reshape(*axes[:2], rows, columns)
+        expected = f"(frames, {rows}, {columns}) or (frames, {rows * columns}), by data.shape or as the model's"
+        remedy = f"{setting('data.shape=auto')}, or take recordings of one glove"
+        raise UserError(f"{where}: an array {axes}; expected {expected}; {remedy}")
     return array[:, None] if array.ndim == 2 else array
+
+
+def _as_stack(axes: tuple[int, ...]) -> str:
+    """What an array (n, T, ...) is, if it holds recordings, and what to type then."""
+    sides = (1, *axes[2:])[-2:]
+    what = f"if it holds {axes[0]:,} recordings of {axes[1]:,} frames of {sides[0]} x {sides[1]}"
+    return f"{what}, {setting(f'data.shape=[{sides[0]},{sides[1]}]')}"
 
 
 def setting(change: str) -> str:

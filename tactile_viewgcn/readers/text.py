@@ -13,12 +13,16 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_viewgcn.messages import Note, UserError, listed, several
-from tactile_viewgcn.readers.source import MAX_PRESSURE, NUMBERS, Form, Recording, setting, tidy
+from tactile_viewgcn.readers.child import UNPACKED, UNPACKED_TIMES, check_unpacked, library
+from tactile_viewgcn.readers.numerals import check_numerals
+from tactile_viewgcn.readers.serial import check_is_table
+from tactile_viewgcn.readers.source import MAX_PRESSURE, MODEL_TOPIC, NUMBERS, Form, Recording, label_text, setting
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
@@ -30,12 +34,15 @@ NOT_NUMBERS = re.compile(r"^[ \t]*[#%].*$|^[ \t,;]+$", re.MULTILINE)  # comments
 #: What columns without readings hold, by their names in small letters.
 CONTENTS = {
     **dict.fromkeys(("time", "timestamp", "t", "ms", "millis", "micros"), "time"),
-    **dict.fromkeys(("sample", "frame", "index"), "line number"),
+    **dict.fromkeys(("sample", "frame", "index", "id", "seq", "counter"), "line number"),  # if they count
     **dict.fromkeys(("object", "label", "class", "gesture", "target"), "object"),
     **dict.fromkeys(("recording", "trial"), "recording"),
     **dict.fromkeys(("session", "subject", "person", "participant"), "session"),
 }
 LABELS = ("session", "object", "recording")
+OF_A_NAME = ("id", "name", "no", "nr", "num", "number", "code")  # words of a label's name that say nothing more
+NOT_OF_MODEL = "no sensor of the model"
+MOST_SHOWN = 30  # letters of a cell in a message
 UNIT = re.compile(r" ?[_(\[](s|ms|us|µs|ns)[)\]]?$")  # of a time, at the end of a name such as time_ms or t [s]
 SECONDS = {"ms": 1e-3, "millis": 1e-3, "us": 1e-6, "µs": 1e-6, "micros": 1e-6, "ns": 1e-9}  # of a unit; else 1
 Table = tuple[Recording, dict[str, np.ndarray]]  # of all lines, and the names in them, see `table_of`
@@ -48,16 +55,18 @@ def read_table(file: Path, form: Form) -> Table:
     A line of units below the names is left out, with a note: one with words, or one of ones where no other cell is 1.
 
     Raises:
-        UserError: as `table_of`; there are no numbers, or lines of unlike length.
+        UserError: as `table_of`; there are no numbers, or lines of unlike length, or numbers that have two readings.
     """
     import pandas as pd  # here, since it loads slowly
 
     text = _text(file)
+    check_is_table(file, text)
     separator, above, rows = _top(file, text)
     numbers = NOT_NUMBERS.sub("", text)
+    check_numerals(file, numbers, separator, above)
     places = _places(numbers, above)
     # texts of pandas, since those of Arrow need more memory than the child process may take
-    with warnings.catch_warnings(), pd.option_context("mode.string_storage", "python"):
+    with warnings.catch_warnings(), pd.option_context("mode.string_storage", "python"), library(file):
         warnings.simplefilter("ignore", DeprecationWarning)  # pandas 3.1 rounds as float_precision asks for by itself
         try:
             cells = pd.read_csv(
@@ -80,7 +89,8 @@ def read_table(file: Path, form: Form) -> Table:
     first = _cells(next(islice(io.StringIO(text), above, None)), separator)
     if not full and rows and width < len(rows[-1]) <= cells.shape[1]:  # names of columns that are empty at the end
         full, width = rows[-1:], len(rows[-1])
-    if full and 1 < width == first.count("1") and len(cells) > 2 and (cells.iloc[:, :width] == 1).sum().eq(1).all():
+    is_ones = full and 1 < width == first.count("1") and len(cells) > 2
+    if is_ones and (cells.iloc[:, :width] == 1).sum().eq(1).all():
         full, cells, _ = [*full, first], cells.iloc[1:], next(places)
     notes = [Note(f"the line {listed(row)} below the names is no frame (units)", topic="units") for row in full[1:]]
     table, labels = table_of((full or [[""] * width])[0], cells, form, str(file), places)
@@ -100,44 +110,100 @@ def table_of(names: list[str], cells: "DataFrame", form: Form, file: str, places
     are by `session`, `object` and `recording` the texts (T,) of columns that have names of these.
 
     Args:
-        names: of the columns, "" without one; those of `cells` are numbers from 0.
+        names: of the columns, "" without one, which then goes by its number from 1; `cells` has numbers from 0.
         places: of each row of `cells`, for an error.
 
     Raises:
         UserError: begins with `file`; a cell without a number or a name, or no column of a name that the form gives.
     """
+    keys = [name or str(number) for number, name in enumerate(names, 1)]
     for kind, name in form.names.items():
-        if name not in names and (form.labelled or kind not in LABELS):
-            raise UserError(f"{file}: no column {name!r}; found {listed(names)}")
+        if name not in keys and (form.labelled or kind not in LABELS):
+            raise UserError(f"{file}: no column {name!r}; found {listed(keys)}")
+    of_model = _sensors_of_model(keys, form, file)
     labels, time = dict[str, np.ndarray](), dict[str, np.ndarray]()
     sensors, channels, notes = [], [], list[Note]()
-    for at, name in enumerate(names):
-        values, key = _numbers(cells[at]), name or str(at + 1)
-        content = _content(name, values, form, is_index=at == 0 and not name and any(names))
+    for at, (name, key) in enumerate(zip(names, keys, strict=True)):
+        values = _numbers(cells[at])
+        content = "" if key in of_model else _content(key, values, form, is_index=at == 0 and not name and any(names))
+        if of_model and not content and key not in of_model:
+            content = NOT_OF_MODEL
         if key in form.left_out or (cells[at].isna().all() and len(cells)):
             content = "left out by data.columns" if key in form.left_out else f"empty in all {len(cells)} lines"
         filled = cells[at].notna().to_numpy() if content in LABELS else np.abs(values) <= MAX_PRESSURE
         column = f"column {at + 1}{f' ({name!r})' if name else ''}"
         if content in ("", *LABELS) and not filled.all():
-            row = int(np.argmin(filled))
-            what = "a name" if content else "a number" if np.isnan(values[row]) else f"a number up to {MAX_PRESSURE:g}"
-            remedy = f"correct or delete the line, or {setting(f'data.columns=[leave_out:{key}]')}"
-            raise UserError(f"{file}: {next(islice(places, row, None))}, {column} is not {what}; {remedy}")
+            raise UserError(f"{file}: {_unfit(cells[at], values, filled, content, column, key, places)}")
         if not content:
             sensors.append(values)
             channels.append(name)
             continue
         if content in LABELS:
-            labels.setdefault(content, np.array([tidy(str(cell)) for cell in cells[at]], dtype=object))
+            labels.setdefault(content, np.array([label_text(cell) for cell in cells[at]], dtype=object))
         elif content == "time" and filled.all():
             time.setdefault("time", values * SECONDS.get(_base_and_unit(name)[1], 1.0))
         elif content == "time":
             example = str(cells[at][~filled].iloc[0])
             content = f"time, not used: {np.sum(~filled)} of {len(cells)} cells are no number, such as {example!r}"
-        notes.append(Note(f"{column} is no sensor ({content})", topic="columns"))
+        topic = MODEL_TOPIC if content == NOT_OF_MODEL else "columns"
+        notes.append(Note(f"{column} is no sensor ({content})", topic=topic))
+    if of_model:
+        order = [channels.index(name) for name in of_model]
+        sensors = [sensors[at] for at in order]
+        channels = list(of_model)
     pressure = np.column_stack(sensors) if sensors else np.zeros((len(cells), 0))
-    left_out = [name or str(at) for at, name in enumerate(names, 1) if (name or str(at)) in form.left_out]
+    left_out = [key for key in keys if key in form.left_out]
     return Recording({}, {"pressure": pressure} | time, channels if any(channels) else [], notes, 0, left_out), labels
+
+
+def _sensors_of_model(keys: list[str], form: Form, file: str) -> list[str]:
+    """The sensors of the form among the columns, in the form's order; none where the columns have no names of these.
+
+    Raises:
+        UserError: some of the model's sensors are there and others are not.
+    """
+    wanted = [*form.sensors]
+    if "PART" in form.layout:  # of left_thumb a file of the left hand has thumb
+        parts = [name for name in keys if any(sensor.endswith(f"_{name}") for sensor in wanted)]
+        return [name for name in dict.fromkeys(parts) if keys.count(name) == 1]
+    found = [name for name in wanted if name in keys]
+    if not found or len(set(wanted)) < len(wanted) or any(keys.count(name) > 1 for name in found):
+        return []
+    missing = [name for name in wanted if name not in keys]
+    if missing:
+        what = f"no column {listed(missing)} of the model's sensors"
+        raise UserError(f"{file}: {what}; found {listed(keys)}; rename the columns as in the training")
+    return found
+
+
+def _unfit(
+    cells: "Series",
+    values: np.ndarray,
+    filled: np.ndarray,
+    content: str,
+    column: str,
+    key: str,
+    places: Iterable[str],
+) -> str:
+    """What is wrong with a column that is no sensor and no names throughout, where, and what to type."""
+    row = int(np.argmin(filled))
+    leave_out = setting(f"data.columns=[leave_out:{key}]")
+    if not content and np.isnan(values).all() and cells.nunique() < len(cells) and is_words(cells):
+        example = str(cells.iloc[0])[:MOST_SHOWN]
+        is_label = setting(f"data.columns=[object:{key}]")
+        words = f"{column} holds words, such as {example!r}, and no number"
+        return f"{words}; if it names the objects, {is_label}; else {leave_out}"
+    what = "a number"
+    if content:
+        what = "a name"
+    elif not np.isnan(values[row]):
+        what = f"a number up to {MAX_PRESSURE:g}"
+    return f"{next(islice(places, row, None))}, {column} is not {what}; correct or delete the line, or {leave_out}"
+
+
+def is_words(cells: "Series") -> bool:
+    """Whether all cells are words: letters, perhaps with digits after them."""
+    return all(re.fullmatch(r"[^\W\d_][\w .-]*", str(cell)) for cell in cells.unique())
 
 
 def recordings_in(table: Recording, labels: dict[str, np.ndarray], place: str) -> list[Recording]:
@@ -171,11 +237,22 @@ def recordings_in(table: Recording, labels: dict[str, np.ndarray], place: str) -
     return parts
 
 
+def label_kind(name: str) -> str:
+    """`object`, `recording` or `session`, which a name says: label, Labels, class_label, subject_id; "" of others."""
+    words = [word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name)]
+    words = [re.sub(r"(?<=[^s])s$", "", word) for word in words if word not in OF_A_NAME] or words
+    kinds = {CONTENTS.get(word, "") for word in words}
+    return kinds.pop() if len(kinds) == 1 and kinds <= {*LABELS} else ""
+
+
 def _content(name: str, values: np.ndarray, form: Form, *, is_index: bool) -> str:
     """What a column (T,) holds by its name: a value of `CONTENTS`, why it is left out, or "" for readings."""
     if kinds := [kind for kind, column in form.names.items() if column == name]:
         return kinds[0].replace("pressure", "")
-    content = "line number" if is_index else CONTENTS.get(_base_and_unit(name)[0], "")
+    last = re.split("[./]", name)[-1]  # of a message of ROS, as .header.seq
+    content = "line number" if is_index else CONTENTS.get(_base_and_unit(last)[0], "")
+    if not content and (np.isnan(values).any() or not (values % 1).any()):  # words, or whole numbers
+        content = label_kind(name)
     steps = np.diff(values)
     counts, rises = (np.sum(each) > MOSTLY * len(steps) for each in (steps == 1, steps > 0))
     if (content == "line number" and not counts) or (name.lower() == "t" and not rises):  # a finger, a temperature
@@ -200,11 +277,18 @@ def _numbers(cells: "Series") -> np.ndarray:
 
 def _text(file: Path) -> str:
     """The text of a file, with a newline at the end of each line; a UserError for NUL, as in UTF-16 without a mark."""
-    data = file.read_bytes()
-    if data.startswith(b"\x1f\x8b"):
-        data = gzip.decompress(data)
+    with file.open("rb") as stream:
+        is_packed = stream.read(2) == b"\x1f\x8b"
+    if is_packed:
+        most = UNPACKED + UNPACKED_TIMES * file.stat().st_size
+        with library(file), gzip.open(file) as packed:
+            data = packed.read(most + 1)
+        check_unpacked(file, len(data))
+    else:
+        data = file.read_bytes()
     try:
-        text = data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
+        is_utf16 = data[:2] in (b"\xff\xfe", b"\xfe\xff")
+        text = data.decode("utf-16" if is_utf16 else "utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("latin-1")  # of spreadsheets in western languages; no number is written differently
     if "\0" in text:
@@ -226,10 +310,24 @@ def _top(file: Path, text: str) -> tuple[str | None, int, list[list[str]]]:
         cells = _cells(line.lstrip("".join(COMMENT) + " "), separator)
         pairs = [(NUMBER.fullmatch(cell), NUMBER.fullmatch(other)) for cell, other in zip(cells, example, strict=False)]
         has_words = any(is_number and not cell for cell, is_number in pairs)
-        if not line.lstrip().startswith(COMMENT) and (pairs[0][0] or not has_words):
+        is_comment = line.lstrip().startswith(COMMENT)
+        has_numbers_alone = any(cells) and all(NUMBER.fullmatch(cell) for cell in cells if cell)
+        if not is_comment and has_numbers_alone and not rows and _is_cut(cells, number, top, separator):
+            lines = f"line {number + 1} has {len(cells)} cells, the lines below have {len(example)}"
+            raise UserError(
+                f"{file}: {lines}, as one that is cut; delete it: sed -i.bak {number + 1}d {quote(str(file))}"
+            )
+        if not is_comment and pairs and (pairs[0][0] or not has_words):
             return separator, number, rows
         rows.append(cells)
     raise UserError(f"{file}: no line of numbers; expected a table of numbers")
+
+
+def _is_cut(cells: list[str], number: int, top: list[tuple[int, str]], separator: str | None) -> bool:
+    """Whether a line of numbers has fewer cells than all lines below it, two at least."""
+    below = [line for at, line in top if at > number and not line.lstrip().startswith(COMMENT)]
+    counts = {len(_cells(line.strip(), separator)) for line in below[:-1]}  # the last one may be cut too
+    return len(counts) == 1 and len(cells) < counts.pop()
 
 
 def _separator(line: str) -> str | None:
@@ -240,5 +338,10 @@ def _separator(line: str) -> str | None:
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
-    cells = next(csv.reader([line], delimiter=separator)) if separator else line.split()
+    if not separator:
+        cells = line.split()
+    elif len(line) > csv.field_size_limit():
+        cells = line.split(separator)
+    else:
+        cells = next(csv.reader([line], delimiter=separator), [])
     return [cell.strip().strip('"') for cell in cells]

@@ -11,7 +11,7 @@ import numpy as np
 
 from tactile_viewgcn.files import write_file
 from tactile_viewgcn.messages import EMPTY_HAND, csv_text, several, warnings_of
-from tactile_viewgcn.readers.source import Form
+from tactile_viewgcn.readers.source import MODEL_TOPIC, Form
 from tactile_viewgcn.recognition.recogniser import Answer, Recogniser
 from tactile_viewgcn.tables.recordings import recordings_of
 from tactile_viewgcn.tables.remarks import without_frames
@@ -26,7 +26,8 @@ def predict(model: str, source: str, form: Form, *, csv_path: Path | None, echo:
     """Print the answers as a table, and write them to `csv_path`.
 
     Args:
-        form: as which the source is read; a shape of `auto` is the model's.
+        form: as which the source is read; a shape of `auto` is the model's. Columns are taken by the names of the
+            model's sensors; the others are left out and named.
         echo: prints lines.
 
     Raises:
@@ -36,9 +37,12 @@ def predict(model: str, source: str, form: Form, *, csv_path: Path | None, echo:
     classes, calibrated = recogniser.classes, "calibrated" if recogniser.calibrated else "not calibrated"
     echo(f"model: {recogniser.system}, {several(len(classes), 'class', 'classes')}; probabilities are {calibrated}")
     is_whole = form.shape == "auto" and "PART" not in form.layout  # a file alone has fewer sensors
-    form = replace(form, shape=recogniser.shape if is_whole else form.shape, labelled=False)
+    shape = recogniser.shape if is_whole else form.shape
+    sensors = recogniser.preprocessing.channel_names
+    form = replace(form, shape=shape, sensors=sensors, labelled=False)
     with recordings_of(source, form) as recordings:
-        notes = [*warnings_of(recordings.notes), *without_frames(recordings)]
+        left_out = [note for note in recordings.notes if note.topic == MODEL_TOPIC]
+        notes = [*warnings_of(recordings.notes), *left_out, *without_frames(recordings)]
         answers, more = recogniser.answer_table(recordings)
     records = [_record(answer, classes) for answer in answers]
     echo(*map(str, [*notes, *more]), f"{'recording':<{NAME_WIDTH}} {'contact':>{FRAMES_WIDTH}}  answer")

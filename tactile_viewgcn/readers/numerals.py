@@ -1,0 +1,96 @@
+"""Numbers in texts that have two readings: is 1,012 one thousand and twelve, or little more than one?"""
+
+import json
+import re
+from io import StringIO
+from pathlib import Path
+from shlex import quote
+
+from tactile_viewgcn.messages import UserError
+
+GROUP_MARKS = "\u202f\u00a0\u2009'\u2019"  # between groups of three digits, and nowhere else in a number
+#: A number whose digits after each mark are three; {mark} is put in.
+GROUPED = r"(?<![\w.,:])[-+]?[1-9]\d{{0,2}}(?:[{mark}]\d{{3}})+(?![\w.,:])"
+#: A number with this mark that has no such groups, so that the mark is decimal.
+DECIMAL = r"(?<![\w.,:])[-+]?(?:0\d*[{mark}]\d+|\d{{4,}}[{mark}]\d+|\d+[{mark}](?:\d{{1,2}}|\d{{4,}}))(?![\d.,:])"
+BLANKS = r"\s+"
+WITHOUT_MARKS = "write it without marks between its digits"
+QUOTED = r'"\s*[-+]?\d+(?:,\d+)+(?:\.\d*)?\s*"'
+
+
+def check_numerals(file: Path, text: str, separator: str | None, above: int) -> None:
+    """Raise a UserError at the first number that has two readings; it has the lines to type.
+
+    In a table with commas between its cells it is one with a comma inside quotes. In others it is one with groups of
+    three digits, unless a number with the same mark shows that the mark is decimal. A point is suspicious only
+    where the same column has whole numbers too.
+
+    Args:
+        text: of the file, without its comments.
+        separator: of its cells, None for blanks.
+        above: number of lines above the numbers.
+    """
+    start = 0
+    for _ in range(above):
+        start = text.find("\n", start) + 1
+    found = None
+    if separator == ",":
+        found = re.compile(QUOTED).search(text, start)
+    else:
+        for mark in (",", "."):
+            found = found or _with_groups(text, start, separator, mark)
+    found = found or re.compile(GROUPED.format(mark=GROUP_MARKS)).search(text, start)
+    if found:
+        raise UserError(f"{file}: {_two_readings(file, text, found, separator, above)}")
+
+
+def _with_groups(text: str, start: int, separator: str | None, mark: str) -> re.Match[str] | None:
+    """The first number from `start` that may have groups of three digits; None where the mark is decimal."""
+    if text.find(mark, start) < 0 or re.compile(DECIMAL.format(mark=mark)).search(text, start):
+        return None
+    found = re.compile(GROUPED.format(mark=mark)).search(text, start)
+    if mark == "." and found and not _is_mixed(text[start:], separator):
+        return None
+    return found
+
+
+def _is_mixed(text: str, separator: str | None) -> bool:
+    """Whether a column has whole numbers of three digits beside numbers with a point, as 987 beside 1.012."""
+    with_point, whole = set[int](), set[int]()
+    for line in StringIO(text):
+        for column, cell in enumerate(line.strip().split(separator)):
+            if re.fullmatch(r"[-+]?\d{3}", cell.strip()):
+                whole.add(column)
+            elif "." in cell:
+                with_point.add(column)
+    return bool(with_point & whole)
+
+
+def _two_readings(file: Path, text: str, found: re.Match[str], separator: str | None, above: int) -> str:
+    """The place of a number, what it may be, and the lines to type that say which."""
+    number = found[0].strip('" ')
+    mark = next(letter for letter in number if letter in f",.{GROUP_MARKS}")
+    line = text.count("\n", 0, found.start()) + 1
+    before = text[text.rfind("\n", 0, found.start()) + 1 : found.start()]
+    column = len(re.findall(re.escape(separator) if separator else r"\s+(?=\S)", before)) + 1
+    remedies = list[str]()
+    if re.fullmatch(GROUPED.format(mark=mark), number):
+        remedies.append(f"if it is {number.replace(mark, '')}: {_rewriting(file, separator, above, 'thousands', mark)}")
+    if mark in ",." and number.count(mark) == 1:
+        whole, _, fraction = number.partition(mark)
+        decimal = _rewriting(file, separator, above, "decimal", mark)
+        remedies.append(f"if it is {whole}.{fraction}: {decimal}")
+    return f"line {line}, column {column} is {number!r}, which has two readings; {'; '.join(remedies) or WITHOUT_MARKS}"
+
+
+def _rewriting(file: Path, separator: str | None, above: int, option: str, mark: str) -> str:
+    """The line to type that writes a file anew with the numbers in plain form."""
+    options = {"sep": separator or BLANKS, option: mark}
+    read_as = ", ".join(f"{name}={json.dumps(value)}" for name, value in options.items())
+    write_as = f"sep={json.dumps(separator or ' ')}, index=False"
+    if not above:
+        read_as += ", header=None"
+        write_as += ", header=False"
+    path = json.dumps(str(file))  # quotes that a shell's own quotes may stand around
+    code = f"import pandas; f = {path}; pandas.read_csv(f, {read_as}).to_csv(f, {write_as})"
+    return f"python -c {quote(code)}"
