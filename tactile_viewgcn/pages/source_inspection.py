@@ -24,7 +24,8 @@ from tactile_viewgcn.sensors.representation import Representation, contact_unit
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.recordings import Recordings, recordings_of
-from tactile_viewgcn.tables.remarks import originals, remarks
+from tactile_viewgcn.tables.look import held_together, look_at
+from tactile_viewgcn.tables.remarks import remarks
 
 SAMPLE = 2000  # frames, of all for the variation of a sensor, of an object for its mean
 MOST_FOLDS = 5
@@ -54,9 +55,12 @@ class Overview:
     """
 
     def __init__(self, recordings: Recordings, form: Form = AUTO, asked: PreprocessSection = ASKED):
-        columns, original = recordings.columns, originals(recordings)
-        self.recordings, self.form, self.remarks = recordings, form, remarks(recordings, original)
-        self.groups = _groups(recordings, original)
+        look = look_at(recordings)
+        self.remarks = remarks(recordings, look)
+        recordings = held_together(recordings, look)
+        columns = recordings.columns
+        self.recordings, self.form = recordings, form
+        self.groups = _groups(recordings)
         split, everything = split_settings(self.groups), np.arange(len(recordings))
         self._group = split_groups(columns, str(split[0].value))
         self.asked, self.choice = asked, choose(recordings, everything, asked, self._group)
@@ -165,11 +169,11 @@ def inspect_source(path: str | Path, form: Form = AUTO, asked: PreprocessSection
     return overview
 
 
-def _groups(recordings: Recordings, original: np.ndarray) -> dict[str, np.ndarray]:
+def _groups(recordings: Recordings) -> dict[str, np.ndarray]:
     """See `Overview.groups`; of `source` the groups are its two sides."""
     of_object = ~recordings.empty_hand
     columns = {name: values[of_object] for name, values in recordings.columns.items()}
-    columns["take"], groups = original[columns.get("take", columns["recording"])], {}
+    groups = dict[str, np.ndarray]()
     for by in ("source", "recording", "grasp"):
         with suppress(UserError):  # no such column
             group = split_groups(columns, by)
