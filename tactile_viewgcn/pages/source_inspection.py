@@ -19,7 +19,7 @@ from tactile_viewgcn.params import PreprocessSection
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.layout import other_order
 from tactile_viewgcn.readers.source import AUTO, Form, setting
-from tactile_viewgcn.sensors.features import every_few
+from tactile_viewgcn.sensors.features import every_few, is_array
 from tactile_viewgcn.sensors.representation import Representation, contact_unit
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import frame_rates
@@ -75,6 +75,16 @@ class Overview:
         self.settings = [*settings, best, *split]
         first = np.unique(columns["recording"], return_index=True)[1]
         self.label, self.session = columns["object"][first], columns["session"][first]
+
+    @property
+    def is_array(self) -> bool:
+        """Whether the sensors are an array, else channels that may be of unlike kind."""
+        return is_array(self.recordings.live)
+
+    @property
+    def finds_contact(self) -> bool:
+        """Whether frames of contact were told from those of the open hand."""
+        return self.is_array or not self.states.all_contact
 
     def setting(self, key: str) -> str:
         """The recommended value of a parameter."""

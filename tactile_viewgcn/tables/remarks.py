@@ -14,6 +14,7 @@ from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 CHANCE = 1e-3  # expected number of recordings that would look so by chance
 MOSTLY_MOVES = 0.5  # share of a recording's frames that differ from the one before, where sensors have noise
 FEWEST_EQUAL = 3  # equal frames at the beginning or the end that count
+PADDED = 0.1  # share of a recording's frames, from which on they count
 MOST_REPEATS = 0.05  # share of frames that equal the one before, inside recordings of sensors with noise
 FEWEST_REPEATS = 0.01  # the same, of which chance is computed at least
 MOST_STUCK = 0.1  # share of the sensors: more that stand still in some recordings are untouched, not faulty
@@ -162,7 +163,8 @@ def _equal_ends(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]
         return
     longest = each[["head", "tail"]].max(axis=1)
     by_chance = len(each) * max(repeats, FEWEST_REPEATS) ** (longest - 1)
-    ends = each[(longest >= FEWEST_EQUAL) & (by_chance < CHANCE)]
+    is_padded = (longest >= FEWEST_EQUAL) & (longest >= PADDED * each["frames"]) & (by_chance < CHANCE)
+    ends = each[is_padded]
     if ends.empty:
         return
     places = []
@@ -171,7 +173,7 @@ def _equal_ends(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]
         places.append(f"{recordings.recordings[number]} ({place} {count} of {row['frames']})")
     text = f"Equal frames at an end of {several(len(places), 'recording')}: {listed(places)}. "
     text += "That is padding, or a glove that froze. "
-    if _differ_by_object(padded.to_numpy(), each["object"].to_numpy()):
+    if _differ_by_object(padded.where(is_padded, 0).to_numpy(), each["object"].to_numpy()):
         text += "Their number differs between the objects, and a classifier may learn that. "
     yield "equal ends", f"{text}Cut these frames off before you save: recordings may be of unlike length."
 
