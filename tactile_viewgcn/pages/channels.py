@@ -13,7 +13,7 @@ MOST_OBJECTS = 40  # shown
 MOST_CHANNELS = 32  # shown
 MOST_POINTS = 200  # of a curve
 NAME_LETTERS = 14  # of a channel
-WIDTH_INCHES, ROW_INCHES = 3.4, 0.22
+WIDTH_INCHES, ROW_INCHES = 3.4, 0.3
 
 
 class Curves(NamedTuple):

@@ -165,7 +165,7 @@ def verdict(overview: Overview, warned: list[Note]) -> html.Verdict:
         reason = f"Each object has {fewest} or more."
     if warned:
         return html.Verdict("unsure", f"Usable, with {several(len(warned), 'warning')}.", [reason])
-    return html.Verdict("open", "No check below gave a warning.", [reason, "Not everything can be checked: see there."])
+    return html.Verdict("open", "No check below gave a warning.", [reason, "What the files cannot tell is listed too."])
 
 
 def checks(overview: Overview, warned: list[Note]) -> list[Check]:

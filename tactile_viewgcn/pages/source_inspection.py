@@ -50,7 +50,7 @@ class Overview:
         in_contact: bool (T,), frames of contact with an object.
         rates: see `frame_rates`.
         settings: recommended values with reasons, of level `choice`: what `auto` becomes, but for the scale, which
-            networks alone read; the preset; and the split.
+            networks alone read, and for the sensors of a contact that is not looked for; the preset; and the split.
         label, session: (R,) index of each recording's object and session.
     """
 
@@ -68,7 +68,10 @@ class Overview:
         self.in_contact = self.states.contact & ~recordings.empty_hand
         self.rates = frame_rates(columns["time"], columns["recording"])
         self.remarks += [*grid_notes(recordings.shape, form), *warnings_of(self.choice.notes)]
-        settings = [note for note in self.choice.notes if note.level == "choice" and note.key != "preprocess.scale"]
+        unseen = {"preprocess.scale"}
+        if not self.finds_contact:
+            unseen.add("preprocess.contact_sensors")
+        settings = [note for note in self.choice.notes if note.level == "choice" and note.key not in unseen]
         if len(np.unique(columns["recording"])) == len(recordings):
             settings.append(_choice("views", 1, "every recording is one frame"))
         best = _choice("preset", "best", "it weighs classifiers on your training recordings")

@@ -15,6 +15,8 @@ from tactile_viewgcn.tables.common_frames import common_frames, frame_hashes, se
 from tactile_viewgcn.tables.counts import COLUMNS, evenly, read_columns, write_columns
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
+FEWEST_INSIDE = 5  # frames between equal ends, of which it is known how the readings move
+NEARLY_ALL = 0.9  # of the sensors that vary
 SCALED_SENSORS = 64  # at most, whose strength and steps are kept
 SCALED_FRAMES = 20_000  # at most of a recording, for these
 STRONG_QUANTILE = 0.99  # of a sensor's absolute readings in a recording
@@ -30,7 +32,7 @@ class Look:
     Attributes:
         each: a row for each recording, by its number: `object`; `frames`; `moves`, the number of frames that differ
             from the one before; `head` and `tail`, how many frames at the beginning and at the end are equal, 1 at
-            least, and all where nothing changes; `original`, the number of the first recording of the same counts;
+            least, and all where nothing changes; `end`, what the longer of these ends reads, see `_end`; `original`, the number of the first recording of the same counts;
             `shared`, the number of its frames that earlier recordings have too, and `partner`, the number of one of
             these, else its own; `take`, the number of the first recording with which it is held out together.
         stuck: bool (R, S), sensors that read the same in all frames of the recording.
@@ -52,14 +54,15 @@ def look_at(recordings: Recordings) -> Look:
     index_of = frames_by_recording(recordings)
     kept = evenly(np.arange(live.shape[1]), SCALED_SENSORS)
     weights = sensor_weights(live.shape[1])
-    rows = list[dict[str, int]]()
+    rows = list[dict[str, int | str]]()
     stuck, lively, strength, step = [], [], [], []
     hashes, changed = [], []
     for index in index_of:
         counts = live[index]
         differs = counts[1:] != counts[:-1]
         moved = differs.any(axis=1)
-        rows.append(_row(recordings, index, moved))
+        row = _row(recordings, index, moved)
+        rows.append(row | {"end": _end(counts, row["head"], row["tail"])})
         stuck.append(~differs.any(axis=0))
         lively.append(_lively(differs))
         strength.append(_strong_readings(counts, kept))
@@ -128,6 +131,26 @@ def _row(recordings: Recordings, index: np.ndarray, moved: np.ndarray) -> dict[s
         "head": head,
         "tail": tail,
     }
+
+
+def _end(counts: np.ndarray, head: int, tail: int) -> str:
+    """What the equal frames at the longer end of a recording (n, S) read, beside the frames between the ends.
+
+    `rest`: nearly all sensors read least or most there, as in a hand at rest. `outside`: they are further from all other
+    readings than these are from each other. Else "".
+    """
+    inside = counts[head : len(counts) - tail].astype(np.float64)
+    if len(inside) < FEWEST_INSIDE:
+        return ""
+    end = counts[-1 if tail >= head else 0].astype(np.float64)
+    low, high = inside.min(axis=0), inside.max(axis=0)
+    varies = (low != end) | (high != end)
+    beyond = np.maximum(low - end, end - high)
+    if (beyond > high - low)[varies].mean() >= NEARLY_ALL:
+        return "outside"
+    if (beyond >= 0)[varies].mean() >= NEARLY_ALL:
+        return "rest"
+    return ""
 
 
 def _lively(differs: np.ndarray) -> np.ndarray:

@@ -152,18 +152,21 @@ def _stuck_sensors(recordings: Recordings, look: Look) -> Iterator[tuple[str, st
 
 
 def _equal_ends(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
-    """A warning of recordings that begin or end with equal frames, where no frame is repeated inside."""
+    """A warning of recordings that begin or end with equal frames, where frames are hardly ever repeated inside.
+
+    Sensors without noise read the same while the hand rests: that is none. Readings far from all others are padding.
+    """
     each = look.each[look.each["moves"] > 0]
     if each.empty:
         return
-    padded = each["head"] + each["tail"] - 2
-    steps = float((each["frames"] - 1 - padded).sum())
+    equal = each["head"] + each["tail"] - 2
+    steps = float((each["frames"] - 1 - equal).sum())
     repeats = (steps - float(each["moves"].sum())) / max(steps, 1.0)
-    if repeats > MOST_REPEATS:
-        return
     longest = each[["head", "tail"]].max(axis=1)
+    is_long = (longest >= FEWEST_EQUAL) & (longest >= PADDED * each["frames"])
     by_chance = len(each) * max(repeats, FEWEST_REPEATS) ** (longest - 1)
-    is_padded = (longest >= FEWEST_EQUAL) & (longest >= PADDED * each["frames"]) & (by_chance < CHANCE)
+    stops = (repeats <= MOST_REPEATS) & (by_chance < CHANCE) & (each["end"] != "rest")
+    is_padded = is_long & (stops | (each["end"] == "outside"))
     ends = each[is_padded]
     if ends.empty:
         return
@@ -173,7 +176,7 @@ def _equal_ends(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]
         places.append(f"{recordings.recordings[number]} ({place} {count} of {row['frames']})")
     text = f"Equal frames at an end of {several(len(places), 'recording')}: {listed(places)}. "
     text += "That is padding, or a glove that froze. "
-    if _differ_by_object(padded.where(is_padded, 0).to_numpy(), each["object"].to_numpy()):
+    if _differ_by_object(equal.where(is_padded, 0).to_numpy(), each["object"].to_numpy()):
         text += "Their number differs between the objects, and a classifier may learn that. "
     yield "equal ends", f"{text}Cut these frames off before you save: recordings may be of unlike length."
 
