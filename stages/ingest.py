@@ -8,7 +8,8 @@ from stages.command import Job, run
 from tactile_viewgcn.messages import several
 from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.tables.recordings import Recordings, read_source
-from tactile_viewgcn.tables.remarks import originals, remarks
+from tactile_viewgcn.tables.look import look_at, write_takes
+from tactile_viewgcn.tables.remarks import remarks
 
 
 def ingest(job: Job, source: Path, out: Path) -> str:
@@ -16,7 +17,9 @@ def ingest(job: Job, source: Path, out: Path) -> str:
     read_source(source, out, Form(data.shape, data.layout, data.columns))
     job.md5("source")  # the digest of the dataset in MLflow
     table = Recordings.read(out)
-    for note in remarks(table, originals(table)):
+    look = look_at(table)
+    write_takes(out, table, look)
+    for note in remarks(table, look):
         job.note(note)
     used = {f"{name}s": len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
     names = [several(count, name.removesuffix("s")) for name, count in used.items()]

@@ -21,12 +21,16 @@ from tactile_viewgcn.schema import as_change
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+MEGABYTE = 1_000_000  # bytes
 GLOSSARY = "words.md"
 GENERATOR = '<meta name="generator" content="tactile-viewgcn" />'  # marks the pages that may be replaced
 
 
 class Verdict(NamedTuple):
-    """Whether something is good: `good`, `unsure` or `bad`, the answer in a sentence, and the reasons for it."""
+    """What is known of something: `open`, `unsure` or `bad`, the answer in a sentence, and the reasons for it.
+
+    There is no kind for good: what no check found may be there all the same.
+    """
 
     kind: str
     answer: str
@@ -54,7 +58,10 @@ def environment() -> Environment:
 def write(path: Path, text: str) -> str:
     """Write a page, and say so in a line."""
     write_file(path, text, lambda old: GENERATOR in old and old.endswith("</html>"))
-    return f"{path}: {len(text) / 1e6:.1f} MB; open it in a browser"
+    size = f"{len(text) / 1e6:.1f} MB"
+    if len(text) < MEGABYTE:
+        size = f"{len(text) / 1e3:.0f} kB"
+    return f"{path}: {size}; open it in a browser"
 
 
 def prose(text: str) -> Markup:

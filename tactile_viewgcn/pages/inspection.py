@@ -1,4 +1,4 @@
-"""An inspection as text of 80 columns and as a page: facts, tables, warnings, a verdict, a command, mean frames."""
+"""An inspection as text of 80 columns and as a page: facts, tables, checks, warnings, a command, pictures."""
 
 import shlex
 import textwrap
@@ -14,6 +14,8 @@ from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, NEW_SESSION, Note, listed, several, warnings_of
 from tactile_viewgcn.pages import html
+from tactile_viewgcn.pages.channels import Curves, channel_curves
+from tactile_viewgcn.pages.checks import UNKNOWN, Check, outcomes, outside_a_clone
 from tactile_viewgcn.pages.source_inspection import MOST_FOLDS, SAMPLE, Overview
 from tactile_viewgcn.params import VIRTUAL, default_params, everywhere, unlike_the_file
 from tactile_viewgcn.schema import as_change, flatten
@@ -36,17 +38,32 @@ def inspection_lines(overview: Overview) -> list[str]:
     judged = verdict(overview, warned)
     lines += ["Can they be used?", *_wrapped([" ".join([judged.answer, *judged.reasons])])]
     lines += _wrapped(note.text for note in warned)
-    if command := command_lines(overview):
-        lines += ["To use", *_wrapped(map(str, overview.settings)), "", *command]
-        if other := command_lines(overview, new_sessions=True):
-            lines += ["", f"To test it on {NEW_SESSION}", *other]
+    lines += ["What was checked", *_wrapped(f"{check.what}: {check.outcome}" for check in checks(overview, warned))]
+    lines += ["What the files cannot tell", *_wrapped(unknown(overview))]
+    command = command_lines(overview)
+    if not command:
+        return lines
+    lines += ["To use", *_wrapped(map(str, overview.settings))]
+    elsewhere = outside_a_clone()
+    if elsewhere:
+        lines += _wrapped([elsewhere])
+    lines += ["", *command]
+    other = command_lines(overview, new_sessions=True)
+    if other:
+        lines += ["", f"To test it on {NEW_SESSION}", *other]
     return lines
 
 
 def inspection_page(overview: Overview) -> str:
     """The page as HTML."""
-    path, warned = overview.recordings.path, warnings(overview)
+    path = overview.recordings.path
+    warned = warnings(overview)
     page = html.environment().get_template("inspection.html")
+    pictures, curves = dict[str, str](), list[Curves]()
+    if overview.is_array:
+        pictures = _mean_frames(overview)
+    else:
+        curves = channel_curves(overview.recordings)
     return page.render(
         title=f"Recordings: {path.name}",
         path=path,
@@ -59,7 +76,12 @@ def inspection_page(overview: Overview) -> str:
         warnings=warned,
         remarks=[note for note in overview.remarks if note.level == "info"],
         tables=tables(overview),
-        mean_frames=_mean_frames(overview),
+        mean_frames=pictures,
+        curves=curves,
+        is_array=overview.is_array,
+        checks=checks(overview, warned),
+        unknown=unknown(overview),
+        elsewhere=outside_a_clone(),
     )
 
 
@@ -75,12 +97,11 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
     rows = [
         (f"{frames.sum():,}", f"frames of {height} x {width}, kept as {table.counts.dtype}"),
         (f"{len(frames):,}", f"recordings of {objects} in {sessions}: {lengths}"),
-        (
-            f"{100 * overview.counts['in contact'].sum() / frames.sum():.0f} %",
-            f"of the frames count as contact: {pressed}",
-        ),
-        (f"{table.live.sum():,}", f"of {several(table.live.size, 'sensor')} vary"),
     ]
+    if overview.finds_contact:
+        share = 100 * overview.counts["in contact"].sum() / frames.sum()
+        rows.append((f"{share:.0f} %", f"of the frames count as contact: {pressed}"))
+    rows.append((f"{table.live.sum():,}", f"of {several(table.live.size, 'sensor')} vary"))
     if rates := sorted(overview.rates.values()):
         alike = rates[-1] < rates[0] * ALIKE
         rate = f"{np.median(rates):.4g}" if alike else f"{rates[0]:.4g} to {rates[-1]:.4g}"
@@ -93,6 +114,8 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
 def tables(overview: Overview) -> dict[str, pd.DataFrame]:
     """Numbers of recordings and of frames of each kind, as texts: a row for each object, and for each session."""
     recordings, counts, tables = overview.recordings, pd.DataFrame(overview.counts), dict[str, pd.DataFrame]()
+    if not overview.finds_contact:
+        counts = counts.drop(columns=["in contact", "open hand"])
     of = {"Objects": (recordings.objects, overview.label), "Sessions": (recordings.sessions, overview.session)}
     for title, (names, index) in of.items():
         table = counts.groupby(index).sum().map("{:,}".format)
@@ -129,18 +152,40 @@ def warnings(overview: Overview) -> list[Note]:
 
 
 def verdict(overview: Overview, warned: list[Note]) -> html.Verdict:
-    """Whether the recordings can be trained and tested on."""
+    """Whether the recordings can be trained and tested on; never that nothing would spoil a result."""
     by = overview.setting("split.by")
     groups = overview.groups[by]
     if len(left := _kept(overview)) < 2:
         return html.Verdict("bad", f"Not yet: {one_class(', '.join(left) or 'none')}.", [])
     if (groups > 1).sum() < 2:
         return html.Verdict("bad", f"Not yet: there are no two objects with two recordings each. {TWICE}", [])
-    fewest = several(int(groups[groups > 0].min()), by)
-    reasons = ["Each object is on both published sides." if by == "source" else f"Each object has {fewest} or more."]
+    reason = "Each object is on both published sides."
+    if by != "source":
+        fewest = several(int(groups[groups > 0].min()), by)
+        reason = f"Each object has {fewest} or more."
     if warned:
-        return html.Verdict("unsure", f"Usable, with {several(len(warned), 'warning')}.", reasons)
-    return html.Verdict("good", "Yes: nothing was found that would spoil a result.", reasons)
+        return html.Verdict("unsure", f"Usable, with {several(len(warned), 'warning')}.", [reason])
+    return html.Verdict("open", "No check below gave a warning.", [reason, "What the files cannot tell is listed too."])
+
+
+def checks(overview: Overview, warned: list[Note]) -> list[Check]:
+    """What was checked, and what was found."""
+    not_made = dict[str, str]()
+    if not overview.choice.leak:
+        not_made["objects told without any contact"] = "not checked: too few frames without contact"
+    if not overview.rates:
+        not_made["times and frame rates"] = "not checked: no times"
+    return outcomes(warned, not_made)
+
+
+def unknown(overview: Overview) -> list[str]:
+    """What the files cannot tell, in sentences."""
+    sentences = [*UNKNOWN]
+    if overview.error:
+        sentences.append(
+            f"With such copies or pieces, the first guess of the error, {100 * overview.error.error:.1f} %, is too low."
+        )
+    return sentences
 
 
 def command_lines(overview: Overview, *, new_sessions: bool = False) -> list[str]:

@@ -23,6 +23,7 @@ from tactile_viewgcn.evaluation.trials import ASKED, WHOLE, Predictions, read_pr
 from tactile_viewgcn.intervals import FEW, percent_interval
 from tactile_viewgcn.messages import NEW_SESSION, Note, UserError, several
 from tactile_viewgcn.pages import html
+from tactile_viewgcn.pages.checks import UNKNOWN, outcomes, outside_a_clone
 from tactile_viewgcn.pages.html import Verdict, percent
 from tactile_viewgcn.params import VIRTUAL, everywhere, on_sensors, unlike_the_file
 from tactile_viewgcn.provenance import EARLIER, PACKAGES, ROW, Record
@@ -125,7 +126,7 @@ class FinishedRun:
         below = "The whole interval lies below the error of guessing."
         if reasons:
             return Verdict("unsure", "It is better than guessing, but not yet reliable.", [below, *reasons])
-        return Verdict("good", "Yes: it is better than guessing, and no stage gave a warning.", [below])
+        return Verdict("open", "It is better than guessing, and no stage gave a warning.", [below])
 
 
 def next_steps(run: FinishedRun) -> list[tuple[str, str]]:
@@ -187,6 +188,8 @@ def run_page(run: FinishedRun) -> str:
     return page.render(
         run=run,
         simulated=Path(run.params["data.source"]) == Path(VIRTUAL),
+        checks=outcomes(run.warnings, {}),
+        unknown=UNKNOWN,
         origin=origin,
         title=f"Report: {run.name or run.params['model.system']}, {date}",
         date=date,
@@ -221,7 +224,8 @@ def read_run(name: str = "") -> FinishedRun:
         try:
             return read_file(path)
         except FileNotFoundError:
-            raise UserError(f"{where}: no {path}; {REMEDY}") from None
+            elsewhere = outside_a_clone() if not name else ""
+            raise UserError(f"{where}: no {path}; {elsewhere or REMEDY}") from None
 
     contents = {stage: read(f"runs/{stage}.json") for stage in EARLIER}
     contents[ROW], metrics, timing = (read(f"results/{file}.json") for file in (ROW, "metrics", "timing"))

@@ -19,12 +19,13 @@ from tactile_viewgcn.params import PreprocessSection
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.layout import other_order
 from tactile_viewgcn.readers.source import AUTO, Form, setting
-from tactile_viewgcn.sensors.features import every_few
+from tactile_viewgcn.sensors.features import every_few, is_array
 from tactile_viewgcn.sensors.representation import Representation, contact_unit
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.recordings import Recordings, recordings_of
-from tactile_viewgcn.tables.remarks import originals, remarks
+from tactile_viewgcn.tables.look import held_together, look_at
+from tactile_viewgcn.tables.remarks import remarks
 
 SAMPLE = 2000  # frames, of all for the variation of a sensor, of an object for its mean
 MOST_FOLDS = 5
@@ -49,14 +50,17 @@ class Overview:
         in_contact: bool (T,), frames of contact with an object.
         rates: see `frame_rates`.
         settings: recommended values with reasons, of level `choice`: what `auto` becomes, but for the scale, which
-            networks alone read; the preset; and the split.
+            networks alone read, and for the sensors of a contact that is not looked for; the preset; and the split.
         label, session: (R,) index of each recording's object and session.
     """
 
     def __init__(self, recordings: Recordings, form: Form = AUTO, asked: PreprocessSection = ASKED):
-        columns, original = recordings.columns, originals(recordings)
-        self.recordings, self.form, self.remarks = recordings, form, remarks(recordings, original)
-        self.groups = _groups(recordings, original)
+        look = look_at(recordings)
+        self.remarks = remarks(recordings, look)
+        recordings = held_together(recordings, look)
+        columns = recordings.columns
+        self.recordings, self.form = recordings, form
+        self.groups = _groups(recordings)
         split, everything = split_settings(self.groups), np.arange(len(recordings))
         self._group = split_groups(columns, str(split[0].value))
         self.asked, self.choice = asked, choose(recordings, everything, asked, self._group)
@@ -64,13 +68,26 @@ class Overview:
         self.in_contact = self.states.contact & ~recordings.empty_hand
         self.rates = frame_rates(columns["time"], columns["recording"])
         self.remarks += [*grid_notes(recordings.shape, form), *warnings_of(self.choice.notes)]
-        settings = [note for note in self.choice.notes if note.level == "choice" and note.key != "preprocess.scale"]
+        unseen = {"preprocess.scale"}
+        if not self.finds_contact:
+            unseen.add("preprocess.contact_sensors")
+        settings = [note for note in self.choice.notes if note.level == "choice" and note.key not in unseen]
         if len(np.unique(columns["recording"])) == len(recordings):
             settings.append(_choice("views", 1, "every recording is one frame"))
         best = _choice("preset", "best", "it weighs classifiers on your training recordings")
         self.settings = [*settings, best, *split]
         first = np.unique(columns["recording"], return_index=True)[1]
         self.label, self.session = columns["object"][first], columns["session"][first]
+
+    @property
+    def is_array(self) -> bool:
+        """Whether the sensors are an array, else channels that may be of unlike kind."""
+        return is_array(self.recordings.live)
+
+    @property
+    def finds_contact(self) -> bool:
+        """Whether frames of contact were told from those of the open hand."""
+        return self.is_array or not self.states.all_contact
 
     def setting(self, key: str) -> str:
         """The recommended value of a parameter."""
@@ -166,11 +183,11 @@ def inspect_source(path: str | Path, form: Form = AUTO, asked: PreprocessSection
     return overview
 
 
-def _groups(recordings: Recordings, original: np.ndarray) -> dict[str, np.ndarray]:
+def _groups(recordings: Recordings) -> dict[str, np.ndarray]:
     """See `Overview.groups`; of `source` the groups are its two sides."""
     of_object = ~recordings.empty_hand
     columns = {name: values[of_object] for name, values in recordings.columns.items()}
-    columns["take"], groups = original[columns.get("take", columns["recording"])], {}
+    groups = dict[str, np.ndarray]()
     for by in ("source", "recording", "grasp"):
         with suppress(UserError):  # no such column
             group = split_groups(columns, by)

@@ -27,7 +27,8 @@ from tactile_viewgcn.recognition.raw_counts import check_layouts
 from tactile_viewgcn.recognition.recogniser import Recogniser, recording_of
 from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.tables.recordings import Recordings, in_memory
-from tactile_viewgcn.tables.remarks import originals, remarks
+from tactile_viewgcn.tables.look import groups_together, look_at
+from tactile_viewgcn.tables.remarks import remarks
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
@@ -197,7 +198,7 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path
 
     Args:
         groups: (T,) split group of each frame; a group is held out as a whole, for the choice of `best`, calibration
-            and `split.validation`.
+            and `split.validation`. Groups whose recordings have frames in common are one group.
 
     Returns:
         Notes on what was chosen for the recordings, what was left out, what spoils the result, and why.
@@ -208,7 +209,9 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path
     """
     seed, compute = params.seed, select_device(params.device, params.precision)
     with_backbone = not on_sensors(params.model.system)
-    notes = remarks(recordings, originals(recordings))
+    look = look_at(recordings)
+    notes = remarks(recordings, look)
+    groups = groups_together(recordings, look, groups)
     made = preprocess_recordings(recordings, params.preprocess, params.split, groups=groups)
     frames, notes = made.frames, notes + made.notes
     clustering = params.cluster if with_backbone else replace(params.cluster, method="none")

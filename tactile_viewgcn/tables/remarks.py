@@ -1,23 +1,44 @@
-"""Warnings of what spoils a result whatever is computed from a table of raw counts, for `ingest` and `inspect`."""
+"""Warnings of what spoils a result whatever is computed from a table of raw counts, for `ingest`, `inspect` and `fit`."""
 
-import hashlib
 import re
 import unicodedata
 from collections.abc import Iterator
 
 import numpy as np
+import pandas as pd
 
 from tactile_viewgcn.messages import Note, listed, several
+from tactile_viewgcn.tables.look import Look
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
+CHANCE = 1e-3  # expected number of recordings that would look so by chance
+MOSTLY_MOVES = 0.5  # share of a recording's frames that differ from the one before, where sensors have noise
+FEWEST_EQUAL = 3  # equal frames at the beginning or the end that count
+PADDED = 0.1  # share of a recording's frames, from which on they count
+MOST_REPEATS = 0.05  # share of frames that equal the one before, inside recordings of sensors with noise
+FEWEST_REPEATS = 0.01  # the same, of which chance is computed at least
+MOST_STUCK = 0.1  # share of the sensors: more that stand still in some recordings are untouched, not faulty
+LIVELY = 0.9  # share of the recordings in which a sensor moves, in which it moves all the time
+TELLS = 1e-3  # probability of Kruskal and Wallis, below which numbers differ between objects
+OTHER_UNIT = 4.0  # factor between recordings of two units, and an empty gap of that factor between them
 
-def remarks(recordings: Recordings, original: np.ndarray) -> list[Note]:
-    """The reader's notes, and warnings of recordings without frames, copies, spellings and times.
+
+def remarks(recordings: Recordings, look: Look) -> list[Note]:
+    """The reader's notes, and warnings of what spoils a result.
 
     Args:
-        original: see `originals`.
+        look: of the same recordings, see `look_at`.
     """
-    warnings = [*_copies(recordings, original), *_spellings(recordings), *_times(recordings)]
+    warnings = [
+        *_copies(recordings, look),
+        *_shared_frames(recordings, look),
+        *_standing_still(recordings, look),
+        *_stuck_sensors(recordings, look),
+        *_equal_ends(recordings, look),
+        *_units(recordings, look),
+        *_spellings(recordings),
+        *_times(recordings),
+    ]
     return [
         *recordings.notes,
         *without_frames(recordings),
@@ -27,28 +48,194 @@ def remarks(recordings: Recordings, original: np.ndarray) -> list[Note]:
 
 def without_frames(recordings: Recordings) -> list[Note]:
     """A warning that names recordings without frames, and objects of which there is no frame."""
-    recorded, with_frames = (set(recordings.columns[name]) for name in ("recording", "object"))
+    recorded = set(recordings.columns["recording"])
+    with_frames = set(recordings.columns["object"])
     names = [name for number, name in enumerate(recordings.recordings) if number not in recorded]
     objects = [name for number, name in enumerate(recordings.objects) if number not in with_frames]
-    text = f"{several(len(names), 'recording')} without frames: {listed(names)}. " if names else ""
-    text += f"No frame of the objects {listed(objects)}. " if objects else ""
-    return [Note(f"{text}Record them again, or remove them.", "warning", "no frames")] if text else []
+    text = ""
+    if names:
+        text += f"{several(len(names), 'recording')} without frames: {listed(names)}. "
+    if objects:
+        text += f"No frame of the objects {listed(objects)}. "
+    if not text:
+        return []
+    return [Note(f"{text}Record them again, or remove them.", "warning", "no frames")]
 
 
-def originals(recordings: Recordings) -> np.ndarray:
-    """For each recording (R,) the number of the first one of the same counts, frame by frame: mostly its own."""
-    original, first = np.arange(len(recordings.recordings)), dict[bytes, int]()
-    for index in frames_by_recording(recordings):
-        number, counts = recordings.columns["recording"][index[0]], recordings.counts[index]
-        original[number] = first.setdefault(hashlib.sha256(counts.tobytes()).digest(), number)
-    return original
-
-
-def _copies(recordings: Recordings, original: np.ndarray) -> Iterator[tuple[str, str]]:
+def _copies(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
     names = recordings.recordings
-    if pairs := [f"{names[copy]} repeats {names[first]}" for copy, first in enumerate(original) if copy != first]:
-        text = f"{several(len(pairs), 'recording')} with the counts of a different one: {listed(pairs)}. A copy tests "
-        yield "copies", f"{text}nothing, and as a different object it is wrong: remove it, or record it again."
+    copies = look.each[look.each["original"] != look.each.index]
+    pairs = [f"{names[copy]} repeats {names[first]}" for copy, first in copies["original"].items()]
+    if pairs:
+        text = f"{several(len(pairs), 'recording')} with the counts of a different one: {listed(pairs)}. "
+        text += "A copy tests nothing, and as a different object it is wrong: remove it, or record it again."
+        yield "copies", text
+
+
+def _shared_frames(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
+    """A warning of recordings that have frames in common with an earlier one, and are no copy of it.
+
+    Recordings that the source holds together already, as overlapping windows, are none.
+    """
+    names = recordings.recordings
+    each = look.each
+    takes = pd.Series(each.index, index=each.index)
+    if "take" in recordings.columns:
+        takes = pd.Series(recordings.columns["take"]).groupby(recordings.columns["recording"]).first()
+    of_partner = each.loc[each["partner"]]
+    is_together = takes.loc[each.index].to_numpy() == takes.loc[each["partner"]].to_numpy()
+    is_other_object = each["object"].to_numpy() != of_partner["object"].to_numpy()
+    is_piece = (each["shared"] > 0) & (each["original"] == each.index)
+    pieces = each[is_piece & (is_other_object | ~is_together)]
+    if pieces.empty:
+        return
+    places = [
+        f"{names[number]} ({row.shared} of {several(row.frames, 'frame')}, as {names[row.partner]})"
+        for number, row in pieces.iterrows()
+    ]
+    text = f"{several(len(pieces), 'recording')} with frames of a different one: {listed(places)}. "
+    text += "They are overlapping pieces or copies of one recording, and tell nothing of a new one. "
+    mixed = pieces[is_other_object[each.index.get_indexer(pieces.index)]]
+    if len(mixed):
+        text += f"{several(len(mixed), 'pair')} of different objects: correct the labels. "
+    text += "Those of an object are held out together here; where you deal them yourself, give their `groups`."
+    yield "shared frames", text
+
+
+def _standing_still(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
+    """A warning of recordings in which nothing changes, where others change nearly all the time."""
+    each = look.each[look.each["frames"] > 1]
+    moving = each[each["moves"] > 0]
+    still = each[each["moves"] == 0]
+    if still.empty or len(moving) < len(still):
+        return
+    usual = float((moving["moves"] / (moving["frames"] - 1)).median())
+    expected = len(each) * (1 - usual) ** (still["frames"] - 1)
+    still = still[expected < CHANCE]
+    if usual < MOSTLY_MOVES or still.empty:
+        return
+    names = [recordings.recordings[number] for number in still.index]
+    text = f"No sensor changes in {several(len(names), 'recording')}: {listed(names)}. "
+    yield "standing still", f"{text}Did the glove freeze? Record them again, or remove them."
+
+
+def _stuck_sensors(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
+    """A warning of sensors that never change in some recordings, and always do in most.
+
+    Where many sensors are so, untouched sensors read a constant: nothing is wrong.
+    """
+    long_enough = look.lively.any(axis=1)
+    stuck, lively = look.stuck[long_enough], look.lively[long_enough]
+    objects = look.each["object"].to_numpy()[long_enough]
+    numbers = look.each.index.to_numpy()[long_enough]
+    moving = ~stuck
+    is_lively = lively.sum(axis=0) >= LIVELY * moving.sum(axis=0)
+    is_odd = stuck.any(axis=0) & is_lively & (moving.sum(axis=0) > stuck.sum(axis=0))
+    sensors = np.flatnonzero(is_odd)
+    some = np.flatnonzero(stuck.any(axis=0))
+    if not len(sensors) or len(some) > max(1, MOST_STUCK * stuck.shape[1]):
+        return
+    names = recordings.sensor_names(recordings.live)
+    places = []
+    for sensor in sensors:
+        rows = np.flatnonzero(stuck[:, sensor])
+        place = f"{names[sensor]} in {listed([recordings.recordings[number] for number in numbers[rows]])}"
+        touched = np.unique(objects[rows])
+        if len(touched) == 1 and len(rows) == np.sum(objects == touched[0]) > 1:
+            place = f"{names[sensor]} in all of {recordings.objects[touched[0]]}"
+        places.append(place)
+    text = f"{several(len(places), 'sensor')} that never change in some recordings, and always in others: "
+    if len(places) == 1:
+        text = "A sensor never changes in some recordings, and always in others: "
+    text += f"{listed(places, '; ')}. Is its cable loose? If nothing touches it there, this is right."
+    yield "standing still", text
+
+
+def _equal_ends(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
+    """A warning of recordings that begin or end with equal frames, where frames are hardly ever repeated inside.
+
+    Sensors without noise read the same while the hand rests: that is none. Readings far from all others are padding.
+    """
+    each = look.each[look.each["moves"] > 0]
+    if each.empty:
+        return
+    equal = each["head"] + each["tail"] - 2
+    steps = float((each["frames"] - 1 - equal).sum())
+    repeats = (steps - float(each["moves"].sum())) / max(steps, 1.0)
+    longest = each[["head", "tail"]].max(axis=1)
+    is_long = (longest >= FEWEST_EQUAL) & (longest >= PADDED * each["frames"])
+    by_chance = len(each) * max(repeats, FEWEST_REPEATS) ** (longest - 1)
+    stops = (repeats <= MOST_REPEATS) & (by_chance < CHANCE) & (each["end"] != "rest")
+    is_padded = is_long & (stops | (each["end"] == "outside"))
+    ends = each[is_padded]
+    if ends.empty:
+        return
+    places = []
+    for number, row in ends.iterrows():
+        place, count = ("the last", row["tail"]) if row["tail"] >= row["head"] else ("the first", row["head"])
+        places.append(f"{recordings.recordings[number]} ({place} {count} of {row['frames']})")
+    text = f"Equal frames at an end of {several(len(places), 'recording')}: {listed(places)}. "
+    text += "That is padding, or a glove that froze. "
+    if _differ_by_object(equal.where(is_padded, 0).to_numpy(), each["object"].to_numpy()):
+        text += "Their number differs between the objects, and a classifier may learn that. "
+    yield "equal ends", f"{text}Cut these frames off before you save: recordings may be of unlike length."
+
+
+def _differ_by_object(numbers: np.ndarray, objects: np.ndarray) -> bool:
+    """Whether numbers (R,) of recordings differ between their objects (R,), by the test of Kruskal and Wallis."""
+    from scipy.stats import kruskal
+
+    if len(np.unique(numbers)) < 2 or len(np.unique(objects)) < 2:
+        return False
+    samples = [numbers[objects == label] for label in np.unique(objects)]
+    return bool(kruskal(*samples).pvalue < TELLS)
+
+
+def _units(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
+    """A warning of recordings whose readings and whose smallest changes are both weaker or stronger by a factor.
+
+    A light grip reads less, but its noise is that of a firm one: in another unit the noise is different too. Between
+    the recordings of two units there is a gap.
+    """
+    strength = _relative(look.strength)
+    step = _relative(look.step)
+    known = np.flatnonzero(np.isfinite(strength) & np.isfinite(step))
+    if len(known) < 2:
+        return
+    order = known[np.argsort(strength[known])]
+    cluster = np.cumsum(np.diff(strength[order], prepend=strength[order[0]]) >= np.log(OTHER_UNIT))
+    usual = order[cluster == np.bincount(cluster).argmax()]
+    strength -= np.median(strength[usual])
+    step -= np.median(step[usual])
+    others = np.setdiff1d(order, usual)
+    is_scaled = (strength[others] * step[others] > 0) & (np.abs(step[others]) >= np.abs(strength[others]) / 2)
+    others = others[is_scaled]
+    if not len(others):
+        return
+    numbers = look.each.index.to_numpy()
+    for word, sign in (("weaker", -1), ("stronger", 1)):
+        rows = others[np.sign(strength[others]) == sign]
+        if not len(rows):
+            continue
+        factor = float(np.exp(np.median(np.abs(strength[rows]))))
+        names = [recordings.recordings[number] for number in numbers[np.sort(rows)]]
+        text = f"{several(len(names), 'recording')} about {factor:.3g} times {word} than the others, "
+        text += f"noise included: {listed(names)}. Another unit or gain? Convert them, or remove them."
+        yield "unit", text
+
+
+def _relative(values: np.ndarray) -> np.ndarray:
+    """The logarithm (R,) of how much larger a recording's values (R, K) are than usual: the median over sensors.
+
+    NaN where no sensor has a value above 0.
+    """
+    import warnings
+
+    with np.errstate(divide="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of sensors, or recordings, without any value
+        logarithms = np.log(np.where(values > 0, values, np.nan).astype(np.float64))
+        usual = np.nanquantile(logarithms, 0.5, axis=0, method="lower")
+        return np.asarray(np.nanmedian(logarithms - usual, axis=1))
 
 
 def _spellings(recordings: Recordings) -> Iterator[tuple[str, str]]:

@@ -30,13 +30,22 @@ NO_SENSORS = {
 }  # fmt: skip
 MIXED = 100.0 * np.random.default_rng(1).permutation(24)[:, None]
 WIDE = {"clock of mixed objects": MIXED + N, "number of mixed objects": MIXED + 0 * N}
+#: A clock is one, whatever it tells; it may begin alike in each recording.
+CLOCKS = {
+    "restarts in each": N + 0 * R, "rises evenly from about the same": 2 * N + tremble(3)[:, :1],
+    "counter of a byte": (STARTED + N) % 256, "number of the line, mixed": MIXED // 9 + N,
+    "seconds since the start, jittering": 0.017 * N + 0.0006 * (N > 0) * tremble(),
+    "ticks of several frames": 0.001 * (N // 3) + 0.0012 + 0 * R,
+    "uneven, of a phone": np.cumsum(np.where(N > 0, DRAWN.exponential(0.02, (24, 40)), 0), axis=1),
+    "counts down to an alarm": 100.0 - N + 0 * R, "flag that tells nothing": 1.0 * (R % 2) + 0 * N,
+}  # fmt: skip
 SENSORS = {
     "bent": 40 * OBJECT + 9 * tremble()[:, :1] + tremble(), "bent, of eight levels": (60 * OBJECT + tremble(20)) // 60,
-    "closes evenly": (1 + OBJECT) * N / 9.0, "closes evenly from about the same": 2 * N + tremble(3)[:, :1],
+    "closes evenly": (1 + OBJECT) * N / 9.0, "closes from about the same": 2 * N + tremble(3)[:, :1] + tremble(),
     "closes by strain": 30 * OBJECT + (2 + tremble()[:, :1]) * N + tremble(2), "trembles": tremble() * (1 + OBJECT),
-    "restarts in each": N + 0 * R, "of another unit": 1000 * tremble(),
+    "of another unit": 1000 * tremble(),
+    "pressed until the end": np.minimum(N, 9 + R % 7) * (1 + R % 4) / 9.0, "way of a wheel": N * (1 + R % 5) / 3.0,
     "switch": 1.0 * (N > 30 - 7 * OBJECT), "switch of either kind": 1.0 * ((N > 20) == (OBJECT > 1)),
-    "counter of a byte": (STARTED + N) % 256,
 }  # fmt: skip
 
 
@@ -49,9 +58,9 @@ def recordings_of(*columns, names):
 
 
 @pytest.mark.parametrize("names", [["it", "s1", "s2", "s3"], []], ids=["named", "without names"])
-@pytest.mark.parametrize("name", [*NO_SENSORS, *WIDE, *SENSORS])
-def test_a_column_that_moves_as_no_sensor_is_warned_of_where_it_predicts_the_object_or_is_wide(name, names):
-    column = (NO_SENSORS | WIDE | SENSORS)[name]
+@pytest.mark.parametrize("name", [*NO_SENSORS, *WIDE, *CLOCKS, *SENSORS])
+def test_a_column_that_moves_as_no_sensor_is_warned_of(name, names):
+    column = (NO_SENSORS | WIDE | CLOCKS | SENSORS)[name]
     notes = column_notes(recordings_of(column, *(tremble() for _ in range(3)), names=names))
     remedy = ("data.columns", ["leave_out:it"]) if names else ("", None)
     assert [(note.level, note.key, note.value) for note in notes] == [("warning", *remedy)] * (name not in SENSORS)
@@ -68,8 +77,37 @@ def test_recordings_of_one_frame_and_sensors_that_all_stand_still_have_no_odd_co
 
 def test_a_column_that_differs_for_the_empty_hand_alone_predicts_no_object():
     recordings = recordings_of(1 * (OBJECT == 0) + 0 * N, tremble(), tremble(), names=[])
-    assert column_notes(recordings)
+    assert "beginning" in column_notes(recordings)[0].text
     recordings.objects = ["empty_hand", *"bcd"]
+    assert "beginning" not in column_notes(recordings)[0].text
+
+
+def test_columns_that_tell_the_object_only_together_are_named_with_the_error_of_all():
+    objects = np.arange(24)[:, None] // 2  # twelve
+    one_hot = [1.0 * (objects == number) + 0 * N for number in range(12)]
+    names = [*(f"is_{number}" for number in range(12)), "s1", "s2"]
+    X = np.stack([*one_hot, tremble(), tremble()], axis=-1)[:, :, None]
+    recordings = of_arrays([*X], list("abcdefghijkl"), objects[:, 0], np.zeros(24, dtype=int))
+    recordings.channel_names = names
+    (note,) = column_notes(recordings)
+    assert note.value == [f"leave_out:is_{number}" for number in range(12)]
+    assert "together" in note.text and "0.0 %, chance 91.7 %" in note.text
+
+
+@pytest.mark.parametrize(("rate", "warned"), [(1000 / 17 / 1000, True), (1.5e5, True), (1.2, False), (4000.0, False)])
+def test_a_frame_rate_that_no_glove_has_is_asked_about(rate, warned):
+    recordings = recordings_of(tremble(), tremble(), names=[])
+    recordings.columns["time"] = (N / rate + 0 * R).ravel()
+    notes = column_notes(recordings)
+    assert [note.topic for note in notes] == ["frame rate"] * warned
+    assert all("unit" in note.text for note in notes)
+
+
+def test_sensors_of_an_array_that_stand_still_are_no_labels():
+    drawn = np.random.default_rng(5)
+    X = np.rint(drawn.normal(0, 1, (24, 40, 8, 8)))
+    X[..., 0, 0] = drawn.integers(0, 2, 24)[:, None]  # a sensor at the edge, which reads 0 or 1 all the time
+    recordings = of_arrays([*X], [*"abcd"], OBJECT[:, 0], np.zeros(24, dtype=int))
     assert column_notes(recordings) == []
 
 

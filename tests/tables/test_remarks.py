@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tactile_viewgcn.tables.remarks import originals, remarks
+from tactile_viewgcn.tables.look import look_at
+from tactile_viewgcn.tables.remarks import remarks
 from tests.glove_data import written
 
 COUNTS = np.random.default_rng(0).integers(500, 600, (60, 4, 6)).astype(np.int16)
@@ -18,7 +19,7 @@ CASES = {  # counts, changes, and by topic what a warning says
     "empty recording": (COUNTS, {"recordings": [*"abcdef", "lost"]}, {"no frames": "1 recording|lost"}),
     "lost object": (COUNTS, {"objects": ["empty_hand", "mug", "pen", "gone"]}, {"no frames": "gone"}),
     "copies": (COPIED, {}, {"copies": "2 recordings|recording3 repeats recording2|recording4 repeats recording2"}),
-    "alike but for a frame": (COUNTS[np.r_[:50, 40:49, 59]], {}, {}),
+    "alike but for a frame": (COUNTS[np.r_[:50, 40:49, 59]], {}, {"shared frames": "recording5 (9 of 10|recording4"}),
     "times repeat": (COUNTS, {"time": np.where(NUMBER == 4, 7.0, SECONDS)}, {"time": "9 places|recording4"}),
     "times fall": (COUNTS, {"time": np.where(np.arange(60) == 25, 0, SECONDS)}, {"time": "1 place|recording2"}),
     "no times": (COUNTS, {"time": np.nan}, {}),
@@ -31,6 +32,6 @@ CASES = {  # counts, changes, and by topic what a warning says
 def test_what_spoils_a_result_is_said_of_the_table(tmp_path, case):
     counts, changes, warned = CASES[case]
     table = written(tmp_path / "t", counts, **(SOUND | changes))
-    notes = {note.topic: note.text for note in remarks(table, originals(table))}
+    notes = {note.topic: note.text for note in remarks(table, look_at(table))}
     assert notes.keys() == warned.keys()
     assert [word for topic, words in warned.items() for word in words.split("|") if word not in notes[topic]] == []

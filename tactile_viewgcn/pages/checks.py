@@ -1,0 +1,69 @@
+"""What was checked and what was found, and what no check of the files can tell; pages never give an all-clear."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tactile_viewgcn.files import root
+from tactile_viewgcn.messages import Note, several
+
+#: What each check looks for, by the topics of its warnings.
+CHECKS = {
+    "frames that two recordings have in common": ("copies", "shared frames"),
+    "recordings or sensors that stand still": ("standing still",),
+    "equal frames at the ends of recordings": ("equal ends",),
+    "recordings in another unit": ("unit",),
+    "columns that are no sensor": ("columns",),
+    "times and frame rates": ("time", "frame rate"),
+    "names that differ in spelling alone": ("spelling",),
+    "recordings and objects without frames": ("no frames", "contact"),
+    "objects told without any contact": ("leak check",),
+}
+#: What the files cannot tell.
+UNKNOWN = (
+    "Is a recording an augmented, filtered or resampled copy of another one? It has frames of its own.",
+    "Were recordings cut from one long one, or made in one go? Then hold them out together.",
+    "Who made a recording, and when? Only folders, columns and names could say so.",
+    "Is each label right? Will new recordings be made in the same way?",
+)
+MAKES = ("dvc.yaml", "params.yaml")  # files at the root of a clone
+
+
+@dataclass(frozen=True)
+class Check:
+    """A check: what it looks for, its outcome in words, and whether it gave a warning."""
+
+    what: str
+    outcome: str
+    warned: bool = False
+
+
+def outcomes(warned: list[Note], not_made: dict[str, str]) -> list[Check]:
+    """The outcome of each check.
+
+    Args:
+        warned: all warnings; those of a topic that no check has are counted at the end.
+        not_made: why a check was not made, by what it looks for.
+    """
+    found = list[Check]()
+    topics = [note.topic for note in warned]
+    for what, of_check in CHECKS.items():
+        count = sum(topic in of_check for topic in topics)
+        if count:
+            found.append(Check(what, several(count, "warning"), warned=True))
+        else:
+            found.append(Check(what, not_made.get(what, "nothing found")))
+    known = {topic for of_check in CHECKS.values() for topic in of_check}
+    others = sum(topic not in known for topic in topics)
+    if others:
+        found.append(Check("all else", several(others, "warning"), warned=True))
+    return found
+
+
+def outside_a_clone() -> str:
+    """What to do first where `dvc exp run` cannot work, in a sentence; "" at the root of a clone."""
+    if all(Path(name).exists() for name in MAKES):
+        return ""
+    for folder in (root(), *Path.cwd().parents):
+        if all((folder / name).exists() for name in MAKES):
+            return f"This is not the root of your clone of Tactile-ViewGCN: go there first by `cd {folder}`."
+    return "There is no clone of Tactile-ViewGCN here: go to the root of one first, where dvc.yaml and params.yaml lie."

@@ -1,0 +1,270 @@
+"""What a look at the readings finds: frames in common, what stands still, equal ends, another unit; and no false alarm.
+
+Recordings are of channels, or of an array, made here; which of them are faulty is known.
+"""
+
+import warnings
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tactile_viewgcn import TactileClassifier
+from tactile_viewgcn.frames.split import split_groups
+from tactile_viewgcn.messages import warnings_of
+from tactile_viewgcn.tables.look import groups_together, held_together, look_at, write_takes
+from tactile_viewgcn.tables.recordings import Recordings
+from tactile_viewgcn.tables.remarks import remarks
+from tests.glove_data import of_arrays, written
+
+OBJECTS = ["ball", "mug", "pen"]
+TOPICS = {"copies", "shared frames", "standing still", "equal ends", "unit"}
+
+
+def table_of(arrays, labels=None):
+    """Recordings (T, C) of three objects in turn, or of the given labels."""
+    labels = np.arange(len(arrays)) % 3 if labels is None else np.array(labels)
+    frames = [np.asarray(array)[:, None] for array in arrays]
+    return of_arrays(frames, OBJECTS, labels, np.zeros(len(arrays), dtype=int))
+
+
+def warned(recordings):
+    """The texts of the warnings of the look, by topic."""
+    notes = warnings_of(remarks(recordings, look_at(recordings)))
+    return {note.topic: note.text for note in notes if note.topic in TOPICS}
+
+
+def counts(seed, *, recordings=12, frames=40, channels=8):
+    """Recordings (T, C) of readings about 500 with noise, pressed from the tenth frame on."""
+    rng = np.random.default_rng(seed)
+    arrays = [500 + rng.normal(0, 1, (frames, channels)) for _ in range(recordings)]
+    for number, array in enumerate(arrays):
+        array[10:] += rng.uniform(20, 60, channels) * (1 + number % 3)
+    return arrays
+
+
+def walk(seed, frames, channels, step=2.0):
+    """A recording (T, C) that wanders slowly."""
+    rng = np.random.default_rng(seed)
+    return 500 + np.cumsum(rng.normal(0, step, (frames, channels)), axis=0)
+
+
+def windows(arrays, length, step):
+    return [array[start : start + length] for array in arrays for start in range(0, len(array) - length + 1, step)]
+
+
+#: Kinds of readings (T, C) whose windows overlap by half: real numbers, tenths, integers, a single channel.
+READINGS = {
+    "real numbers": lambda seed: walk(seed, 220, 8),
+    "tenths": lambda seed: walk(seed, 220, 8).round(1),
+    "integers": lambda seed: walk(seed, 220, 8).round(),
+    "a single channel": lambda seed: walk(seed, 220, 1),
+    "a channel that stands still, and noise": lambda seed: np.column_stack([np.zeros(220), walk(seed, 220, 3)]),
+}
+
+
+@pytest.mark.parametrize("kind", READINGS)
+def test_windows_that_overlap_are_warned_of_and_held_out_with_the_others_of_their_recording(kind):
+    long = [READINGS[kind](seed) for seed in range(6)]
+    parts = windows(long, 40, 20)
+    of_long = np.repeat(np.arange(6), 10)
+    recordings = table_of(parts, of_long % 3)
+    assert "54 recordings" in warned(recordings)["shared frames"]
+    look = look_at(recordings)
+    columns = held_together(recordings, look).columns
+    groups = pd.Series(split_groups(columns, "recording")).groupby(columns["recording"]).first()
+    assert (pd.crosstab(groups, of_long) > 0).sum(axis=1).eq(1).all() and groups.nunique() == 6
+
+
+def test_windows_with_a_clock_of_their_own_are_known_by_the_other_readings():
+    parts = windows([walk(seed, 220, 8) for seed in range(6)], 40, 20)
+    clocked = [np.column_stack([part, np.arange(40) / 50]) for part in parts]
+    assert "54 recordings" in warned(table_of(clocked, np.repeat(np.arange(6), 10) % 3))["shared frames"]
+
+
+def test_windows_that_only_touch_and_recordings_that_are_alike_are_not_warned_of():
+    apart = windows([walk(seed, 240, 8) for seed in range(6)], 40, 40)
+    assert warned(table_of(apart)) == {}
+    assert warned(table_of(counts(0))) == {}
+
+
+def quantised(seed, *, channels, levels):
+    """Recordings (T, C) of few levels, at rest most of the time, pressed in the middle: many frames are equal."""
+    rng = np.random.default_rng(seed)
+    arrays = []
+    for number in range(60):
+        force = np.clip(np.sin(np.linspace(-1, 4, 80)), 0, None)[:, None]
+        pattern = rng.uniform(0.3, 1, channels) * (np.arange(channels) % 3 != number % 3)
+        arrays.append(np.floor(force * pattern * levels))
+    return arrays
+
+
+@pytest.mark.parametrize(("channels", "levels"), [(2, 4), (5, 3), (5, 20), (64, 6), (3, 255)])
+def test_equal_frames_of_sensors_with_few_levels_are_chance(channels, levels):
+    assert warned(table_of(quantised(0, channels=channels, levels=levels))) == {}
+
+
+def test_switches_of_fingers_that_close_in_the_same_order_are_no_copies():
+    rng = np.random.default_rng(0)
+    arrays = []
+    for _ in range(200):
+        starts = np.sort(rng.integers(5, 30, 5))
+        arrays.append((np.arange(40)[:, None] >= starts).astype(int))
+    assert warned(table_of(arrays)) == {}
+
+
+def test_a_resting_hand_whose_noise_has_two_levels_is_no_copy():
+    rng = np.random.default_rng(0)
+    assert warned(table_of([rng.integers(0, 2, (300, 2)) for _ in range(120)])) == {}
+
+
+def test_single_frames_of_few_levels_are_no_copies_and_copied_ones_are():
+    rng = np.random.default_rng(0)
+    few = [rng.integers(0, 4, (1, 5)) for _ in range(300)]
+    assert warned(table_of(few)) == {}
+    many = [rng.normal(500, 50, (1, 16)) for _ in range(60)]
+    text = warned(table_of([*many, many[4], many[7]]))["copies"]
+    assert "X[60] repeats X[4]" in text and "X[61] repeats X[7]" in text
+
+
+def test_pieces_under_other_objects_are_named_as_wrong_labels():
+    parts = windows([walk(seed, 220, 8) for seed in range(6)], 40, 20)
+    assert "of different objects" in warned(table_of(parts))["shared frames"]
+
+
+def test_a_table_keeps_what_is_held_out_together(tmp_path):
+    long = np.random.default_rng(0).normal(500, 9, (6, 60, 4, 6))
+    parts = [each[start : start + 40] for each in long for start in (0, 20)]
+    number = np.arange(12)
+    table = written(
+        tmp_path / "t",
+        np.concatenate(parts),
+        object=np.repeat(number // 4, 40),
+        recording=np.repeat(number, 40),
+        time=np.tile(np.arange(40.0), 12),
+    )
+    assert "take" not in table.columns
+    write_takes(tmp_path / "t", table, look_at(table))
+    again = Recordings.read(tmp_path / "t")
+    np.testing.assert_array_equal(again.columns["take"], np.repeat(number // 2 * 2, 40))
+    np.testing.assert_array_equal(again.counts, table.counts)
+    sound = written(tmp_path / "s", long.reshape(-1, 4, 6), recording=np.repeat(np.arange(6), 60))
+    write_takes(tmp_path / "s", sound, look_at(sound))
+    assert "take" not in Recordings.read(tmp_path / "s").columns
+
+
+def test_groups_of_recordings_with_common_frames_become_one():
+    parts = windows([walk(seed, 220, 8) for seed in range(6)], 40, 20)
+    recordings = table_of(parts, np.repeat(np.arange(6), 10) % 3)
+    each = recordings.columns["recording"].astype(int)
+    groups = groups_together(recordings, look_at(recordings), each)
+    np.testing.assert_array_equal(np.unique(groups, return_inverse=True)[1], each // 10)
+    person = each // 20  # two of the long recordings each
+    np.testing.assert_array_equal(groups_together(recordings, look_at(recordings), person), person)
+    alike = table_of(counts(0))
+    np.testing.assert_array_equal(groups_together(alike, look_at(alike), np.arange(480)), np.arange(480))
+
+
+def test_fit_says_that_windows_overlap():
+    parts = windows([walk(seed, 130, 4) for seed in range(6)], 40, 20)
+    labels = [OBJECTS[number % 3] for number in np.repeat(np.arange(6), 5)]
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        fitted = TactileClassifier(system="kernel").fit(parts, labels)
+    texts = [str(warning.message) for warning in seen]
+    assert any("frames of a different one" in text and "`groups`" in text for text in texts)
+    assert "shared frames" in {note.topic for note in fitted.notes_}
+
+
+def frozen(arrays, chosen, at):
+    """The same, where the chosen recordings repeat a frame to their ends."""
+    return [
+        np.concatenate([array[:at], np.repeat(array[at : at + 1], len(array) - at, axis=0)]) if number in chosen else array
+        for number, array in enumerate(arrays)
+    ]
+
+
+@pytest.mark.parametrize("dtype", [float, int])
+def test_a_frozen_glove_is_named(dtype):
+    arrays = [array.astype(dtype) for array in counts(0)]
+    text = warned(table_of(frozen(arrays, {1, 4}, 0)))["standing still"]
+    assert "X[1]" in text and "X[4]" in text and "X[2]" not in text
+    text = warned(table_of(frozen(arrays, {2, 5, 7}, 15)))["equal ends"]
+    assert all(f"X[{number}] (the last 25 of 40)" in text for number in (2, 5, 7)) and "X[3]" not in text
+
+
+@pytest.mark.parametrize("value", [0, 500, 1023])
+def test_a_dead_cable_in_the_recordings_of_one_object_is_named(value):
+    arrays = [array.round() for array in counts(0)]
+    for array in arrays[1::3]:
+        array[:, 5] = value
+    text = warned(table_of(arrays))["standing still"]
+    assert "column 6 in all of mug" in text and "column 5" not in text
+
+
+def test_sensors_that_nothing_touches_in_some_recordings_are_not_faulty():
+    arrays = counts(0, recordings=24, channels=64)
+    for number, array in enumerate(arrays):  # 0 without touch; each object touches a third
+        array[:, np.arange(64) % 3 != number % 3] = 500
+        array -= 500
+    assert warned(table_of([array.round() for array in arrays])) == {}
+
+
+def padded(arrays, fill, at_end=True):
+    """The same, filled up to 120 frames with zeros or with the value at that end."""
+    filled = []
+    for array in arrays:
+        edge = array[-1:] if at_end else array[:1]
+        pad = np.repeat(np.zeros_like(edge) if fill == "zeros" else edge, 120 - len(array), axis=0)
+        filled.append(np.concatenate([array, pad] if at_end else [pad, array]))
+    return filled
+
+
+@pytest.mark.parametrize("at_end", [True, False])
+@pytest.mark.parametrize("fill", ["zeros", "value"])
+@pytest.mark.parametrize("longer", [0, 20])
+def test_padding_is_named_and_whether_its_length_tells_the_object(fill, at_end, longer):
+    rng = np.random.default_rng(0)
+    arrays = [500 + rng.normal(0, 1, (40 + longer * (number % 3) + rng.integers(0, 9), 8)) for number in range(24)]
+    text = warned(table_of(padded(arrays, fill, at_end)))["equal ends"]
+    assert "24 recordings" in text and ("differs between the objects" in text) == (longer > 0)
+
+
+def test_padding_is_named_where_frames_repeat_and_a_hand_at_rest_is_not():
+    rng = np.random.default_rng(0)
+    slow = [500 + (rng.random((50 + number, 2)) < 0.2).astype(int) for number in range(24)]
+    assert "24 recordings" in warned(table_of(padded(slow, "zeros")))["equal ends"]
+    force = [rng.uniform(80, 200, 6) * rng.normal(1, 0.1, (30, 6)) for number in range(24)]
+    rests = rng.integers(5, 20, (24, 2))  # frames before and after a firm grip that begins and ends within a frame
+    held = [np.pad(each, ((before, after), (0, 0))) for each, (before, after) in zip(force, rests, strict=True)]
+    assert warned(table_of(held)) == {}
+
+
+@pytest.mark.parametrize("of_object", [True, False], ids=["of one object", "of some of each"])
+@pytest.mark.parametrize(
+    ("offset", "factor"), [*((500, each) for each in (3.3 / 1023, 1 / 16, 9.81, 1000)), (0, 3.3 / 1023), (0, 102)]
+)
+def test_recordings_in_another_unit_are_named_with_the_factor(offset, factor, of_object):
+    arrays = [array - 500 + offset for array in counts(0, recordings=24)]
+    chosen = [number for number in range(24) if (number % 3 == 1 if of_object else number % 4 == 1)]
+    for number in chosen:
+        arrays[number] = arrays[number] * factor
+    text = warned(table_of(arrays))["unit"]
+    assert f"{len(chosen)} recordings" in text and f"X[{chosen[0]}]" in text
+    assert ("weaker" in text) == (factor < 1)
+    times = float(text.partition("about ")[2].partition(" times")[0])
+    assert times == pytest.approx(max(factor, 1 / factor), rel=0.5)
+
+
+def test_half_of_the_recordings_in_volts_are_found_too():
+    arrays = [array * (3.3 / 1023 if number >= 12 else 1) for number, array in enumerate(counts(0, recordings=24))]
+    assert "12 recordings" in warned(table_of(arrays))["unit"]
+
+
+def test_a_light_grip_and_an_empty_hand_are_no_other_unit():
+    rng = np.random.default_rng(0)
+    force = [0.0, 2.0, 400.0]
+    arrays = [rng.normal(0, 0.3, (60, 8)) + force[number % 3] * rng.uniform(0.5, 1, 8) for number in range(24)]
+    assert warned(table_of(arrays)) == {}
+    weak = [rng.normal(0, 30 * 0.7 ** (number % 12), (60, 8)) for number in range(24)]  # muscles of any strength
+    assert warned(table_of(weak)) == {}
