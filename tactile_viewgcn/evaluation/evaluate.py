@@ -105,13 +105,14 @@ def scores_of(trials: Trials, rng: np.random.Generator, classes: int) -> dict[st
 
 
 def latency(
-    classifier: Classifier, inputs: Counts, whole: int, seconds: float = SECONDS
+    classifier: Classifier, inputs: Counts, live: np.ndarray, whole: int, seconds: float = SECONDS
 ) -> dict[str, dict[str, float]]:
     """Milliseconds per answer from network input to logits.
 
     Args:
         classifier: prepared for answers.
         inputs: (n, H, W); the timed answers repeat them, n may be below V.
+        live: bool (H, W) sensors.
         whole: frames of the recording that is timed.
         seconds: for each measurement.
 
@@ -120,20 +121,21 @@ def latency(
         a whole recording; the 95th percentile is interpolated.
     """
 
-    def timed(index: np.ndarray, answer: Callable[[Any], Any]) -> np.ndarray:
+    def timed(index: np.ndarray, answer: Callable[[Any, np.ndarray], Any]) -> np.ndarray:
         """Milliseconds of each repeat after one that warms up: one at least, until the seconds are spent."""
         frames, taken, end = inputs[index % len(inputs)], list[float](), time.perf_counter() + seconds
         while len(taken) < 2 or (len(taken) <= MAX_REPEATS and time.perf_counter() < end):
             begin = time.perf_counter()
-            answer(classifier.frame_values(frames))
+            answer(classifier.frame_values(frames), frames)
             taken.append((time.perf_counter() - begin) * 1e3)
         return np.array(taken[1:])  # the first one warms up
 
     one, more = (np.arange(count * classifier.views).reshape(count, -1) for count in (1, BATCH))
-    single = timed(one.ravel(), lambda values: classifier.view_sets(values, one))
-    batch = timed(more.ravel(), lambda values: classifier.view_sets(values, more)) / BATCH
+    single = timed(one.ravel(), lambda values, frames: classifier.view_sets(values, one))
+    batch = timed(more.ravel(), lambda values, frames: classifier.view_sets(values, more)) / BATCH
+    recording = timed(np.arange(whole), lambda values, frames: classifier.recording(values, frames[:, live]))
     return {
         "single": {"median": float(np.median(single)), "p95": float(np.percentile(single, 95))},
         "batch": {"median": float(np.median(batch))},
-        "whole": {"median": float(np.median(timed(np.arange(whole), classifier.recording)))},
+        "whole": {"median": float(np.median(recording))},
     }

@@ -91,7 +91,7 @@ def answer_recordings(classifier: Classifier, values: Any, table: Frames, params
     index = table.on(SIDES.index(params.evaluate.side))
     pool = pool_ids(table, index, "recording")
     _, first, counts = np.unique(pool, return_index=True, return_counts=True)
-    best = most_probable(recording_answers(classifier, None, values, pool))
+    best = most_probable(recording_answers(classifier, None, values, table.points(index), pool))
     return _trials(best[None], table, index[first], int(np.median(counts)))
 
 

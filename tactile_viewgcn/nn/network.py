@@ -14,6 +14,7 @@ from tactile_viewgcn.params import Model
 
 if TYPE_CHECKING:
     from tactile_viewgcn.tables.counts import Counts
+    from tactile_viewgcn.views.recording_clusters import RecordingClusters
 
 MAX_NODE_VALUES = 1 << 20  # numbers in the nodes of a batch of view sets; a larger batch gains no speed
 
@@ -30,9 +31,11 @@ class ViewNetwork(nn.Module):
         head: features (B, k, *feature_shape) of view sets to logits, see `ViewSystem`.
         viewpoints: (V, 3); views: V.
         takes_fewer: whether it also answers fewer views than V, cheaply.
+        clusters: draws the view sets of whole recordings, if it was trained on clusters; else None.
     """
 
     transform: str | None = None  # of frames: the table's
+    clusters: "RecordingClusters | None" = None
     viewpoints: Tensor
 
     def __init__(
@@ -64,15 +67,26 @@ class ViewNetwork(nn.Module):
         """Logits (A, classes) of view sets (A, k) of indices into `frame_values` (n, ...)."""
         return view_set_logits(self.head, values, torch.from_numpy(sets).to(values.device)).cpu().numpy()
 
-    def recording(self, values: Tensor) -> np.ndarray:
-        """Logits (classes,) of a recording from the values (T, ...) of its frames in the order of time.
+    def recording(self, values: Tensor, points: "Counts | None" = None) -> np.ndarray:
+        """Return the logits (classes,) of a whole recording.
 
-        A system that `takes_more` takes them all at once. Any other answers the `recording_sets`, and the mean of its
-        log-probabilities is taken.
+        A system that `takes_more` takes all frames at once. Any other answers view sets like those of its training,
+        and the mean of its log-probabilities is taken. If it was trained on clusters, the sets are drawn from the
+        recording's own clusters; else they are the `recording_sets`, spread over the recording.
+
+        Args:
+            values: (T, ...) `frame_values` of the recording's frames in the order of time.
+            points: (T, S) network input of these frames at the live sensors, by which they are clustered.
         """
         if self.head.takes_more:
             return self.view_sets(values, np.arange(len(values))[None])[0]
-        return log_softmax(self.view_sets(values, recording_sets(len(values), self.views)), axis=1).mean(axis=0)
+        if self.clusters is None:
+            sets = recording_sets(len(values), self.views)
+        else:
+            if points is None:
+                raise TypeError("a network that was trained on clusters needs the points of a recording's frames")
+            sets = self.clusters.view_sets(points, self.views)
+        return log_softmax(self.view_sets(values, sets), axis=1).mean(axis=0)
 
 
 def recording_sets(count: int, views: int) -> np.ndarray:

@@ -13,7 +13,7 @@ from scipy.special import log_softmax, logsumexp
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.nn.network import ViewNetwork
-from tactile_viewgcn.tables.counts import Gathered
+from tactile_viewgcn.tables.counts import Counts, Gathered
 from tactile_viewgcn.tables.frames import VALIDATION, Frames
 from tactile_viewgcn.views.clustering import pool_ids
 
@@ -25,7 +25,7 @@ MIN_TEMPERATURE, MAX_TEMPERATURE = 0.02, 50.0
 PRIOR = 1.5  # standard deviation of the logarithms of members' weights
 
 
-def recording_answer(classifier: Classifier, temperature: float | None, values: Any) -> np.ndarray:
+def recording_answer(classifier: Classifier, temperature: float | None, values: Any, points: Counts) -> np.ndarray:
     """Logarithms of a recording's class probabilities (classes,), the same in every interface and in the evaluation.
 
     They are in float64, so that no rounding makes classes equal.
@@ -33,18 +33,28 @@ def recording_answer(classifier: Classifier, temperature: float | None, values: 
     Args:
         temperature: of the logits; None where the classifier is not calibrated.
         values: the classifier's values (T, ...) of the frames in contact, see `build_classifier`.
+        points: (T, S) network input of these frames at the live sensors.
     """
-    return log_softmax(classifier.recording(values).astype(np.float64) / (temperature or 1))
+    logits = classifier.recording(values, points).astype(np.float64)
+    return log_softmax(logits / (temperature or 1))
 
 
-def recording_answers(classifier: Classifier, temperature: float | None, values: Any, pool: np.ndarray) -> np.ndarray:
-    """The `recording_answer` (P, classes) to each recording, by the values (n, ...) of all frames.
+def recording_answers(
+    classifier: Classifier, temperature: float | None, values: Any, points: Counts, pool: np.ndarray
+) -> np.ndarray:
+    """The `recording_answer` (P, classes) to each recording.
 
     Args:
+        values: (n, ...) the classifier's values of all frames.
+        points: (n, S) network input of all frames at the live sensors.
         pool: (n,) recording of each frame, 0 to P - 1.
     """
-    frames = (np.flatnonzero(pool == number) for number in range(pool.max() + 1))
-    return np.stack([recording_answer(classifier, temperature, values[index]) for index in frames])
+    answers = []
+    for number in range(pool.max() + 1):
+        index = np.flatnonzero(pool == number)
+        points_of_recording = Gathered(points.__getitem__, index)  # most classifiers do not read them
+        answers.append(recording_answer(classifier, temperature, values[index], points_of_recording))
+    return np.stack(answers)
 
 
 def fit_temperature(logits: np.ndarray, labels: np.ndarray) -> float:
@@ -97,7 +107,8 @@ def network_temperature(network: ViewNetwork, table: Frames, compute: Compute) -
     index = table.on(VALIDATION)
     recording = pool_ids(table, index, "recording")
     network.prepare(compute)
-    answers = recording_answers(network, None, network.frame_values(Gathered(table.inputs, index)), recording)
+    values = network.frame_values(Gathered(table.inputs, index))
+    answers = recording_answers(network, None, values, table.points(index), recording)
     first = np.unique(recording, return_index=True)[1]
     return fit_temperature(answers, table.label[index[first]].astype(np.int64))
 

@@ -11,7 +11,8 @@ from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.intervals import percent_interval, proportion_interval
-from tactile_viewgcn.messages import NEW_SESSION, Note, several
+from tactile_viewgcn.messages import NEW_SESSION, Note, UserError, several
+from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import Member, Model, Params, on_sensors
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.calibration import Classifier, calibration_warning, network_temperature
@@ -74,26 +75,29 @@ def fit_classifier(
 
 def _fit_sensors(table: Frames, views: Views, params: Params, compute: Compute, *, ask_network: bool) -> Fitted:
     """Fit the members to the training recordings, weighed where they are `auto`, and calibrate them."""
-    begin, seed, network, notes = time.perf_counter(), params.seed, None, list[Note]()
-    array, auto = is_array(table.live), params.model.members == "auto"
-    members = [*(params.model.members if not auto else ARRAY if array else CHANNELS)]
-    on_sensors = [name for name in members if name != NETWORK]
+    begin, seed = time.perf_counter(), params.seed
+    auto = params.model.members == "auto"
+    members = members_of(params.model, table.live)
     recordings = training_recordings(table)
-    examples = examples_of(table, recordings, on_sensors, powers_of_two(len(views.viewpoints)), seed)
+    examples = examples_of(table, recordings, members, powers_of_two(len(views.viewpoints)), seed)
+    members, notes = _each_once(members, examples)
+    on_sensors = [name for name in members if name != NETWORK]
     first = np.array([index[0] for index in recordings])
     left = LeftOut(examples, table.group[first], seed)
-    if auto and NETWORK in members and not ask_network:
-        text = f"a network may err less: TactileClassifier(system={NETWORK!r}) trains one"
-        notes.append(Note(text, topic="recogniser"))
-    elif NETWORK in members and (not auto or (left.answered.any() and left.wrong(left.weighed(on_sensors)).any())):
-        trained = NetworkMember(table, views, recordings, seed, compute)
-        left.shares[NETWORK], answered, note = trained.left_out(left.folds)
-        notes.append(note)
-        if answered.any() or not auto:
-            network, left.answered = trained.train(), answered
+    network = None
+    wanted = NETWORK in members
+    if wanted and auto:
+        wanted, why = _wants_network(left, on_sensors, asked=ask_network)
+        notes += why
+    if wanted:
+        member = NetworkMember(table, views, recordings, seed, compute)
+        network, why = _network(left, member, is_only=not on_sensors)
+        notes += why
+    if network is None:
+        members = [name for name in members if name != NETWORK]
     weights = dict.fromkeys(members, 1.0)
     if auto:
-        weights, weighed = _weights(left, members if network else on_sensors)
+        weights, weighed = _weights(left, members)
         notes += weighed
     temperature = left.temperature(weights)
     notes += calibration_warning(temperature, "left-out training groups", "record each object more often")
@@ -104,6 +108,66 @@ def _fit_sensors(table: Frames, views: Views, params: Params, compute: Compute, 
     notes += _of_new_sessions(table, LeftOut(examples, table.session[first], seed), weights)
     model = replace(params.model, members=cast(list[Member], [*weights]))
     return Fitted(classifier, model, temperature, Progress(seconds=time.perf_counter() - begin), notes)
+
+
+def members_of(model: Model, live: np.ndarray) -> list[str]:
+    """The members that `model.members` names; `auto` depends on whether the sensors, bool (H, W), are an array."""
+    if model.members != "auto":
+        return [*model.members]
+    return [*ARRAY] if is_array(live) else [*CHANNELS]
+
+
+def _each_once(members: list[str], examples: Examples) -> tuple[list[str], list[Note]]:
+    """The members without `pooled_kernel` where it is the same classifier as `kernel`: on recordings of one frame."""
+    is_twice = {"kernel", "pooled_kernel"} <= set(members) and bool((examples.lengths == 1).all())
+    if not is_twice:
+        return members, []
+    text = "pooled_kernel: left out, since on recordings of one frame it is the same classifier as kernel"
+    return [name for name in members if name != "pooled_kernel"], [Note(text, topic="recogniser")]
+
+
+def _wants_network(left: LeftOut, others: list[str], *, asked: bool) -> tuple[bool, list[Note]]:
+    """Whether `auto` tries the network: where groups can be left out, and the other members answer some wrongly."""
+    if not asked:
+        text = f"a network may err less: TactileClassifier(system={NETWORK!r}) trains one"
+        return False, [Note(text, topic="recogniser")]
+    if not left.answered.any():
+        return False, []
+    return bool(left.wrong(left.weighed(others)).any()), []
+
+
+def _network(left: LeftOut, member: NetworkMember, *, is_only: bool) -> tuple[ViewNetwork | None, list[Note]]:
+    """Train the network, and give `left` its answers to the recordings that are left out.
+
+    It is left out as a whole where its trainings would pass more readings than are allowed, or one of them diverges.
+
+    Args:
+        is_only: there is no other member, so that it is trained whatever it takes.
+
+    Returns:
+        The network, trained on all training recordings, or None where it is left out; and notes on this.
+
+    Raises:
+        UserError: it is the only member, and a training diverges.
+    """
+    alone = f"it may err less: `dvc exp run $(tactile-viewgcn preset {NETWORK})` trains it as the only classifier"
+    readings = member.readings(left.folds)
+    trainings = several(len(left.folds) + 1, "training")
+    work = f"its {trainings} would read {readings:.2g} sensor readings, and the limit is {member.most_readings:.2g}"
+    if readings > member.most_readings and not is_only:
+        return None, [Note(f"{NETWORK}: left out, since {work}; {alone}", topic="recogniser")]
+    try:
+        shares = member.left_out(left.folds)
+        network = member.train()
+    except UserError as error:
+        if is_only:
+            raise
+        return None, [Note(f"{NETWORK}: left out: {error}; {alone}", topic="recogniser")]
+    left.shares[NETWORK] = shares
+    parts = several(len(left.folds), "part")
+    text = f"{NETWORK}: trained without each of {parts} of the training groups, then with all; "
+    text += f"its {trainings} read {readings:.2g} sensor readings"
+    return network, [Note(text, topic="recogniser")]
 
 
 def _weights(left: LeftOut, members: list[str]) -> tuple[dict[str, float], list[Note]]:

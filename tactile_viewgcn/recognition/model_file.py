@@ -23,12 +23,13 @@ from tactile_viewgcn.device import select_device
 from tactile_viewgcn.files import readable, write_file
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.nn.network import ViewNetwork, spread_frames
-from tactile_viewgcn.params import Model, PreprocessSection, default_params, on_sensors, preset_changes
+from tactile_viewgcn.params import Cluster, Model, PreprocessSection, default_params, on_sensors, preset_changes
 from tactile_viewgcn.recognition.calibration import Classifier, recording_answer
 from tactile_viewgcn.sensors.representation import NETWORK
 from tactile_viewgcn.systems import load_system, system_class
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TRAIN, Frames, frame_rates, network_input
+from tactile_viewgcn.views.recording_clusters import RecordingClusters
 from tactile_viewgcn.views.sampling import powers_of_two
 
 UNFIT = (
@@ -53,7 +54,8 @@ def build_classifier(viewpoints: Tensor, classes: int, model: Model, shape: tupl
     - `prepare(compute)`: puts it on a device, ready for the answers below.
     - `frame_values(inputs)`: values (n, ...) of frames (n, H, W), each alone.
     - `view_sets(values, sets)`: logits float32 (A, classes) of view sets (A, k) of indices into these values.
-    - `recording(values)`: logits float32 (classes,) of a recording, by the values of its frames in the order of time.
+    - `recording(values, points)`: logits float32 (classes,) of a recording, by the values of its frames in the order of
+      time, and by their network input (T, S) at the live sensors, from which a network clusters them.
     - `takes_fewer`: whether `view_sets` also answers fewer frames than V.
     """
     if on_sensors(model.system):
@@ -114,6 +116,7 @@ class Content:
     """What a file holds, see `save_classifier`; its arrays are tensors there.
 
     Attributes:
+        clusters: how a network clusters a whole recording: as in its training; None where it does not.
         examples: counts (R, T, H, W) of frames in contact of a few training recordings.
         answers: (R, S, classes) class probabilities of one frame of the examples, of two and so on up to V, and of all
             frames, above the training's mean baseline.
@@ -127,6 +130,7 @@ class Content:
     scale: float
     precision: Literal["float32", "bfloat16"]
     temperature: Annotated[float, Field(ge=1e-3, le=1e3)] | None
+    clusters: Cluster | None
     preprocessing: FittedPreprocessing
     examples: np.ndarray
     answers: np.ndarray
@@ -134,8 +138,10 @@ class Content:
     def answer(self, classifier: Classifier, excess: np.ndarray) -> np.ndarray:
         """`recording_answer` of frames in contact, counts (n, H, W) above baseline, in the order of time."""
         with np.errstate(all="ignore"):  # whether it is finite is for the caller to check
-            values = classifier.frame_values(network_input(excess, self.transform, self.scale))
-            return recording_answer(classifier, self.temperature, values)
+            inputs = network_input(excess, self.transform, self.scale)
+            values = classifier.frame_values(inputs)
+            points = inputs[:, self.preprocessing.live]
+            return recording_answer(classifier, self.temperature, values, points)
 
     def answers_now(self, classifier: Classifier) -> np.ndarray:
         """The classifier's `answers` now. The frames of an example are repeated until they are a whole recording."""
@@ -152,6 +158,8 @@ class Content:
         if isinstance(classifier, torch.nn.Module):
             classifier.load_state_dict(_converted(self.learnt, np.ndarray, torch.from_numpy), assign=True)
             classifier.transform = self.transform
+            if self.clusters is not None:
+                classifier.clusters = RecordingClusters(self.clusters)
         else:
             classifier.load_state_dict(self.learnt, live)
         classifier.prepare(select_device("cpu", self.precision))
@@ -180,6 +188,7 @@ def save_classifier(
         precision: of the training.
         temperature: of its answers to recordings, if it is calibrated.
     """
+    clusters = classifier.clusters if isinstance(classifier, ViewNetwork) else None
     content = Content(
         learnt=_converted(classifier.state_dict(), Tensor, _array),
         viewpoints=_array(torch.as_tensor(classifier.viewpoints)),
@@ -189,6 +198,7 @@ def save_classifier(
         scale=frames.scale,
         precision=cast(Any, precision),
         temperature=temperature,
+        clusters=clusters.params if clusters is not None else None,
         preprocessing=FittedPreprocessing.of(frames),
         examples=_examples(frames),
         answers=np.zeros(0),

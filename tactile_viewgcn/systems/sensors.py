@@ -111,10 +111,12 @@ class SensorClassifier:
         batches = (values[sets[start : start + step]] for start in range(0, len(sets), step))
         return np.concatenate([self._logits(batch, fitted, whole=False) for batch in batches])
 
-    def recording(self, values: np.ndarray) -> np.ndarray:
-        """Logits (classes,) of a recording from the values (T, ...) of its frames in the order of time.
+    def recording(self, values: np.ndarray, points: "Counts | None" = None) -> np.ndarray:
+        """Return the logits (classes,) of a whole recording; of a long one `every_few` frames are read.
 
-        Of a long one `every_few` are read.
+        Args:
+            values: (T, ...) `frame_values` of the recording's frames in the order of time.
+            points: not used; a network needs them.
         """
         values = every_few(values)
         if len(values) < self.short:

@@ -18,6 +18,7 @@ from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.loop import OnEpoch, Progress, error_rate, fit
 from tactile_viewgcn.training.optim import build_optimiser, num_batches
 from tactile_viewgcn.training.view_sets import Batch, SetLoss, SideViewSets
+from tactile_viewgcn.views.recording_clusters import RecordingClusters
 
 
 def finetune_classifier(
@@ -55,6 +56,8 @@ def finetune_classifier(
     network.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
     drawn_from, progress = views.unclustered() if config.draw == "random" else views, Progress()
     train = SideViewSets(TRAIN, table, drawn_from, params, compute)
+    if drawn_from.clustered:
+        network.clusters = RecordingClusters(params.cluster)  # a whole recording is answered as the network was trained
     if network.head.trainable:
         validation = SideViewSets(VALIDATION, table, views, params, compute)
         progress = _train(network, train, validation, config, compute, checkpoint_path, on_epoch)

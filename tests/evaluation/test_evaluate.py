@@ -26,7 +26,7 @@ def drawn(monkeypatch):
         return np.eye(4)[np.zeros(len(sets), dtype=int)]
 
     monkeypatch.setattr(ViewNetwork, "view_sets", view_sets)
-    monkeypatch.setattr(ViewNetwork, "recording", lambda model, values: np.zeros(4))
+    monkeypatch.setattr(ViewNetwork, "recording", lambda model, values, points: np.zeros(4))
     return result
 
 
@@ -123,12 +123,15 @@ def test_latency_by_hand(monkeypatch):
         clock.now += answers.count(kind) / 1000
 
     monkeypatch.setattr(module, "time", clock)
-    asked = {"view_sets": lambda values, sets: answer(len(sets)), "recording": lambda values: answer(f"{len(values)}")}
+    asked = {
+        "view_sets": lambda values, sets: answer(len(sets)),
+        "recording": lambda values, points: answer(f"{len(points)}"),
+    }
     classifier = SimpleNamespace(views=4, frame_values=lambda frames: frames, **asked)
-    milliseconds = latency(classifier, np.zeros((3, 2, 2)), 23, seconds=20)
+    milliseconds = latency(classifier, np.zeros((3, 2, 2)), np.ones((2, 2), bool), 23, seconds=20)
     assert Counter(answers) == {1: 51, 64: 51, "23": 51}
     assert list(milliseconds["single"].values()) == pytest.approx([26.5, np.percentile(range(2, 52), 95)])
     assert (milliseconds["batch"]["median"], milliseconds["whole"]["median"]) == pytest.approx((26.5 / 64, 26.5))
     answers.clear()
-    latency(classifier, np.zeros((3, 2, 2)), 23, seconds=0.001)
+    latency(classifier, np.zeros((3, 2, 2)), np.ones((2, 2), bool), 23, seconds=0.001)
     assert Counter(answers) == {1: 2, 64: 2, "23": 2}

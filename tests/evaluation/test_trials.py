@@ -47,7 +47,7 @@ def test_each_recording_is_answered_once_from_its_frames_in_their_order():
     table = frames_of(np.zeros(10, int), recording)
     table.group = np.array([0, 0, 0, 1, 1, 1, 2, 2, 2, 3])
     classifier = SimpleNamespace(
-        recording=lambda values: answers[recording[values[-1]]] if values[0] <= values[-1] else None
+        recording=lambda values, points: answers[recording[values[-1]]] if values[0] <= values[-1] else None
     )
     trials = answer_recordings(classifier, np.arange(10), table, recipe())
     assert trials.best.tolist() == [[[0, 1, 2], [2, 1, 0], [2, 1, 0], [0, 1, 2]]]

@@ -72,7 +72,8 @@ def test_a_network_s_probabilities_are_as_often_right_as_they_say():
     temperature, index, confidence, right = network_temperature(network, frames, CPU), frames.on(VALIDATION), [], []
     for number in np.unique(frames.recording[index]):
         rows = index[frames.recording[index] == number]
-        logarithms = recording_answer(network, temperature, network.frame_values(frames.inputs(rows)))
+        values = network.frame_values(frames.inputs(rows))
+        logarithms = recording_answer(network, temperature, values, frames.points(rows))
         assert np.exp(logarithms).sum() == pytest.approx(1)
         confidence.append(np.exp(logarithms.max()))
         right.append(logarithms.argmax() == frames.label[rows[0]])

@@ -1,67 +1,144 @@
-"""The network among the members: trained without as many folds as its limit of time allows."""
+"""The network among the members: all its trainings or none, decided by counted work, and calibrated in either case."""
 
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.params import default_params, preset_changes
 from tactile_viewgcn.recognition import network_member
-from tactile_viewgcn.recognition.fitting import training_recordings
+from tactile_viewgcn.recognition.fitting import fit_classifier, training_recordings
 from tactile_viewgcn.recognition.network_member import NetworkMember
+from tactile_viewgcn.sensors.representation import NETWORK
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tests.glove_data import CPU, recipe, table, views_of
 
+FOLDS = "split.folds=6"
+SMALL = ("model.system=vote", "model.backbone.width=8", "pretrain.epochs=8")
 
-@pytest.mark.parametrize(("limit", "folds"), [(1e9, 2), (2.5, 1), (1.5, 0)])
-def test_as_many_folds_are_answered_as_leave_time_for_the_last_training(monkeypatch, limit, folds):
-    """A training takes a second; each fold has the recordings of two groups, which the others recognise."""
-    frames = table("split.folds=6")
+
+def member(frames, *, small=True):
+    made = NetworkMember(frames, views_of(frames, recipe()), training_recordings(frames), 0, CPU)
+    if small:
+        made.params = recipe(*SMALL)
+    return made
+
+
+def test_each_fold_is_answered_by_a_training_without_it_and_nothing_else_is():
+    frames = table(FOLDS)
     recordings = training_recordings(frames)
     labels, number = (np.array([column[index[0]] for index in recordings]) for column in (frames.label, frames.group))
     masks = [np.isin(number, np.unique(number)[fold::4]) for fold in (0, 1)]
-    network = NetworkMember(frames, views_of(frames, recipe()), recordings, 0, CPU)
-    assert network.params.model.system == "vote" and network.table.transform == "log" and 0 < network.seconds() < 60
-    network.params = recipe("model.system=vote", "model.backbone.width=8", "pretrain.epochs=8")
-    monkeypatch.setattr(network_member, "LIMIT", limit)
-    monkeypatch.setattr(network, "seconds", lambda: 1.0)
-    shares, answered, note = network.left_out(masks)
-    assert (answered == np.any(masks[:folds], axis=0)).all() if folds else not answered.any()
-    assert (shares.sum(axis=1) > 0.99).tolist() == answered.tolist()
-    assert (f"{folds} of 2" if folds else "tactile-viewgcn preset network") in note.text
-    assert not folds or (shares.argmax(axis=1) == labels)[answered].mean() > 0.6
+    shares = member(frames).left_out(masks)
+    answered = np.any(masks, axis=0)
+    assert (shares.sum(axis=1) > 0.99).tolist() == answered.tolist() and not shares[~answered].any()
+    assert (shares.argmax(axis=1) == labels)[answered].mean() > 0.6
 
 
-@pytest.mark.parametrize("batch", [2, 1000])
-def test_the_seconds_of_a_training_are_in_proportion_to_its_anchors_and_epochs(monkeypatch, batch):
-    """An anchor takes a second, also where there are fewer than the batches by which they are estimated."""
-    frames, clock = table("split.folds=6"), SimpleNamespace(now=0.0)
-
-    def pretrained(table, params, compute, on_epoch):
-        for _ in range(params.pretrain.epochs):
-            clock.now += table.anchor.sum()
-            on_epoch()
-
-    clock.perf_counter = lambda: clock.now
-    monkeypatch.setattr(network_member, "time", clock)
-    monkeypatch.setattr(network_member, "pretrain_backbone", pretrained)
-    network = NetworkMember(frames, views_of(frames, recipe()), training_recordings(frames), 0, CPU)
-    network.params = recipe(f"pretrain.batch={batch}", "pretrain.epochs=30")
-    assert network.seconds() == pytest.approx(30 * (frames.anchor & (frames.side == TRAIN)).sum())
+def test_the_member_is_the_preset_s_network():
+    made = member(table(FOLDS), small=False)
+    preset = default_params((*preset_changes(NETWORK), "seed=0"))
+    assert made.params == preset and made.table.transform == preset.preprocess.transform
 
 
-def test_what_is_left_out_is_no_training_data_and_a_network_that_diverges_is_left_out(monkeypatch):
-    frames = table("split.folds=6")
-    recordings, sides = training_recordings(frames), []
+def test_the_work_is_the_anchors_readings_in_every_epoch_of_every_training():
+    """Two folds of three of 20 recordings, each with 12 frames of 12 x 12, half of them anchors."""
+    frames = table(FOLDS)
+    halved = replace(frames, anchor=np.arange(len(frames)) % 2 == 0)
+    made = member(halved)
+    count = len(made.recordings)
+    folds = [np.arange(count) < 3, np.arange(count) >= count - 3]
+    each = 6 * 144 * 8
+    assert made.readings([]) == each * count
+    assert made.readings(folds) == each * (count + 2 * (count - 3))
+
+
+def fitted(members, frames=None):
+    frames = table(FOLDS) if frames is None else frames
+    params = recipe("model.system=sensors", f"model.members={members}")
+    return fit_classifier(frames, views_of(frames, params), {}, params, CPU)
+
+
+def dealt():
+    """The frames with wrong labels in every third recording, so that every member errs."""
+    frames = table(FOLDS)
+    return replace(frames, label=np.where(frames.recording % 3 == 0, frames.label // 2, frames.label))
+
+
+@pytest.fixture
+def trained(monkeypatch):
+    """The sides of the frames in each training of the network, which is small."""
+    sides = []
+    original = NetworkMember.train
+
+    def train(self, *left):
+        self.params = recipe(*SMALL, "pretrain.epochs=2")
+        sides.append(np.isin(np.arange(len(self.table)), np.concatenate([*left, np.zeros(0, int)])))
+        return original(self, *left)
+
+    monkeypatch.setattr(NetworkMember, "train", train)
+    return sides
+
+
+def limit(monkeypatch, readings):
+    monkeypatch.setitem(network_member.MOST_READINGS, "cpu", readings)
+
+
+@pytest.mark.parametrize("members", ["auto", "[kernel, network]"])
+def test_above_the_limit_nothing_is_trained_the_note_says_so_and_the_others_are_calibrated(
+    monkeypatch, trained, members
+):
+    limit(monkeypatch, 1.0)
+    without = fitted(members, dealt())
+    assert NETWORK not in without.model.members and not without.classifier.network and not trained
+    assert without.temperature is not None
+    (note,) = [note for note in without.notes if note.text.startswith("network:")]
+    assert "left out" in note.text
+
+
+@pytest.mark.parametrize("members", ["[kernel, network]", "[network]"])
+def test_below_the_limit_every_fold_is_run_and_all_are_calibrated(monkeypatch, trained, members):
+    limit(monkeypatch, np.inf)
+    one = fitted(members)
+    assert NETWORK in one.model.members and one.classifier.network and one.temperature is not None
+    train = table(FOLDS).side == TRAIN
+    *folds, last = trained
+    assert not last.any() and np.array_equal(np.sum(folds, axis=0), train.astype(int)) and len(folds) > 1
+
+
+def test_the_only_member_is_trained_whatever_the_limit(monkeypatch, trained):
+    limit(monkeypatch, 1.0)
+    one = fitted("[network]")
+    assert one.model.members == [NETWORK] and one.temperature is not None and len(trained) > 1
+
+
+@pytest.mark.parametrize("members", ["auto", "[kernel, network]"])
+def test_how_busy_the_machine_is_changes_nothing(monkeypatch, trained, members):
+    """On a machine where an hour passes between two looks at the clock."""
+    first = fitted(members, dealt())
+    hours = iter(range(10**9))
+    monkeypatch.setattr("time.perf_counter", lambda: 3600.0 * next(hours))
+    busy = fitted(members, dealt())
+    assert busy.model.members == first.model.members and busy.temperature == first.temperature is not None
+    assert busy.classifier.weights == first.classifier.weights
+    assert trained and len(trained) % 2 == 0  # as many trainings
+
+
+def test_a_network_that_diverges_is_left_out_and_was_given_no_frame_that_is_left_out(monkeypatch):
+    frames = table(FOLDS)
+    sides = []
 
     def pretrained(table, *_):
         sides.append(table.side)
         raise UserError("diverged")
 
     monkeypatch.setattr(network_member, "pretrain_backbone", pretrained)
-    network = NetworkMember(frames, views_of(frames, recipe()), recordings, 0, CPU)
-    monkeypatch.setattr(network, "seconds", lambda: 1.0)
-    _, answered, note = network.left_out([np.arange(len(recordings)) < 2])
-    assert not answered.any() and "diverged" in note.text
-    left = np.isin(np.arange(len(frames)), np.concatenate(recordings[:2]))
-    np.testing.assert_array_equal(sides, [np.where(left, TEST, frames.side)])
+    without = fitted("[kernel, network]")
+    assert without.model.members == ["kernel"] and without.temperature is not None
+    assert any("diverged" in note.text for note in without.notes)
+    (side,) = sides
+    moved = side != frames.side
+    assert moved.any() and (side[moved] == TEST).all() and (frames.side[moved] == TRAIN).all()
+    with pytest.raises(UserError, match="diverged"):
+        fitted("[network]")

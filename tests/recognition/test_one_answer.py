@@ -96,6 +96,9 @@ def test_one_recording_has_one_probability_by_all_interfaces(tmp_path, preset, s
     trained, content = recogniser.classifier, recogniser.content
     trained.prepare(CPU)
     index = np.flatnonzero(frames.recording >= len(X))
-    values = trained.frame_values(frames.inputs(index, content.transform))
-    answers = recording_answers(trained, content.temperature, values, frames.recording[index] - len(X))
+    inputs = frames.inputs(index, content.transform)
+    values = trained.frame_values(inputs)
+    answers = recording_answers(
+        trained, content.temperature, values, inputs[:, frames.live], frames.recording[index] - len(X)
+    )
     np.testing.assert_allclose(np.exp(answers), by_class, atol=1e-6)

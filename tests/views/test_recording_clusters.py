@@ -1,0 +1,44 @@
+"""View sets of whole recordings whose clusters are known."""
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.params import Cluster
+from tactile_viewgcn.views.recording_clusters import RecordingClusters
+
+
+def clumps(sizes, seed=0):
+    """Points (T, 12) of clumps of these numbers of frames, far from each other, in a random order; clump (T,)."""
+    rng = np.random.default_rng(seed)
+    clump = rng.permutation(np.repeat(np.arange(len(sizes)), sizes))
+    centres = 100 * rng.normal(size=(len(sizes), 12))
+    return (centres[clump] + rng.normal(size=(len(clump), 12))).astype(np.float32), clump
+
+
+@pytest.mark.parametrize("assignment", ["index", "anchor", "random"])
+@pytest.mark.parametrize("sizes", [(9, 2, 4, 1), (5, 5, 5, 5), (40, 1, 1, 1), (1, 1, 1, 1)])
+def test_each_frame_has_a_set_of_one_frame_of_each_cluster(sizes, assignment):
+    points, clump = clumps(sizes)
+    sets = RecordingClusters(Cluster(assignment=assignment)).view_sets(points, 4)
+    assert sets.shape == (len(points), 4)
+    np.testing.assert_array_equal(np.sort(clump[sets], axis=1), np.tile(np.arange(4), (len(points), 1)))
+    assert (sets == np.arange(len(points))[:, None]).sum(axis=1).tolist() == [1] * len(points)
+    columns = {tuple(row) for row in clump[sets].tolist()}
+    assert (len(columns) == 1) == (assignment == "index")  # a cluster stays at its viewpoint
+
+
+@pytest.mark.parametrize(("frames", "distinct"), [(1, 1), (3, 3), (6, 2), (5, 1)])
+def test_a_recording_of_fewer_frames_or_of_equal_ones_repeats_frames(frames, distinct):
+    points = clumps([1] * distinct)[0][np.arange(frames) % distinct]
+    sets = RecordingClusters(Cluster()).view_sets(points, 4)
+    assert sets.shape == (frames, 4) and sets.min() >= 0 and sets.max() < frames
+    assert all(frame in row for frame, row in enumerate(sets.tolist()))
+
+
+def test_a_recording_has_one_answer_whatever_was_drawn_before():
+    points, _ = clumps((9, 2, 4, 1))
+    clusters = RecordingClusters(Cluster())
+    first = clusters.view_sets(points, 4)
+    clusters.view_sets(clumps((3, 3, 3, 3), seed=1)[0], 4)
+    np.testing.assert_array_equal(clusters.view_sets(points, 4), first)
+    np.testing.assert_array_equal(RecordingClusters(Cluster()).view_sets(points, 4), first)
