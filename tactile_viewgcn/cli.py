@@ -96,11 +96,11 @@ def _form(changes: tuple[str, ...], *other: str) -> tuple["Form", PreprocessSect
     """The form of a source, and settings of `preprocess`, by `--set` of `data` and of other sections of params.yaml."""
     from tactile_viewgcn.readers.source import Form
 
+    params = default_params(changes, "--set")  # first: a misspelt key is no key of `dvc exp run` either
     sections = ("data", *other)
     if wrong := [change for change in changes if change.partition(".")[0] not in sections]:
         expected = " or ".join(f"{name}.KEY=VALUE" for name in sections)
         raise UserError(f"--set {wrong[0]}: expected {expected}; all else is for `dvc exp run -S {wrong[0]}`")
-    params = default_params(changes, "--set")
     return Form(params.data.shape, params.data.layout, params.data.columns), params.preprocess
 
 

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +42,25 @@ def test_inspect_takes_the_folder_that_it_is_called_in_and_hands_the_layout_of_a
     assert "`dvc exp run -S split.folds=2`" in refused(call("inspect", source, "--set", "split.folds=2"))
 
 
+@pytest.mark.parametrize(
+    ("change", "remedy"),
+    [
+        ("preproces.baseline=grasp", "did you mean preprocess?"),
+        ("preprocess.baselin=grasp", "did you mean preprocess.baseline?"),
+        ("dta.layout=auto", "did you mean data?"),
+        ("finetun.lr=0.1", "did you mean finetune?"),
+        ("finetune.lrr=0.1", "did you mean finetune.lr?"),
+        ("view=4", "did you mean views?"),
+        ("split.by=grap", "did you mean grasp?"),
+    ],
+)
+def test_a_misspelt_change_is_answered_by_the_nearest_key_and_not_repeated_in_another_command(tmp_path, change, remedy):
+    source = glove(tmp_path / "glove", "mug", "pen")
+    for command in (["inspect", source], ["predict", "model.pt", source]):
+        line = refused(call(*command, "--set", change))
+        assert remedy in line and "dvc exp run" not in line
+
+
 @pytest.mark.parametrize("name", ["released", "bset", ""])
 def test_preset_prints_options_of_dvc_and_one_that_dvc_refuses_for_an_unknown_name(name):
     result = call("preset", name)
@@ -75,15 +93,28 @@ def test_control_characters_of_names_reach_neither_a_terminal_nor_a_page(tmp_pat
         assert all(line.isprintable() for line in text.replace("\xa0", "").splitlines())
 
 
+#: The command gets the signal in the moment in which its temporary table is read
+ENDED = """
+import os, signal
+from tactile_viewgcn.cli import main
+from tactile_viewgcn.tables.recordings import Recordings
+
+def read(path):
+    print(path.name, "are there" if path.exists() else "are not there", flush=True)
+    os.kill(os.getpid(), signal.SIGTERM)
+    raise AssertionError("the command goes on after SIGTERM")
+
+Recordings.read = read
+main()
+"""
+
+
 def test_a_command_that_is_ended_leaves_no_temporary_folder(tmp_path):
-    (place := tmp_path / "temporary").mkdir()
-    source = glove(tmp_path / "lab", "mug", number=1, shape=(120_000, 16, 16))
-    command = [sys.executable, "-m", "tactile_viewgcn", "inspect", source]
+    place = tmp_path / "temporary"
+    place.mkdir()
+    source = glove(tmp_path / "lab", "mug", "pen")
     environment = os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(place)}
-    process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while not list(place.glob("tactile-viewgcn-*/recordings")):
-        assert process.poll() is None
-        time.sleep(0.01)
-    process.terminate()
-    assert process.wait(60) == 143
+    command = [sys.executable, "-c", ENDED, "inspect", str(source)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (143, "recordings are there\n"), done.stderr
     assert list(place.iterdir()) == []

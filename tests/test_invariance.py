@@ -15,7 +15,8 @@ from threadpoolctl import threadpool_limits
 from benchmarks.stability.rows import max_rel_error, share_different
 from tactile_viewgcn.evaluation.trials import PROTOCOLS, answer_recordings, run_trials
 from tactile_viewgcn.tables.frames import TEST
-from tests.glove_data import fewer_anchors
+from tests.glove_data import CPU, fewer_anchors, recipe, table
+from tests.systems.small_systems import built
 from tests.trained_network import SINGLE, Subject
 
 MOST = 200  # test frames
@@ -55,15 +56,30 @@ def test_batches_of_frames_and_view_sets_of_other_sizes_answer_alike(row, subjec
 
 @pytest.mark.stability("shuffled rows")
 def test_frames_in_another_order_answer_alike(row, subject):
-    if subject.classifier.head.in_time_order:
-        return  # the order of frames is what such a system goes by
+    compare_orders(row, subject)
+
+
+@pytest.mark.stability("shuffled rows")
+def test_a_system_in_time_order_goes_by_the_recording_s_own_order(row):
+    frames = table()
+    for name in ("cnn_lstm", "conv_lstm"):
+        subject = Subject(built(name), frames, recipe(f"model.system={name}"), CPU)
+        assert subject.classifier.head.in_time_order
+        compare_orders(row, subject, f"{name}: ")
+
+
+def compare_orders(row, subject, of=""):
+    """Logits of the same view sets with the frames in another order, and of sets whose views are in another order."""
     inputs = subject.table.inputs(subject.table.on(TEST)[:MOST])
     order, sets = np.random.default_rng(0).permutation(len(inputs)), subject.sets(inputs, 100)
     for precision in subject.precisions:
         straight = subject.logits(inputs, sets, precision)
         shuffled = subject.logits(inputs[order], np.argsort(order)[sets], precision)
-        row(f"logits, {precision}", max_rel_error(shuffled, straight), SINGLE)
-        row(f"answers, {precision}", share_different(shuffled.argmax(dim=1), straight.argmax(dim=1)))
+        if subject.classifier.head.in_time_order:  # the order of the frames counts, that in which a set names them not
+            assert max_rel_error(shuffled, straight) > SINGLE
+            shuffled = subject.logits(inputs, sets[:, ::-1].copy(), precision)
+        row(f"{of}logits, {precision}", max_rel_error(shuffled, straight), SINGLE)
+        row(f"{of}answers, {precision}", share_different(shuffled.argmax(dim=1), straight.argmax(dim=1)))
 
 
 @contextmanager

@@ -65,10 +65,10 @@ def processes_in(folder):
             yield process.info["name"]
 
 
-def wait_for(condition):
-    deadline = time.monotonic() + 300
+def wait_for(condition, works=lambda: True):
+    """Wait for a condition, as long as what brings it about works; pytest's own limit ends a test that hangs."""
     while not condition():
-        assert time.monotonic() < deadline
+        assert works() or condition()
         time.sleep(0.5)
 
 
@@ -121,7 +121,11 @@ def test_ctrl_c_in_a_terminal_ends_the_cells_and_the_others_are_run_later(machin
     (machine / "studies").mkdir()
     (machine / "studies/made.yaml").write_text(yaml.safe_dump(LEAST | {"seeds": [0, 1]}))
     study = python("-c", code, cwd=machine, start_new_session=True, stderr=subprocess.PIPE, text=True)
-    wait_for(lambda: stored(KEYS[0]) and (tmp_path / "log.stuck").exists())  # DVC may leave a folder as it starts
+
+    def both_began():  # DVC may leave a folder as it starts
+        return stored(KEYS[0]) and (tmp_path / "log.stuck").exists()
+
+    wait_for(both_began, works=lambda: study.poll() is None)
     os.killpg(study.pid, signal.SIGINT)  # as the terminal sends it to all of its processes
     said = "stopped: finished cells are kept; the same command goes on with the others\n"
     assert (study.communicate()[1], study.returncode) == (said, 1)
@@ -146,10 +150,10 @@ def test_a_killed_worker_s_cell_goes_to_another_and_all_come_out_once(machine, t
     try:
         with ThreadPoolExecutor(1) as pool:
             study = pool.submit(run_cells, "made", CELLS, scheduler=address)
-            wait_for((tmp_path / "log.stuck").exists)
+            wait_for((tmp_path / "log.stuck").exists, works=lambda: not study.done())
             name = next(name for name in ("first", "second") if "sleep" in processes_in(tmp_path / name))
             dask[1 + (name == "second")].kill()
-            assert study.result(timeout=400) == {}
+            assert study.result() == {}
         assert seeds_in(tmp_path / "log") == [0, 1, 1, 2, 3] and all(map(stored, KEYS))
     finally:
         for process in dask:

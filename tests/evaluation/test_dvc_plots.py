@@ -1,0 +1,45 @@
+"""The pictures of `dvc plots`: what a template draws of the results' tables."""
+
+import json
+
+import pandas as pd
+import pytest
+
+from tests.glove_data import ROOT
+
+PLOTS = ROOT / ".dvc" / "plots"
+
+
+def drawn(template, rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows with the fields that a template's transforms add, as Vega-Lite computes them."""
+    for transform in template.get("transform", []):
+        if "joinaggregate" in transform:
+            by = [name.replace("<DVC_METRIC_Y>", "object") for name in transform["groupby"]]
+            (aggregate,) = transform["joinaggregate"]
+            rows[aggregate["as"]] = rows.groupby(by)[aggregate["field"]].transform(aggregate["op"])
+        else:
+            condition, _, value = transform["calculate"].replace("datum.", "").partition(" ? ")
+            value, _, otherwise = value.partition(" : ")
+            rows[transform["as"]] = rows.eval(value).where(rows.eval(condition), float(otherwise))
+    return rows
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_the_confusion_of_few_answers_has_as_much_colour_as_that_of_many():
+    """An object of one whole recording, of a hundred view sets, and one without an answer."""
+    answers = [("object", "mug", "mug", 90), ("object", "mug", "pen", 10)]
+    answers += [("object", "pen", "mug", 0), ("object", "pen", "pen", 0)]
+    answers += [("whole", "mug", "mug", 0), ("whole", "mug", "pen", 1)]
+    rows = pd.DataFrame(answers, columns=["protocol", "object", "predicted", "count"]).assign(rev="workspace")
+    template = json.loads((PLOTS / "confusion_counts.json").read_text())
+    colour = template["spec"]["encoding"]["color"]
+    values = drawn(template, rows)[colour["field"]]
+    assert values.tolist() == [0.9, 0.1, 0, 0, 0, 1]
+    assert colour["scale"]["domain"] == [0, 1] and "aggregate" not in colour
+
+
+def test_the_page_without_the_internet_asks_no_server():
+    page = (PLOTS / "offline.html").read_text()
+    assert "{plot_divs}" in page and "http" not in page
+    manual = (ROOT / "docs" / "experiments.md").read_text()
+    assert "--html-template .dvc/plots/offline.html" in manual
