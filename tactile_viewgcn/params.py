@@ -28,6 +28,8 @@ COLUMN = "^(pressure|time|object|recording|session|leave_out):.+$"
 # auto; or OBJECT, SESSION, SPLIT, PART and FILE, or some of these, and text without capitals between them
 LAYOUT = "^(auto|[^A-Z]*(OBJECT|SESSION|SPLIT|PART|FILE)([^A-Z]+(OBJECT|SESSION|SPLIT|PART|FILE))*)$"
 CORNERS = 8  # viewpoints of the cube
+SIDES = ("train", "validation", "test")  # of a split, by code
+TRAIN, VALIDATION, TEST = range(len(SIDES))  # codes of the sides, of a published split too
 
 System = Literal[  # all but sensors are networks on the pretrained backbone
     "view_gcn",

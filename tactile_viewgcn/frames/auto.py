@@ -66,7 +66,10 @@ def choose(recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, g
     sensors = asked.contact_sensors
     if sensors == "auto":
         sensors = sensors_in_contact(live)
-        chosen["contact_sensors"] = sensors, f"a fortieth of {several(live, 'sensor')}, 14 at most"
+        reason = f"a fortieth of {several(live, 'sensor')}, 14 at most"
+        if sensors == 1:
+            reason = f"of {several(live, 'sensor')} an object may press a single one"
+        chosen["contact_sensors"] = (sensors, reason)
     lacking, published = without_empty_hand(recordings), has_published_split(recordings)
     if asked.baseline == "empty_hand" and lacking:
         raise UserError(

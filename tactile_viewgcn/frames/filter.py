@@ -11,10 +11,16 @@ from tactile_viewgcn.tables.recordings import Recordings
 
 SENSORS_IN_CONTACT = 14  # fewest in a frame of contact, of STAG's 548
 CONTACT_SHARE = 1 / 40  # the same share of a smaller array
+FEW_SENSORS = 16  # fewer are one or a few a finger
 
 
 def sensors_in_contact(live: int) -> int:
-    """Fewest sensors that are pressed in a frame of contact: 14 of STAG's 548, a fortieth of a smaller array's."""
+    """Fewest sensors that are pressed in a frame of contact: 14 of STAG's 548, a fortieth of a smaller array's.
+
+    They are two at least, since one may be faulty. Of few sensors an object may press a single one: one is enough.
+    """
+    if live < FEW_SENSORS:
+        return 1
     return min(SENSORS_IN_CONTACT, max(2, math.ceil(CONTACT_SHARE * live)))
 
 

@@ -27,7 +27,7 @@ from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 Moments = tuple[np.ndarray | None, np.ndarray]  # mean and noise
 MIN_FRAMES = 5  # for a mean
-OPEN_SENSORS = 1  # most sensors of an open hand that read contact: one may be faulty
+OPEN_SENSORS = 1  # most sensors of an open hand that read contact: one may be faulty; none where one is contact
 WEAK = 0.6  # of the threshold: a hand that closes, or holds little, presses several sensors a little
 WEAK_SENSORS, WEAK_SHARE = 2, 0.01  # most sensors of an open hand above that: two and a hundredth of all
 MARGIN = 2  # frames this near to a touch do not count as open: the hand is closing, or has just let go
@@ -100,7 +100,7 @@ def _pressed(
     for start in dict.fromkeys((quietest(counts), quietest(counts, common=False))):
         quiet = counts[start : start + MIN_FRAMES].mean(axis=0)
         begin, baseline = start, quiet
-        if empty is not None and is_contact(quiet - empty, threshold):
+        if empty is not None and is_contact(quiet - empty, threshold, sensors):
             begin, baseline = 0, empty
         pressed, still, fallen = _follow(counts, begin, baseline, threshold, sensors)
         results.append((fallen, pressed, still, start))
@@ -118,13 +118,14 @@ def _follow(
     """
     pressed, still, fallen = np.zeros(len(counts), dtype=np.int64), np.zeros(len(counts), dtype=bool), 0
     weak, most_weak = WEAK * threshold, WEAK_SENSORS + WEAK_SHARE * len(threshold)
+    most_pressed = min(OPEN_SENSORS, sensors - 1)
     for numbers in (range(start, len(counts)), range(start - 1, -1, -1)):
         following = baseline.copy()
         for number in numbers:
             excess = counts[number] - following
             pressed[number] = np.count_nonzero(excess > threshold)
             fallen += int(np.count_nonzero(excess < -threshold) >= sensors)
-            still[number] = pressed[number] <= OPEN_SENSORS and np.count_nonzero(excess > weak) <= most_weak
+            still[number] = pressed[number] <= most_pressed and np.count_nonzero(excess > weak) <= most_weak
             if still[number]:
                 following += FOLLOWED * excess
     return pressed, still, fallen
@@ -142,13 +143,19 @@ def quietest(counts: np.ndarray, *, common: bool = True) -> int:
     return int(np.convolve(activity, np.ones(min(MIN_FRAMES, len(counts))), "valid").argmin())
 
 
-def is_contact(excess: np.ndarray, threshold: np.ndarray) -> bool:
+def is_contact(excess: np.ndarray, threshold: np.ndarray, sensors: int = 2) -> bool:
     """Whether an excess (S,) over the empty hand is contact and not drift.
 
     Drift moves all sensors together, or some up and some down. Contact moves less than half, all of them up; or more,
-    and leaves a quarter where they are.
+    and leaves a quarter where they are. A single sensor shows no difference: what it reads above is contact.
+
+    Args:
+        sensors: fewest sensors that are pressed in a frame of contact.
     """
+    if len(excess) == 1:
+        return bool(excess[0] > threshold[0])
     both = np.stack([excess, excess - np.median(excess)])
     up, down = (both > threshold).sum(axis=1), (both < -threshold).sum(axis=1)
-    dense = up[0] > OPEN_SENSORS and not down[0] and up[0] <= (1 - UNMOVED) * len(excess)
-    return bool(dense or (up > OPEN_SENSORS + 2 * down).all())
+    most_pressed = min(OPEN_SENSORS, sensors - 1)
+    dense = up[0] > most_pressed and not down[0] and up[0] <= (1 - UNMOVED) * len(excess)
+    return bool(dense or (up > most_pressed + 2 * down).all())

@@ -11,10 +11,7 @@ import numpy as np
 
 from tactile_viewgcn.frames.folds import each_class, in_fold, spans_classes
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
-from tactile_viewgcn.params import Split
-from tactile_viewgcn.readers.source import TEST as PUBLISHED_TEST
-from tactile_viewgcn.readers.source import VALIDATION as PUBLISHED_VALIDATION
-from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN, VALIDATION
+from tactile_viewgcn.params import SIDES, TEST, TRAIN, VALIDATION, Split
 from tactile_viewgcn.tables.recordings import Recordings
 
 MINIMUM = 100  # anchors that a class keeps at least; a class with fewer frames uses all of them
@@ -154,7 +151,7 @@ def keep_testable(
         if split.by == "source":
             shared = np.intersect1d(recording[keep & (sides.side == TRAIN)], recording[keep & tested])
             text = f"the published split has {several(len(shared), 'recording')} on both sides"
-            if (~tested & (recordings.columns["split"] == PUBLISHED_VALIDATION)).any():
+            if (~tested & (recordings.columns["split"] == VALIDATION)).any():
                 text += "; its validation groups are on the training side, of which split.validation sets a share apart"
             notes.append(Note(text, topic="split"))
         for label in np.unique(objects[keep]):
@@ -186,7 +183,7 @@ def has_published_split(recordings: Recordings) -> bool:
 
 def published_test(split: np.ndarray) -> np.ndarray:
     """bool (T,): tested frames by their published side (T,): those of `test`, or without any those of `validation`."""
-    return split == (PUBLISHED_TEST if (split == PUBLISHED_TEST).any() else PUBLISHED_VALIDATION)
+    return split == (TEST if (split == TEST).any() else VALIDATION)
 
 
 def draw_anchors(

@@ -50,6 +50,7 @@ from tactile_viewgcn.readers.text import LABELS, label_kind, recordings_in
 
 DATASETS = ("pressure", "time", "valid", "grasp", "grasp_valid")
 ATTRIBUTES = ("object", "session", "recording", "split")
+OVERLAP_CHANGES = 3  # fewest readings that change from a frame to the next, in the frames that two windows share
 CACHE = 64 * 2**20  # bytes of a chunk that is kept for the next block
 IN_A_GROUP = "one in a group as GROUP/ARRAY"
 MATLAB5_HEADER, MATLAB5_TAG = 128, 8  # bytes
@@ -301,7 +302,7 @@ def as_files(file: Path) -> str:
 def windows_in(file: Path, arrays: Mapping[str, Any], form: Form) -> list[Recording]:
     """The windows X (n, T, C) or (n, T, H, W) among arrays with labels y (n,), a recording each; none without labels.
 
-    A window that begins inside the one before is of the same take.
+    A window that overlaps the one before is of the same take, see `overlapping`.
     """
     name = form.names.get("object") or next((each for each in arrays if each.lower() in ("y", "label", "labels")), "")
     if "pressure" in arrays or name not in arrays:
@@ -311,10 +312,10 @@ def windows_in(file: Path, arrays: Mapping[str, Any], form: Form) -> list[Record
     if len(large) != 1 or [*arrays[large[0]].shape[1:]] == [*form.shape]:
         return []
     X = arrays[large[0]][()]
-    begins = (X[:-1] == X[1:, :1]).all(axis=tuple(range(2, X.ndim))).any(axis=1)
     note = Note(f"{large[0]} holds {len(X):,} windows of {X.shape[1]} frames, labelled by {name}", topic="windows")
     recordings = list[Recording]()
-    for at, (window, label, take) in enumerate(zip(X, labels, np.cumsum([0, *~begins]).tolist(), strict=True)):
+    takes = np.cumsum([0, *~overlapping(X)]).tolist()
+    for at, (window, label, take) in enumerate(zip(X, labels, takes, strict=True)):
         names = {"recording": f"{file.stem}/{at}", "object": label, "take": f"{file}/{take}"}
         recordings.append(Recording(names, {"pressure": window}, notes=[note]))
     return recordings
@@ -344,6 +345,33 @@ def labelled_frames(file: Path, arrays: Mapping[str, Any], form: Form) -> list[R
         values["time"] = columns["time"]
     note = Note(f"{large[0]} holds {several(frames, 'frame')}, each with its label", topic="labels of frames")
     return recordings_in(Recording({}, values, notes=[note]), labels, file.stem)
+
+
+def overlapping(X: np.ndarray) -> np.ndarray:
+    """Whether each window (n, T, ...) but the first overlaps the one before: bool (n - 1,).
+
+    The last frames of the one before are its first frames, two at least, and three readings change in them. Frames at
+    rest and padding are alike in all windows: equal frames that do not change are no overlap.
+    """
+    from pandas import DataFrame  # here, since it loads slowly
+    from pandas.util import hash_pandas_object
+
+    count, length = X.shape[:2]
+    frames = X.reshape(count, length, -1)
+    numbers = hash_pandas_object(DataFrame(frames.reshape(count * length, -1)), index=False)  # equal of equal frames
+    numbers = numbers.to_numpy().reshape(count, length)
+    before, after = numbers[:-1], numbers[1:]
+    changed = np.count_nonzero(frames[1:, 1:] != frames[1:, :-1], axis=2)
+    changes = np.cumsum(changed, axis=1)  # up to the second frame, the third and so on
+    least = max(1, min(OVERLAP_CHANGES, (length - 2) * frames.shape[2]))  # of short windows all but one frame's
+    is_first = before == after[:, :1]  # frames of the one before that are the first of the next
+    is_last = after == before[:, -1:]  # frames of the next that are the last of the one before
+    overlaps = np.zeros(len(after), dtype=bool)
+    for shared in range(2, length + 1):
+        may_overlap = is_first[:, length - shared] & is_last[:, shared - 1] & (changes[:, shared - 2] >= least)
+        rows = np.flatnonzero(may_overlap & ~overlaps)
+        overlaps[rows] = (before[rows, length - shared :] == after[rows, :shared]).all(axis=1)
+    return overlaps
 
 
 def matlab_fields(path: Path) -> dict[str, Any]:

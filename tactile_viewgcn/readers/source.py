@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from tactile_viewgcn.messages import Note, UserError
-from tactile_viewgcn.params import MAX_SIDE
+from tactile_viewgcn.params import MAX_SIDE, TEST, TRAIN, VALIDATION
 
 UNLABELLED = ""  # stands for the name of an object that is to be recognised
-TRAIN, TEST, VALIDATION = 0, 1, 2  # codes of the published split
 #: Names of its sides, such as `test`, `training_set`, `x_train`, `dev`.
 SIDE = re.compile(r"(?:[xs][ _-])?(?:(train|training)|(tests?|testing)|(val|valid|validation|dev))(?:[ _-]?sets?)?")
 BLOCK_FRAMES = 4096  # frames that are read or written at once
@@ -29,7 +28,7 @@ COLUMNS = {
     "frame": np.int32,  # frame number inside the recording
     "time": np.float64,  # seconds since the recording's first frame
     "take": np.int32,  # index of the first of the recordings that belong together, as those of two hands do
-    "split": np.int8,  # published side: TRAIN or TEST
+    "split": np.int8,  # code of the published side, see SIDES in params.py
     "valid": np.bool_,  # the object is held (STAG: hasValidLabel)
     "balanced": np.bool_,  # STAG's subset of equally many frames a class (isBalanced)
     "grasp": np.int16,  # number of the grasp inside the recording (graspIndex)

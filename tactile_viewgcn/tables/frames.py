@@ -8,11 +8,13 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from tactile_viewgcn.files import new_files, readable
+from tactile_viewgcn.params import SIDES as SIDES  # once for the published split and for this table
+from tactile_viewgcn.params import TEST as TEST
+from tactile_viewgcn.params import TRAIN as TRAIN
+from tactile_viewgcn.params import VALIDATION as VALIDATION
 from tactile_viewgcn.progress import steps
 from tactile_viewgcn.tables.counts import Counts, Gathered, read_columns, read_counts, write_columns, write_counts
 
-TRAIN, VALIDATION, TEST = 0, 1, 2
-SIDES = ("train", "validation", "test")
 NO_CLUSTER = -1
 BLOCK_FRAMES = 4096  # read or written at once
 INPUT_BLOCK = 512  # frames whose network input is computed at once

@@ -112,7 +112,7 @@ def groups_together(recordings: Recordings, look: Look, groups: np.ndarray) -> n
 
 
 def _take_of_frames(recordings: Recordings, look: Look) -> np.ndarray:
-    return look.each["take"].loc[recordings.columns["recording"]].to_numpy().astype(np.int16)
+    return look.each["take"].loc[recordings.columns["recording"]].to_numpy().astype(np.int32)
 
 
 def _row(recordings: Recordings, index: np.ndarray, moved: np.ndarray) -> dict[str, int]:

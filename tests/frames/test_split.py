@@ -36,8 +36,8 @@ def test_groups_are_numbered_in_the_order_of_the_recordings():
 
 
 def test_the_published_validation_is_tested_where_there_is_no_test_side():
-    assert published_test(np.array([0, 1, 2])).tolist() == [False, True, False]
-    assert published_test(np.array([0, 0, 2])).tolist() == [False, False, True]
+    assert published_test(np.array([TRAIN, TEST, VALIDATION])).tolist() == [False, True, False]
+    assert published_test(np.array([TRAIN, TRAIN, VALIDATION])).tolist() == [False, False, True]
 
 
 @pytest.mark.parametrize(

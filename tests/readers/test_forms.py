@@ -41,7 +41,10 @@ def test_stag_s_forms_and_hdf5_give_the_same_frames_and_columns(tmp_path, monkey
     assert (len(table), table.shape, table.counts.dtype, table.live.sum()) == (96, (32, 32), np.int16, 548)
     assert table.columns.keys() == fields.keys()
     for column, field in fields.items():
-        np.testing.assert_allclose(table.columns[column], TREE[field].ravel(), atol=1e-9, err_msg=column)
+        expected = TREE[field].ravel()
+        if column == "split":  # the file's own codes, of train and test
+            expected = np.array([TRAIN, TEST])[expected]
+        np.testing.assert_allclose(table.columns[column], expected, atol=1e-9, err_msg=column)
     assert (table.objects, table.sessions) == (["empty_hand", "object1", "object2"], ["000", "001"])
     assert [name.rpartition("/")[2] for name in table.recordings[1:3]] == ["001-empty_hand", "002-object1"]
 
@@ -161,6 +164,53 @@ def test_windows_with_labels_are_recordings_and_those_that_overlap_are_of_one_ta
     assert table.objects == (["0", "1"] if ending == "mat" else ["mug", "pen"])
     assert table.columns["object"][::6].tolist() == [0, 0, 0, 1, 1, 1]
     assert table.columns["take"][::6].tolist() == [0, 0, 0, 3, 3, 5]
+
+
+def windows_of(length, step, *, shape=(6,), levels=0, count=12):
+    """Windows (count, length, ...) of a stream, of real numbers or of some levels, that begin `step` frames apart."""
+    rng, frames = np.random.default_rng(0), length + (count - 1) * step
+    stream = rng.integers(0, levels, (frames, *shape)) if levels else rng.normal(0, 1, (frames, *shape))
+    return np.stack([stream[step * number :][:length] for number in range(count)])
+
+
+def at_rest(windows, *, before, after, value=0.0):
+    """The windows with equal frames before and after."""
+    rest = [np.full((len(windows), count, *windows.shape[2:]), value) for count in (before, after)]
+    return np.concatenate([rest[0], windows, rest[1]], axis=1)
+
+
+APART = windows_of(20, 20)
+TAKES = {  # windows and whether all are of one take, or each is of its own
+    "half an overlap": (windows_of(20, 10), True),
+    "a frame at a time": (windows_of(20, 1), True),
+    "two frames in common": (windows_of(20, 18), True),
+    "maps that overlap": (windows_of(20, 15, shape=(4, 6)), True),
+    "one channel that overlaps": (windows_of(20, 10, shape=(1,)), True),
+    "whole numbers that overlap": (windows_of(40, 20, shape=(2,), levels=5), True),
+    "short windows that overlap": (windows_of(3, 1), True),
+    "next to each other": (APART, False),
+    "that begin and end at rest": (at_rest(APART, before=5, after=8), False),
+    "padded at the end": (at_rest(APART, before=0, after=8), False),
+    "with one frame of rest": (at_rest(APART, before=1, after=1), False),
+    "that begin and end at one reading": (at_rest(APART, before=3, after=3, value=512.0), False),
+    "maps that begin and end at rest": (at_rest(windows_of(20, 20, shape=(4, 6)), before=4, after=4), False),
+    "one channel that begins and ends at rest": (at_rest(windows_of(20, 20, shape=(1,)), before=4, after=4), False),
+    "that all read 0": (0 * APART, False),
+    "of a single frame": (windows_of(1, 1, levels=2, shape=(3,)), False),
+}
+
+
+@pytest.mark.parametrize(("windows", "overlap"), TAKES.values(), ids=TAKES)
+def test_windows_are_of_one_take_where_they_share_frames_that_change_and_not_where_they_share_rest(
+    tmp_path, windows, overlap
+):
+    np.savez(tmp_path / "all.npz", X=windows, y=np.zeros(len(windows), dtype=int))
+    source = open_source(tmp_path)
+    takes = [int(block["take"][0]) if "take" in block else None for block in source.blocks]
+    if overlap:
+        assert takes == [0] * len(windows)
+    else:
+        assert takes in ([None] * len(windows), [*range(len(windows))])
 
 
 LEFT = {  # a table, data.columns, the names and numbers of its sensors, and words of a note

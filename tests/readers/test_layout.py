@@ -7,6 +7,7 @@ from tactile_viewgcn.frames.split import split_groups
 from tactile_viewgcn.params import default_params
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.source import TEST, TRAIN, VALIDATION, Form
+from tactile_viewgcn.tables import frames
 from tests.readers.files import COUNTS, ingested, record, refusal, save
 
 SIDES = {"train": TRAIN, "test": TEST, "val": VALIDATION, "dev": VALIDATION}
@@ -178,3 +179,15 @@ def test_several_folders_above_the_object_or_below_it_are_one_session(tmp_path, 
     assert source.names["session"] == sessions
     offered = ["'data.layout=OBJECT/SESSION/SESSION/FILE'" in note.text for note in source.notes]
     assert offered == [True] * (order == "auto")
+
+
+def test_a_published_side_has_the_code_of_the_same_side_of_a_split(tmp_path):
+    for side in frames.SIDES:
+        for label in ("mug", "pen"):
+            save(tmp_path / side / label / "1.npy")
+    source, side_of_recording = open_source(tmp_path), {}
+    for block in source.blocks:
+        name = source.names["recording"][block["recording"][0]]
+        side_of_recording[name] = frames.SIDES[block["split"][0]]
+    assert {name.split("/")[0] for name in side_of_recording} == {"train", "validation", "test"}
+    assert all(name.startswith(side) for name, side in side_of_recording.items())
