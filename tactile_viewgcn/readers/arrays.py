@@ -36,6 +36,7 @@ from tactile_viewgcn.messages import Note, UserError, listed, several
 from tactile_viewgcn.readers.child import check_unpacked, library
 from tactile_viewgcn.readers.join import check_values
 from tactile_viewgcn.readers.source import (
+    ATTRIBUTES_TOPIC,
     NUMBERS,
     Form,
     Recording,
@@ -173,9 +174,13 @@ class Hdf5File(Mapping[str, Hdf5Array]):
         self.path = path
         with library(path):
             self.file = h5py.File(path, "r", rdcc_nbytes=CACHE)
-            outside = self.file.visititems_links(_outside) or self.file.visititems(_outside)
-        if outside:
-            raise UserError(f"{path}: /{outside} leads out of the file; expected it in the file")
+        items = list[tuple[str, Any]]()
+        with library(path):
+            self.file.visititems_links(lambda *item: items.append(item))
+            self.file.visititems(lambda *item: items.append(item))
+        for name, item in items:
+            if _leads_out(path, item):
+                raise UserError(f"{path}: /{name} leads out of the file; expected it in the file")
 
     def __getitem__(self, name: str) -> Hdf5Array:
         with library(self.path):
@@ -265,7 +270,7 @@ def recording_of(file: Path, arrays: Mapping[str, Any], form: Form) -> Recording
     if unused and "object" not in names:
         remedy = setting(f"data.columns=[object:{unused[0]}]")
         text = f"attributes that are not used: {listed(unused)}; if one names the object, {remedy}"
-        notes.append(Note(text, topic="attributes"))
+        notes.append(Note(text, topic=ATTRIBUTES_TOPIC))
     return Recording(names, values, notes=notes, dropped=dropped)
 
 
@@ -443,20 +448,20 @@ def _of_matlab73(file: Hdf5File, name: str) -> Any:
     with library(file.path):
         cells = [file.file[reference] for reference in np.ravel(values[()])]
         are_texts = all(getattr(cell, "dtype", None) == np.uint16 for cell in cells)
-        outside = are_texts and any(_outside("a cell", cell) for cell in cells)
     if not are_texts:
         return None
-    if outside:  # where no name leads to it, `Hdf5File` does not visit it
+    if any(_leads_out(file.path, cell) for cell in cells):  # where no name leads to it, `Hdf5File` does not visit it
         raise UserError(f"{file.path}: a cell of {name} leads out of the file; expected it in the file")
     check_unpacked(file.path, sum(prod(cell.shape or ()) for cell in cells) * 2)
     with library(file.path):
         return [cell[()].ravel().astype("<u2").tobytes().decode("utf-16-le") for cell in cells]
 
 
-def _outside(name: str, each: Any) -> str | None:
-    """The name of a link or a dataset that leads out of its file; else None."""
-    leads_out = isinstance(each, h5py.ExternalLink) or getattr(each, "is_virtual", False)
-    return name if leads_out or getattr(each, "external", None) else None
+def _leads_out(path: Path, item: Any) -> bool:
+    """Whether a link or a dataset leads out of its file."""
+    with library(path):
+        is_elsewhere = getattr(item, "is_virtual", False) or getattr(item, "external", None)
+    return isinstance(item, h5py.ExternalLink) or bool(is_elsewhere)
 
 
 def read_raw(file: Path) -> Recording:

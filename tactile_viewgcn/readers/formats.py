@@ -25,6 +25,7 @@ from tactile_viewgcn.readers.layout import (
 )
 from tactile_viewgcn.readers.recurring import session_notes
 from tactile_viewgcn.readers.source import (
+    ATTRIBUTES_TOPIC,
     AUTO,
     UNLABELLED,
     Form,
@@ -229,10 +230,13 @@ def stacked(values: Values, name: str, where: str) -> dict[str, Values]:
 
 
 def hint_of(recording: Recording) -> str:
-    """Which column of a table may have the objects that no path names, and what to type then; "" without one.
+    """Which column or attribute may have the objects that no path names, and what to type then; "" without one.
 
-    It is the column of whole numbers with the fewest different ones, two at least, and at most half as many as lines.
+    A column is one of whole numbers, with the fewest different ones: two at least, and at most half as many as lines.
     """
+    attributes = [note.text for note in recording.notes if note.topic == ATTRIBUTES_TOPIC]
+    if attributes:
+        return attributes[0]
     pressure = recording.values["pressure"]
     if len(pressure.shape) != 2 or not len(pressure):
         return ""

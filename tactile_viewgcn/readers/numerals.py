@@ -85,12 +85,17 @@ def _two_readings(file: Path, text: str, found: re.Match[str], separator: str | 
 
 def _rewriting(file: Path, separator: str | None, above: int, option: str, mark: str) -> str:
     """The line to type that writes a file anew with the numbers in plain form."""
+    path = json.dumps(str(file))  # quotes that a shell's own quotes may stand around
+    if mark in GROUP_MARKS:  # pandas reads no mark of several bytes
+        code = (
+            f"import pathlib; p = pathlib.Path({path}); p.write_text(p.read_text().replace({json.dumps(mark)}, str()))"
+        )
+        return f"python -c {quote(code)}"
     options = {"sep": separator or BLANKS, option: mark}
     read_as = ", ".join(f"{name}={json.dumps(value)}" for name, value in options.items())
     write_as = f"sep={json.dumps(separator or ' ')}, index=False"
     if not above:
         read_as += ", header=None"
         write_as += ", header=False"
-    path = json.dumps(str(file))  # quotes that a shell's own quotes may stand around
     code = f"import pandas; f = {path}; pandas.read_csv(f, {read_as}).to_csv(f, {write_as})"
     return f"python -c {quote(code)}"

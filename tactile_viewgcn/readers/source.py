@@ -34,6 +34,7 @@ COLUMNS = {
     "grasp": np.int16,  # number of the grasp inside the recording (graspIndex)
     "grasp_valid": np.bool_,  # 4th to 6th second of a grasp (graspValid)
 }
+ATTRIBUTES_TOPIC = "attributes"  # of notes on attributes of HDF5 that say nothing
 MODEL_TOPIC = "sensors of the model"  # of notes on columns that a model does without
 FRAMES_LAST, LEAVE_OUT = "frames_last", "leave_out:"
 Block = dict[str, np.ndarray]  # "pressure" (n, H, W) and columns (n,) of consecutive frames

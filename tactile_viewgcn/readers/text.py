@@ -324,10 +324,19 @@ def _top(file: Path, text: str) -> tuple[str | None, int, list[list[str]]]:
 
 
 def _is_cut(cells: list[str], number: int, top: list[tuple[int, str]], separator: str | None) -> bool:
-    """Whether a line of numbers has fewer cells than all lines below it, two at least."""
+    """Whether a line of numbers is cut at its beginning: it has fewer cells than all lines below it, two at least.
+
+    Or its first cell is empty, and the cells below that are no index of pandas, which has no name and counts.
+    """
     below = [line for at, line in top if at > number and not line.lstrip().startswith(COMMENT)]
-    counts = {len(_cells(line.strip(), separator)) for line in below[:-1]}  # the last one may be cut too
-    return len(counts) == 1 and len(cells) < counts.pop()
+    rows = [_cells(line.strip(), separator) for line in below[:-1]]  # the last one may be cut too
+    counts = {len(row) for row in rows}
+    if len(counts) != 1 or len(cells) > min(counts):
+        return False
+    if cells[0]:
+        return len(cells) < min(counts)
+    first = [row[0] for row in rows]
+    return first != [str(at) for at in range(len(first))]
 
 
 def _separator(line: str) -> str | None:

@@ -18,6 +18,7 @@ HARMS = {
     "mistake": lambda: fail(UserError("a mistake")),
     "full disk": lambda: fail(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))),
     "fault": lambda: 1 // 0,
+    "fault while a file is read": lambda: 1 // 0,
 }
 
 

@@ -87,6 +87,7 @@ TABLES = {  # the bytes or the text of a table, its numbers, and the names of it
     "a sentence": ("# time of the recording was 12:30\n1 2 3 4\n", [[1, 2, 3, 4]], ""),
     "quoted": ('"a b",c\n1,2\n3,4\n', [[1, 2], [3, 4]], "a b|c"),
     "UTF-16": ("1,2\r\n3,4\r\n".encode("utf-16"), [[1, 2], [3, 4]], ""),
+    "UTF-16 big-endian": ("\ufeffa;b\r\n1,5;2\r\n3,25;4\r\n".encode("utf-16-be"), [[1.5, 2], [3.25, 4]], "a|b"),
     "no UTF-8": ("\xb0C;N\n1,5;2\n".encode("latin-1"), [[1.5, 2]], "\xb0C|N"),
     "line ends of old": ("1,2\r3,4\r", [[1, 2], [3, 4]], ""),
     "packed": (gzip.compress(b"1,2\n3,4\n"), [[1, 2], [3, 4]], ""),

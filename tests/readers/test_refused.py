@@ -293,6 +293,7 @@ def test_a_hostile_source_ends_in_one_line_in_time_and_leaves_nothing(tmp_path, 
         ("time", UserError, "b.h5: reading it took too long"),
         ("mistake", UserError, "a mistake"),
         ("fault", RuntimeError, "1 // 0"),  # with its place
+        ("fault while a file is read", RuntimeError, "1 // 0"),
         ("full disk", OSError, f"[Errno {errno.ENOSPC}] No space left"),
     ],
 )

@@ -3,10 +3,11 @@
 import csv
 
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from tactile_viewgcn import tracking
+from tactile_viewgcn import TactileClassifier, tracking
 from tactile_viewgcn.cli import cli
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.provenance import Record
@@ -55,6 +56,75 @@ def test_recordings_in_two_files_are_answered_as_whole_ones(place):
             save(place / "halves" / f"{number}_{hand}.npy", half)
     whole = call(place / "classifier.pt", place / "new")
     assert call(place / "classifier.pt", place / "halves", "--set", "data.layout=OBJECT/FILE_PART") == whole
+
+
+NAMES = ["thumb", "index", "middle", "ring", "little", "palm"]
+
+
+def grasps(seed):
+    """A table of two objects' grasps in turn, which press other sensors."""
+    rng = np.random.default_rng(seed)
+    for number in range(8):
+        readings = 500 + rng.normal(0, 1, (40, 6))
+        readings[10:, 3 * (number % 2) : 3 * (number % 2) + 3] += 40
+        yield ("ball", "mug")[number % 2], pd.DataFrame(readings.round(2), columns=NAMES)
+
+
+@pytest.fixture(scope="module")
+def of_names(tmp_path_factory):
+    """A classifier of tables whose columns have names."""
+    labels, tables = zip(*grasps(0), strict=True)
+    path = tmp_path_factory.mktemp("named") / "c.pt"
+    TactileClassifier(members=["trees"]).fit(list(tables), list(labels)).save(path)
+    return path
+
+
+COLUMNS = {  # what a new table has beside or in place of the model's sensors, and the columns that are left out
+    "in another order": (lambda table: table[NAMES[::-1]], []),
+    "more columns": (lambda table: table.assign(battery=3.7)[["battery", *NAMES]], ["battery"]),
+    "words": (lambda table: table.assign(note="cold", when="12:30")[["note", *NAMES[::-1], "when"]], ["note", "when"]),
+    "a clock": (lambda table: table.assign(tick=np.arange(len(table)) * 7.0), ["tick"]),
+    "empty": (lambda table: table.assign(spare=np.nan), []),
+}
+
+
+@pytest.mark.parametrize("name", COLUMNS)
+def test_sensors_are_taken_by_the_names_that_the_model_knows_and_others_are_named(of_names, tmp_path, name):
+    change, left_out = COLUMNS[name]
+    for number, (label, table) in enumerate(grasps(1)):
+        for place, shown in (("same", table), ("new", change(table))):
+            (tmp_path / place).mkdir(exist_ok=True)
+            shown.to_csv(tmp_path / place / f"{number}-{label}.csv", index=False)
+    lines = call(of_names, tmp_path / "new")
+    answers = [line for line in lines if "-" in line[:2]]
+    assert answers == [line for line in call(of_names, tmp_path / "same") if "-" in line[:2]]
+    assert len(answers) == 8 and all(line.split()[0][2:] == line.split()[2] for line in answers)
+    assert [
+        column for column in ("battery", "note", "when", "tick") if any(f"'{column}'" in line for line in lines)
+    ] == (left_out)
+
+
+def test_a_file_of_two_hands_has_sensors_by_the_joined_names(tmp_path):
+    labels, tables = zip(*grasps(0), strict=True)
+    joined = [table.set_axis([f"{hand}_{name}" for hand in ("l", "r") for name in "abc"], axis=1) for table in tables]
+    TactileClassifier(members=["trees"]).fit(joined, list(labels)).save(tmp_path / "c.pt")
+    for number, (_, table) in enumerate(grasps(1)):
+        for at, hand in enumerate("lr"):
+            half = table.iloc[:, 3 * at : 3 * at + 3].set_axis([*"abc"], axis=1).assign(note="x")
+            place = tmp_path / "new" / f"{number}_{hand}.csv"
+            place.parent.mkdir(exist_ok=True)
+            half[["note", "c", "b", "a"]].to_csv(place, index=False)
+    lines = call(tmp_path / "c.pt", tmp_path / "new", "--set", "data.layout=OBJECT/FILE_PART")
+    answers = [line.split()[2] for line in lines if line[:1].isdigit()]
+    assert answers == list(labels) and any("'note'" in line for line in lines)
+
+
+def test_a_table_without_some_of_the_model_s_sensors_is_refused(of_names, tmp_path):
+    (_, table), *_ = grasps(1)
+    (tmp_path / "new").mkdir()
+    table.rename(columns={"ring": "f4"}).to_csv(tmp_path / "new" / "1.csv", index=False)
+    with pytest.raises(UserError, match="1.csv: no column ring .*found thumb, index, middle, f4, little, palm"):
+        call(of_names, tmp_path / "new")
 
 
 def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(place):

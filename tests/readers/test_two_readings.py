@@ -1,0 +1,304 @@
+"""What has two readings is refused or asked about, with the line to type; and that line gives the right recordings."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import io
+
+from tactile_viewgcn.readers.source import Form
+from tests.readers.files import COUNTS, ingested, record, refusal, save
+
+OBJECTS = ("ball", "mug", "pen")
+
+
+def run_line(line: str, mark: str) -> None:
+    """Run the command that follows `mark` in a refusal."""
+    words = line.partition(mark)[2].partition(" (the same in ")[0].partition("; if it is")[0]
+    environment = {"PATH": ":".join([str(Path(shutil.which("python") or "").parent), "/usr/bin", "/bin"])}
+    subprocess.run(words, shell=True, check=True, env=environment, capture_output=True)
+
+
+def form_in(line: str) -> Form:
+    """The form that a refusal or a note says to set."""
+    key, _, value = line.partition("'data.")[2].partition("'")[0].partition("=")
+    if key == "layout":
+        return Form(layout=value)
+    items = value.strip("[]").split(",")
+    return Form(shape=list(map(int, items))) if key == "shape" else Form(columns=items)
+
+
+def texts(table, topic=""):
+    return [note.text for note in table.notes if topic in note.topic]
+
+
+GROUPED = {  # the text of a table, its ending, and the numbers that it holds if the mark is of thousands
+    "quoted": ('a,b\n987,5\n"1,012",6\n', "csv", [[987, 5], [1012, 6]]),
+    "quoted, all": ('a,b\n"1,987","2,005"\n"1,012","2,006"\n', "csv", [[1987, 2005], [1012, 2006]]),
+    "tabs": ("a\tb\n987\t5\n1,012\t6\n", "tsv", [[987, 5], [1012, 6]]),
+    "no names": ("987;5\n1,012;6\n", "csv", [[987, 5], [1012, 6]]),
+    "millions": ("a;b\n1,234,567;5\n1,012,000;6\n", "csv", [[1234567, 5], [1012000, 6]]),
+    "points": ("a;b\n987;5\n1.012;6\n", "csv", [[987, 5], [1012, 6]]),
+    "points and minus": ("a\tb\n-987\t5\n-1.012\t6\n", "tsv", [[-987, 5], [-1012, 6]]),
+    "narrow blanks": ("a;b\n987;5\n1\u202f012;6\n", "csv", [[987, 5], [1012, 6]]),
+    "no-break spaces": ("a;b\n987;5\n1\xa0012;6\n", "csv", [[987, 5], [1012, 6]]),
+    "apostrophes": ("a;b\n987;5\n1'012;6\n", "csv", [[987, 5], [1012, 6]]),
+}
+
+
+@pytest.mark.parametrize("name", GROUPED)
+def test_a_number_of_groups_of_three_digits_is_refused_and_the_line_writes_it_plainly(tmp_path, name):
+    text, ending, numbers = GROUPED[name]
+    path = save(tmp_path / "lab" / "mug" / f"1.{ending}", text)
+    line = refusal(tmp_path / "lab", tmp_path)
+    assert f"mug/1.{ending}: line " in line and "column 1" in line
+    run_line(line, f"if it is {numbers[-1][0] if name != 'quoted, all' and name != 'millions' else numbers[0][0]}: ")
+    counts, _ = ingested(path.parents[1])
+    np.testing.assert_array_equal(counts[:, 0], numbers)
+
+
+@pytest.mark.parametrize(("text", "first"), [('a,b\n"1,5","2,25"\n', [1.5, 2.25]), ('a,b\n"1,012",6\n', [1.012, 6])])
+def test_a_comma_inside_quotes_may_be_decimal_and_a_line_says_so(tmp_path, text, first):
+    path = save(tmp_path / "lab" / "mug" / "1.csv", text)
+    line = refusal(tmp_path / "lab", tmp_path)
+    run_line(line, f"if it is {first[0]}: ")
+    np.testing.assert_array_equal(ingested(path.parents[1])[0][0, 0], first)
+
+
+@pytest.mark.parametrize(
+    ("text", "first"),
+    [
+        ("a;b\n1,012;0,5\n2,345;1,987\n", [1.012, 0.5]),  # a mark that is decimal elsewhere is decimal here
+        ("a;b\n1,5;1,012\n2,25;1,987\n", [1.5, 1.012]),
+        ("b;a\n0,125;1,012\n0,250;987\n", [0.125, 1.012]),
+        ("a;b\n1.012;2.345\n1.987;2.500\n", [1.012, 2.345]),  # no whole number beside them
+        ("a b\n1.012 987\n0.998 988\n", [1.012, 987]),
+        ("a,b\n1.012,987\n1.998,988\n", [1.012, 987]),  # commas stand between cells
+        ("a,b\n1,012\n2,345\n", [1, 12]),
+        ("time;a\n12:30:01,123;1,5\n12:30:02,456;2,5\n", [1.5]),
+    ],
+)
+def test_a_decimal_mark_is_one_where_the_file_shows_it(tmp_path, text, first):
+    save(tmp_path / "lab" / "mug" / "1.csv", text)
+    assert ingested(tmp_path / "lab")[0][0, 0].tolist() == first
+
+
+def label_table(path, label):
+    save(path, "label,trial,a,b\n" + "".join(f"{label},{path.stem},{number},{number + 1}\n" for number in range(4)))
+
+
+def as_labels(folder, labels):
+    for number in range(len(labels)):
+        save(folder / f"r{number}.npy", COUNTS + number)
+    save(folder / "labels.csv", "\n".join(["file,label", *(f"r{at},{label}" for at, label in enumerate(labels))]))
+
+
+def as_attributes(folder, labels):
+    for number, label in enumerate(labels):
+        value = float(label) if "." in label else int(label)
+        record(folder / f"{number}.h5", attributes={"object": value, "session": value})
+
+
+def as_windows(folder, labels):
+    save(folder / "all.npz", {"X": np.random.default_rng(0).random((len(labels), 5, 3)), "y": np.array(labels, float)})
+
+
+def as_tables(folder, labels):
+    for number, label in enumerate(labels):
+        label_table(folder / f"{number}.csv", label)
+
+
+@pytest.mark.parametrize("write", [as_labels, as_attributes, as_windows, as_tables])
+def test_labels_that_are_whole_numbers_are_one_object_however_they_are_written(tmp_path, write):
+    write(tmp_path / "lab", ["1", "1.0", "2.00" if write is not as_attributes else "2.0", "2"])
+    assert ingested(tmp_path / "lab")[1].objects == ["1", "2"]
+
+
+def test_labels_that_are_fractions_stay_apart(tmp_path):
+    as_windows(tmp_path / "lab", ["1.5", "1.7", "2", "2"])
+    assert ingested(tmp_path / "lab")[1].objects == ["1.5", "1.7", "2"]
+
+
+def one_table(label, *, words):
+    """Lines of three objects with a counter, readings and labels."""
+    rows = [f"ID,s0,s1,s2,{label}"]
+    for run in range(4):
+        for number, name in enumerate(OBJECTS):
+            for frame in range(5):
+                rows.append(f"{len(rows) - 1},{run + 0.5},{number}.75,{frame}.25,{name if words else number + 7}")
+    return "\n".join(rows) + "\n"
+
+
+@pytest.mark.parametrize("words", [True, False])
+@pytest.mark.parametrize("label", ["Labels", "class_label", "gestureName", "object_id", "Target Class", "GESTURE"])
+def test_a_column_that_is_called_as_a_label_in_a_form_of_its_own_has_the_objects(tmp_path, label, words):
+    _, table = ingested(save(tmp_path / "all.csv", one_table(label, words=words)))
+    assert table.objects == (list(OBJECTS) if words else ["7", "8", "9"])
+    assert table.channel_names == ["s0", "s1", "s2"]  # the counter is no sensor
+
+
+@pytest.mark.parametrize("words", [True, False])
+@pytest.mark.parametrize("label", ["y", "activity", "posture", "sign", "output", "grasp", "what"])
+def test_a_table_whose_label_has_another_name_says_what_to_set(tmp_path, label, words):
+    path = save(tmp_path / "all.csv", one_table(label, words=words))
+    line = refusal(path, tmp_path)
+    assert f"set 'data.columns=[object:{label}]'" in line
+    _, table = ingested(path, form=form_in(line))
+    assert table.objects == (list(OBJECTS) if words else ["7", "8", "9"]) and len(table.channel_names) == 3
+
+
+@pytest.mark.parametrize("place", [0, 3])
+def test_a_label_in_a_column_without_a_name_goes_by_its_number(tmp_path, place):
+    rows = []
+    for frame in range(12):
+        cells = [f"{frame}.5", f"{frame * 2}.25", f"{9 - frame}.5"]
+        cells.insert(place, str(frame // 4 % 3))
+        rows.append("\t".join(cells))
+    path = save(tmp_path / "all.tsv", "\n".join(rows))
+    line = refusal(path, tmp_path)
+    assert "line is read as one frame" in line and f"data.columns=[object:{place + 1}]" in line
+    assert ingested(path, form=form_in(line))[1].objects == ["0", "1", "2"]
+
+
+@pytest.mark.parametrize("name", ["vx", "target_x", "class1", "y_pos"])
+def test_a_sensor_is_none_of_these(tmp_path, name):
+    save(tmp_path / "lab" / "mug" / "1.csv", f"a,{name}\n1,5\n2,6\n1,7\n")
+    assert ingested(tmp_path / "lab")[1].channel_names == ["a", name]
+
+
+def test_attributes_of_other_names_are_named_with_the_key_that_takes_one(tmp_path):
+    for number in range(4):
+        attributes = {"object": None, "session": None, "rigidity": ("hard", "soft")[number % 2], "slipped": 1}
+        record(tmp_path / "flat" / f"{number}.h5", pressure=COUNTS + number, attributes=attributes)
+        record(tmp_path / "lab" / "mug" / f"{number}.h5", pressure=COUNTS + number, attributes=attributes)
+    line = refusal(tmp_path / "flat", tmp_path)
+    assert "rigidity, slipped" in line and "data.columns=[object:rigidity]" in line
+    assert ingested(tmp_path / "flat", form=Form(columns=["object:rigidity"]))[1].objects == ["hard", "soft"]
+    (note,) = texts(ingested(tmp_path / "lab")[1], "attributes")
+    assert "rigidity, slipped" in note and "object:rigidity" in note
+
+
+STACK = np.random.default_rng(1).integers(500, 600, (6, 40, 4, 3), dtype=np.int16)
+
+
+def stacks(folder, array, names=("all.npy",)):
+    for number, name in enumerate(OBJECTS):
+        for at, part in zip(names, np.array_split(array + number, len(names)), strict=True):
+            save(folder / name / at, part)
+    return folder
+
+
+@pytest.mark.parametrize("names", [("all.npy",), ("train.npy", "test.npy"), ("monday.npy", "tuesday.npy")])
+def test_an_array_that_may_hold_several_recordings_is_asked_about_and_read_by_the_shape(tmp_path, names):
+    lab = stacks(tmp_path / "lab", STACK.reshape(6, 40, 12), names)
+    (note,) = texts(ingested(lab)[1], "shape")
+    counts, table = ingested(lab, form=form_in(note))
+    assert len(table.recordings) == 18 and counts.shape == (720, 1, 12) and len(set(table.recordings)) == 18
+    assert "6 recordings of 40 frames" in " ".join(texts(ingested(stacks(tmp_path / "b", STACK.reshape(6, 40, 12)))[1]))
+    confirmed = form_in(f"'data.shape={note.partition('if not, data.shape=')[2].strip('.')}'")
+    assert ingested(lab, form=confirmed)[0].shape == (18, 40, 12) and confirmed.shape == [40, 12]
+
+
+def test_an_array_of_four_axes_is_refused_and_read_by_the_shape(tmp_path):
+    lab = stacks(tmp_path / "lab", STACK)
+    line = refusal(lab, tmp_path)
+    assert "6 recordings of 40 frames" in line
+    for form in (form_in(line), Form(shape=[4, 3])):
+        counts, table = ingested(lab, form=form)
+        np.testing.assert_array_equal(counts[:240].reshape(STACK.shape), STACK)
+        assert [table.objects[at] for at in table.columns["object"][::240]] == list(OBJECTS)
+    wide = stacks(tmp_path / "wide", np.zeros((3, 300, 6)) + np.arange(6))
+    assert form_in(refusal(wide, tmp_path)).shape == [1, 6]
+
+
+@pytest.mark.parametrize("shape", [(60, 16, 16), (60, 12, 8), (20, 4, 4), (8, 32, 32)])
+def test_ordinary_arrays_are_not_asked_about(tmp_path, shape):
+    for name in OBJECTS:
+        for number in range(3):
+            save(tmp_path / "lab" / name / f"{number}.npy", np.random.default_rng(number).random(shape))
+    assert not texts(ingested(tmp_path / "lab")[1], "shape")
+
+
+def several_arrays(path, arrays):
+    if path.suffix == ".npz":
+        np.savez(path, *arrays)
+    else:
+        io.savemat(path, {f"arr_{number}": array for number, array in enumerate(arrays)})
+
+
+@pytest.mark.parametrize("ending", ["npz", "mat"])
+def test_several_arrays_in_a_file_are_saved_apart_by_the_line(tmp_path, ending):
+    (folder := tmp_path / "lab" / "mug").mkdir(parents=True)
+    several_arrays(folder / f"all.{ending}", STACK.reshape(6, 40, 12))
+    line = refusal(tmp_path / "lab", tmp_path)
+    run_line(line, "save each as a file of its own: ")
+    (folder / f"all.{ending}").unlink()
+    counts, table = ingested(tmp_path / "lab")
+    assert len(table.recordings) == 6 and counts.shape == (240, 1, 12)
+
+
+@pytest.mark.parametrize("ending", ["npz", "mat"])
+def test_labels_of_frames_part_an_array_into_runs(tmp_path, ending):
+    X, y = STACK.reshape(240, 12), np.repeat([0, 1, 2, 0, 1, 2], 40)
+    if ending == "npz":
+        np.savez(tmp_path / "all.npz", X=X, y=y)
+    else:
+        io.savemat(tmp_path / "all.mat", {"data": X, "labels": y})
+    counts, table = ingested(tmp_path / f"all.{ending}")
+    np.testing.assert_array_equal(counts[:, 0], X)
+    np.testing.assert_array_equal(table.columns["object"], y)
+    assert len(table.recordings) == 6
+
+
+PERSONS = {  # the place of a recording, the layout that reads it, and the one that is offered
+    "S01_03": ("{o}/S{p:02}_{i:02}.npy", "auto", "OBJECT/SESSION_FILE"),
+    "subject1-trial3": ("{o}/subject{p}-trial{i}.npy", "auto", "OBJECT/SESSION-FILE"),
+    "03_anna": ("{o}/{i:02}_{n}.npy", "auto", "OBJECT/FILE_SESSION"),
+    "2024-05-01_3": ("{o}/2024-05-0{p}_{i}.npy", "auto", "OBJECT/SESSION_FILE"),
+    "trial1 P2": ("{o}/trial{i} P{p}.npy", "auto", "OBJECT/FILE SESSION"),
+    "ball_person1_3": ("{o}_person{p}_{i}.npy", "OBJECT_FILE", "OBJECT_SESSION_FILE"),
+    "P1_ball_3": ("P{p}_{o}_{i}.npy", "OBJECT_FILE", "SESSION_OBJECT_FILE"),
+    "a side above": ("train/{o}/S{p}_{i}.npy", "auto", "SPLIT/OBJECT/SESSION_FILE"),
+    "one file each": ("{o}/S{p}.npy", "auto", "OBJECT/SESSION"),
+    "anna": ("{o}/{n}.npy", "auto", "OBJECT/SESSION"),
+}
+
+
+@pytest.mark.parametrize("name", PERSONS)
+def test_a_word_that_recurs_in_file_names_is_offered_as_the_session(tmp_path, name):
+    place, layout, offered = PERSONS[name]
+    for number, person in enumerate(("anna", "bert", "carl"), 1):
+        for index in range(4 if "{i" in place else 1):
+            for at, object_name in enumerate(OBJECTS):
+                file = place.format(o=object_name, p=number, i=index, n=person)
+                save(tmp_path / "lab" / file, COUNTS + 100 * number + 10 * index + at)
+    (note,) = texts(ingested(tmp_path / "lab", form=Form(layout=layout))[1], "names")
+    assert form_in(note).layout == offered
+    _, table = ingested(tmp_path / "lab", form=form_in(note))
+    assert len(table.sessions) == 3 and table.objects == list(OBJECTS)
+    assert not texts(table, "names")
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        "{o}/{i}.npy", "{o}/{o}_{i}.npy", "{o}/rec_{i}.npy", "{o}/trial_{i}.npy", "{o}/2024_{i}.npy", "mon/{o}/{i}.npy",
+        "{o}/take{i}.npy", "{o}/{i}_right.npy",
+    ],
+)  # fmt: skip
+def test_numbers_of_recordings_are_no_persons(tmp_path, place):
+    for index in range(4):
+        for at, name in enumerate(OBJECTS):
+            save(tmp_path / "lab" / place.format(o=name, i=index), COUNTS + 10 * index + at)
+    assert not texts(ingested(tmp_path / "lab")[1], "names")
+
+
+def test_a_word_in_names_that_cannot_be_a_layout_has_a_remedy_too(tmp_path):
+    for person in (1, 2):
+        for index in range(3):
+            for at, name in enumerate(OBJECTS):
+                save(tmp_path / "lab" / name / f"S{person}T{index}.npy", COUNTS + 10 * index + at + 50 * person)
+    (note,) = texts(ingested(tmp_path / "lab")[1], "names")
+    assert "S1_T0" in note
