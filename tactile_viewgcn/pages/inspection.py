@@ -15,7 +15,7 @@ from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, NEW_SESSION, Note, listed, several, warnings_of
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.channels import Curves, channel_curves
-from tactile_viewgcn.pages.checks import UNKNOWN, Check, outcomes, outside_a_clone
+from tactile_viewgcn.pages.checks import UNKNOWN, Check, outcomes, way_to_the_clone
 from tactile_viewgcn.pages.source_inspection import MOST_FOLDS, SAMPLE, Overview
 from tactile_viewgcn.params import VIRTUAL, default_params, everywhere, unlike_the_file
 from tactile_viewgcn.schema import as_change, flatten
@@ -44,10 +44,13 @@ def inspection_lines(overview: Overview) -> list[str]:
     if not command:
         return lines
     lines += ["To use", *_wrapped(map(str, overview.settings))]
-    elsewhere = outside_a_clone()
-    if elsewhere:
-        lines += _wrapped([elsewhere])
-    lines += ["", *command]
+    sentence, change_folder = way_to_the_clone()
+    if sentence:
+        lines += _wrapped([sentence])
+    lines.append("")
+    if change_folder:
+        lines.append(change_folder)
+    lines += command
     other = command_lines(overview, new_sessions=True)
     if other:
         lines += ["", f"To test it on {NEW_SESSION}", *other]
@@ -59,6 +62,7 @@ def inspection_page(overview: Overview) -> str:
     path = overview.recordings.path
     warned = warnings(overview)
     page = html.environment().get_template("inspection.html")
+    sentence, change_folder = way_to_the_clone()
     pictures, curves = dict[str, str](), list[Curves]()
     if overview.is_array:
         pictures = _mean_frames(overview)
@@ -81,7 +85,8 @@ def inspection_page(overview: Overview) -> str:
         is_array=overview.is_array,
         checks=checks(overview, warned),
         unknown=unknown(overview),
-        elsewhere=outside_a_clone(),
+        elsewhere=sentence,
+        change_folder=change_folder,
     )
 
 

@@ -23,7 +23,7 @@ from tactile_viewgcn.evaluation.trials import ASKED, WHOLE, Predictions, read_pr
 from tactile_viewgcn.intervals import FEW, percent_interval
 from tactile_viewgcn.messages import NEW_SESSION, Note, UserError, several
 from tactile_viewgcn.pages import html
-from tactile_viewgcn.pages.checks import UNKNOWN, outcomes, outside_a_clone
+from tactile_viewgcn.pages.checks import UNKNOWN, outcomes, way_to_the_clone
 from tactile_viewgcn.pages.html import Verdict, percent
 from tactile_viewgcn.params import VIRTUAL, everywhere, on_sensors, unlike_the_file
 from tactile_viewgcn.provenance import EARLIER, PACKAGES, ROW, Record
@@ -224,8 +224,10 @@ def read_run(name: str = "") -> FinishedRun:
         try:
             return read_file(path)
         except FileNotFoundError:
-            elsewhere = outside_a_clone() if not name else ""
-            raise UserError(f"{where}: no {path}; {elsewhere or REMEDY}") from None
+            sentence, change_folder = way_to_the_clone()
+            if sentence and not name:
+                raise UserError(f"{where}: no {path}. {sentence} {change_folder}") from None
+            raise UserError(f"{where}: no {path}; {REMEDY}") from None
 
     contents = {stage: read(f"runs/{stage}.json") for stage in EARLIER}
     contents[ROW], metrics, timing = (read(f"results/{file}.json") for file in (ROW, "metrics", "timing"))

@@ -136,9 +136,11 @@ def _row(recordings: Recordings, index: np.ndarray, moved: np.ndarray) -> dict[s
 def _end(counts: np.ndarray, head: int, tail: int) -> str:
     """What the equal frames at the longer end of a recording (n, S) read, beside the frames between the ends.
 
-    `rest`: nearly all sensors read least or most there, as in a hand at rest. `outside`: they are further from all other
-    readings than these are from each other. Else "".
+    `rest`: both ends are equal, or nearly all sensors read least or most there, as in a hand at rest. `outside`: they
+    are further from all other readings than these are from each other. Else "".
     """
+    if min(head, tail) > 1 and (counts[0] == counts[-1]).all():
+        return "rest"
     inside = counts[head : len(counts) - tail].astype(np.float64)
     if len(inside) < FEWEST_INSIDE:
         return ""

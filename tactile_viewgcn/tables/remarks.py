@@ -175,10 +175,11 @@ def _equal_ends(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]
         place, count = ("the last", row["tail"]) if row["tail"] >= row["head"] else ("the first", row["head"])
         places.append(f"{recordings.recordings[number]} ({place} {count} of {row['frames']})")
     text = f"Equal frames at an end of {several(len(places), 'recording')}: {listed(places)}. "
-    text += "That is padding, or a glove that froze. "
+    text += "Is that padding, or did the glove freeze? "
     if _differ_by_object(equal.where(is_padded, 0).to_numpy(), each["object"].to_numpy()):
         text += "Their number differs between the objects, and a classifier may learn that. "
-    yield "equal ends", f"{text}Cut these frames off before you save: recordings may be of unlike length."
+    text += "Then cut these frames off: recordings may be of unlike length. If the hand rests there, this is right."
+    yield "equal ends", text
 
 
 def _differ_by_object(numbers: np.ndarray, objects: np.ndarray) -> bool:
