@@ -7,8 +7,8 @@ import numpy as np
 from stages.command import Job, run
 from tactile_viewgcn.messages import several
 from tactile_viewgcn.readers.source import Form
-from tactile_viewgcn.tables.recordings import Recordings, read_source
 from tactile_viewgcn.tables.look import look_at, write_takes
+from tactile_viewgcn.tables.recordings import Recordings, read_source
 from tactile_viewgcn.tables.remarks import remarks
 
 

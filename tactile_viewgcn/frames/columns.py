@@ -1,4 +1,4 @@
-"""Columns that are no sensor, as a clock or the number of a recording, by how they move and what they predict."""
+"""Columns that are no sensor, as a clock or a number, by how they move and what they predict."""
 
 from dataclasses import dataclass
 from shlex import quote
@@ -28,7 +28,8 @@ class _Motion:
     """How the S live sensors move within the R recordings.
 
     Attributes:
-        moves: int (R, S), number of steps that are not 0; usual: (R, S), their median, 0 without any.
+        moves: int (R, S), number of steps that are not 0; usual: (R, S), their median, 0 without
+            any.
         even: bool (S,), almost all steps are like their recording's usual one, and of one sign.
         onward: bool (S,), it never falls, or it never rises.
         first, last, mean: (R, S) readings.
@@ -66,8 +67,8 @@ class _Motion:
     def clocks(self) -> np.ndarray:
         """bool (S,): it moves as one clock in all recordings, whatever it reads where they begin.
 
-        Either all steps are alike, in all recordings. Or it always rises, or always falls, from the same beginning and
-        at the same rate.
+        Either all steps are alike, in all recordings. Or it always rises, or always falls, from the
+        same beginning and at the same rate.
         """
         usual = np.median(self.usual, axis=0)
         has_usual_steps = np.abs(self.usual - usual) <= np.abs(usual) / 2
@@ -85,11 +86,13 @@ class _Motion:
 def column_notes(recordings: Recordings) -> list[Note]:
     """Warnings of columns that move as no sensor does, and of frame rates that predict the objects or cannot be.
 
-    Such a column is constant within every recording where others vary, as the number of a person, or rises, or falls,
-    by even steps, as a clock. Of an array, whose sensors are of one kind, it is named if its beginnings predict the
-    objects of held-out recordings, or if its range is far wider than the others'. Channels may be anything: of these
-    each constant column and each clock is named, and constant columns are asked together. A finger that stays bent
-    trembles, and one that closes evenly does so at another rate each time: neither is such a column.
+    Such a column is constant within every recording where others vary, as the number of a person,
+    or rises, or falls, by even steps, as a clock. Of an array, whose sensors are of one kind, it is
+    named if its beginnings predict the objects of held-out recordings, or if its range is far wider
+    than the others'. Channels may be anything: of these each constant column and each clock is
+    named, and constant columns are asked together. A finger that stays bent
+    trembles, and one that closes evenly does so at another rate each time: neither is such a
+        column.
     """
     return [*_odd_columns(recordings), *_rate_notes(recordings)]
 

@@ -1,4 +1,4 @@
-"""What was checked and what was found, and what no check of the files can tell; pages never give an all-clear."""
+"""What was checked, what was found, and what no files can tell; pages never give an all-clear."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,10 +19,12 @@ CHECKS = {
     "recordings and objects without frames": ("no frames", "contact"),
     "objects told without any contact": ("leak check",),
 }
+#: The checks that look at how readings move.
+NEED_FRAMES = [*CHECKS][1:5]
 #: What the files cannot tell.
 UNKNOWN = (
-    "Is a recording an augmented, filtered or resampled copy of another one? Its frames are its own: leave it out.",
-    "Were recordings cut as windows from a longer one, or made in one go? Give them one session, and hold that out.",
+    "Is a recording an augmented, filtered or resampled copy of another one? Then leave it out.",
+    "Were recordings cut as windows from a longer one, or made in one go? Give them one session.",
     "Who made a recording, and when? Only folders, columns and names could say so.",
     "Is each label right? Will new recordings be made in the same way?",
 )
@@ -70,5 +72,5 @@ def way_to_the_clone() -> tuple[str, str]:
     for folder in (root(), *Path.cwd().parents):
         if all((folder / name).exists() for name in MAKES):
             return "First go to the root of your clone of Tactile-ViewGCN.", f"cd {quote(str(folder))}"
-    sentence = "First go to the root of a clone of Tactile-ViewGCN, where dvc.yaml and params.yaml lie: none is here."
+    sentence = "First go to the root of a clone of Tactile-ViewGCN: dvc.yaml and params.yaml lie there."
     return sentence, ""

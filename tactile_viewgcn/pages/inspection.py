@@ -15,7 +15,7 @@ from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, NEW_SESSION, Note, listed, several, warnings_of
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.channels import Curves, channel_curves
-from tactile_viewgcn.pages.checks import UNKNOWN, Check, outcomes, way_to_the_clone
+from tactile_viewgcn.pages.checks import NEED_FRAMES, UNKNOWN, Check, outcomes, way_to_the_clone
 from tactile_viewgcn.pages.source_inspection import MOST_FOLDS, SAMPLE, Overview
 from tactile_viewgcn.params import VIRTUAL, default_params, everywhere, unlike_the_file
 from tactile_viewgcn.schema import as_change, flatten
@@ -176,6 +176,8 @@ def verdict(overview: Overview, warned: list[Note]) -> html.Verdict:
 def checks(overview: Overview, warned: list[Note]) -> list[Check]:
     """What was checked, and what was found."""
     not_made = dict[str, str]()
+    if overview.counts["frames"].max() == 1:
+        not_made |= dict.fromkeys(NEED_FRAMES, "not checked: every recording is one frame")
     if not overview.choice.leak:
         not_made["objects told without any contact"] = "not checked: too few frames without contact"
     if not overview.rates:
