@@ -104,7 +104,8 @@ def _odd_columns(recordings: Recordings) -> list[Note]:
         even = np.zeros_like(even)
     starts_apart = even & motion.differs
     wide = even & (motion.wide > WIDE)
-    constant, clock = even & motion.constant, motion.clocks
+    constant = even & motion.constant
+    clock = motion.clocks
     if clock.all():
         clock = np.zeros_like(clock)
     is_named = np.zeros_like(even)
@@ -114,16 +115,19 @@ def _odd_columns(recordings: Recordings) -> list[Note]:
         together = _predicting(recordings, motion.first[:, constant]) if constant.any() else None
 
     names = recordings.sensor_names(recordings.live)
-    found = list[str]()
-    told, untold = list[str](), dict[str, list[str]]()
+    found = list[int]()
+    told = list[str]()
+    untold = dict[str, list[str]]()
     for column in np.flatnonzero(starts_apart | wide | is_named):
         error = _predicting(recordings, motion.first[:, [column]]) if starts_apart[column] else None
         if not (error or wide[column] or is_named[column]):
             continue
-        found.append(names[column])
+        found.append(int(column))
         kind = "constant in each recording"
         if motion.moves[:, column].any():
-            kind = "moving by even steps" if even[column] else "always rising, or always falling, at one rate"
+            kind = "always rising, or always falling, at one rate"
+            if even[column]:
+                kind = "moving by even steps"
         if error:
             told.append(f"{names[column]} ({kind}; error by its beginning alone {_of_chance(error)})")
         elif wide[column]:
@@ -136,12 +140,24 @@ def _odd_columns(recordings: Recordings) -> list[Note]:
     text = f"A clock, number or label is no sensor: {listed(told, '; ')}. "
     if together and constant.sum() > 1:
         text += f"The constant ones together tell the object: error {_of_chance(together)}. "
-    left_out = [LEAVE_OUT + name for name in found if name in recordings.channel_names]
-    remedy = f"{quote(as_change('data.columns', left_out or [f'{LEAVE_OUT}NAME']))}, beside what it lists already"
-    if not left_out:
-        remedy += ", once it has a name in the files"
-    note = Note(f"{text}Set {remedy}.", "warning", "columns", "data.columns" if left_out else "", left_out or None)
-    return [note]
+    return [_leaving_out(recordings, found, text)]
+
+
+def _leaving_out(recordings: Recordings, found: list[int], text: str) -> Note:
+    """The warning `text` with the remedy: the change that leaves out the live sensors `found`.
+
+    Columns without names go by their numbers, which a table of text takes, and an array does not.
+    """
+    if recordings.channel_names:
+        names = recordings.sensor_names(recordings.live)
+        left_out = [LEAVE_OUT + names[column] for column in found if names[column]]
+        if left_out:
+            text += f"Set {quote(as_change('data.columns', left_out))}, beside what it lists already."
+            return Note(text, "warning", "columns", "data.columns", left_out)
+    numbers = [f"{LEAVE_OUT}{np.flatnonzero(recordings.live)[column] + 1}" for column in found]
+    if len(recordings.live) == 1:
+        text += f"Of a table without names set {quote(as_change('data.columns', numbers))}. "
+    return Note(f"{text}Save an array without such columns.", "warning", "columns")
 
 
 def _rate_notes(recordings: Recordings) -> list[Note]:

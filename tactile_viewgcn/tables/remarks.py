@@ -17,6 +17,7 @@ CHANCE = 1e-3  # expected number of recordings that would look so by chance
 MOSTLY_MOVES = 0.5  # share of a recording's frames that differ from the one before, where sensors have noise
 FEWEST_EQUAL = 3  # equal frames at the beginning or the end that count
 PADDED = 0.1  # share of a recording's frames, from which on they count
+RARELY, MUCH = 0.02, 0.25  # of so few recordings only ends count that are longer than this share
 MOST_REPEATS = 0.05  # share of frames that equal the one before, inside recordings of sensors with noise
 FEWEST_REPEATS = 0.01  # the same, of which chance is computed at least
 MOST_STUCK = 0.1  # share of the sensors: more that stand still in some recordings are untouched, not faulty
@@ -176,6 +177,8 @@ def _equal_ends(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]
     by_chance = len(each) * max(repeats, FEWEST_REPEATS) ** (longest - 1)
     stops = (repeats <= MOST_REPEATS) & (by_chance < CHANCE) & (each["end"] != "rest")
     is_padded = is_long & (stops | (each["end"] == "outside"))
+    if is_padded.mean() < RARELY:
+        is_padded &= longest >= MUCH * each["frames"]
     ends = each[is_padded]
     if ends.empty:
         return
