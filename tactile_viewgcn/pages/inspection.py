@@ -170,7 +170,8 @@ def verdict(overview: Overview, warned: list[Note]) -> html.Verdict:
         reason = f"Each object has {fewest} or more."
     if warned:
         return html.Verdict("unsure", f"Usable, with {several(len(warned), 'warning')}.", [reason])
-    return html.Verdict("open", "No check below gave a warning.", [reason, "What the files cannot tell is listed too."])
+    unseen = "The files cannot tell augmented copies, windows or persons: see below."
+    return html.Verdict("open", "No check below gave a warning.", [reason, unseen])
 
 
 def checks(overview: Overview, warned: list[Note]) -> list[Check]:

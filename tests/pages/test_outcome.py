@@ -8,7 +8,7 @@ import pytest
 from tactile_viewgcn.evaluation.evaluate import scores_of
 from tactile_viewgcn.evaluation.trials import WHOLE, Predictions, Trials
 from tactile_viewgcn.messages import Note, UserError
-from tactile_viewgcn.pages.run_page import FinishedRun, next_steps, read_run
+from tactile_viewgcn.pages.run_page import FinishedRun, next_steps, read_run, run_checks
 from tests.records import RECORD
 
 NAMES = ["ball", "cup", "pen"]
@@ -127,6 +127,20 @@ def test_sessions_are_left_out_in_no_more_folds_than_there_are(elsewhere):
 def test_no_verdict_is_an_all_clear():
     for answers in (RIGHT, FEW, ALWAYS_BALL):
         assert "Yes" not in finished(answers).verdict().answer
+
+
+def test_a_report_says_which_checks_were_made():
+    run = finished(RIGHT, notes=[Note("a", "warning", "unit", stage="ingest")])
+    run.records["ingest"] = replace(RECORD, counts={})
+    outcomes = {check.what: check.outcome for check in run_checks(run)}
+    assert outcomes.pop("recordings in another unit") == "1 warning"
+    assert all(outcome.startswith("not checked") for outcome in outcomes.values())
+    run.records["ingest"] = replace(RECORD, counts={"recordings.with_shared_frames": 0, "recordings.with_times": 0})
+    run.records["preprocess"] = replace(run.records["preprocess"], counts={"leak.error": 0.5})
+    outcomes = {check.what: check.outcome for check in run_checks(run)}
+    assert outcomes["equal frames at the ends of recordings"] == "nothing found"
+    assert outcomes["objects told without any contact"] == "nothing found"
+    assert outcomes["times and frame rates"] == "not checked: no times"
 
 
 def test_a_report_outside_a_clone_says_to_go_to_one(elsewhere, monkeypatch):
