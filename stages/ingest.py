@@ -7,8 +7,8 @@ import numpy as np
 from stages.command import Job, run
 from tactile_viewgcn.messages import several
 from tactile_viewgcn.readers.source import Form
-from tactile_viewgcn.tables.recordings import Recordings, read_source
 from tactile_viewgcn.tables.look import look_at, write_takes
+from tactile_viewgcn.tables.recordings import Recordings, read_source
 from tactile_viewgcn.tables.remarks import remarks
 
 
@@ -24,7 +24,10 @@ def ingest(job: Job, source: Path, out: Path) -> str:
     used = {f"{name}s": len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
     names = [several(count, name.removesuffix("s")) for name, count in used.items()]
     counts = {"frames": len(table), "sensors": int(table.live.sum())} | used
-    job.record.counts |= counts
+    has_time = ~np.isnan(table.columns["time"])
+    looked = {"recordings.with_shared_frames": int((look.each["shared"] > 0).sum())}
+    looked["recordings.with_times"] = len(np.unique(table.columns["recording"][has_time]))
+    job.record.counts |= counts | looked
     return (
         f"ingest: {several(len(table), 'frame')} of {table.shape[0]} x {table.shape[1]}, "
         f"{several(counts['sensors'], 'sensor')}, {', '.join(names)}"

@@ -1,4 +1,4 @@
-"""Columns that are no sensor, as a clock or the number of a recording, by how they move and what they predict."""
+"""Columns that are no sensor, as a clock or a number, by how they move and what they predict."""
 
 from dataclasses import dataclass
 from shlex import quote
@@ -28,7 +28,8 @@ class _Motion:
     """How the S live sensors move within the R recordings.
 
     Attributes:
-        moves: int (R, S), number of steps that are not 0; usual: (R, S), their median, 0 without any.
+        moves: int (R, S), number of steps that are not 0; usual: (R, S), their median, 0 without
+            any.
         even: bool (S,), almost all steps are like their recording's usual one, and of one sign.
         onward: bool (S,), it never falls, or it never rises.
         first, last, mean: (R, S) readings.
@@ -66,8 +67,8 @@ class _Motion:
     def clocks(self) -> np.ndarray:
         """bool (S,): it moves as one clock in all recordings, whatever it reads where they begin.
 
-        Either all steps are alike, in all recordings. Or it always rises, or always falls, from the same beginning and
-        at the same rate.
+        Either all steps are alike, in all recordings. Or it always rises, or always falls, from the
+        same beginning and at the same rate.
         """
         usual = np.median(self.usual, axis=0)
         has_usual_steps = np.abs(self.usual - usual) <= np.abs(usual) / 2
@@ -85,11 +86,13 @@ class _Motion:
 def column_notes(recordings: Recordings) -> list[Note]:
     """Warnings of columns that move as no sensor does, and of frame rates that predict the objects or cannot be.
 
-    Such a column is constant within every recording where others vary, as the number of a person, or rises, or falls,
-    by even steps, as a clock. Of an array, whose sensors are of one kind, it is named if its beginnings predict the
-    objects of held-out recordings, or if its range is far wider than the others'. Channels may be anything: of these
-    each constant column and each clock is named, and constant columns are asked together. A finger that stays bent
-    trembles, and one that closes evenly does so at another rate each time: neither is such a column.
+    Such a column is constant within every recording where others vary, as the number of a person,
+    or rises, or falls, by even steps, as a clock. Of an array, whose sensors are of one kind, it is
+    named if its beginnings predict the objects of held-out recordings, or if its range is far wider
+    than the others'. Channels may be anything: of these each constant column and each clock is
+    named, and constant columns are asked together. A finger that stays bent
+    trembles, and one that closes evenly does so at another rate each time: neither is such a
+        column.
     """
     return [*_odd_columns(recordings), *_rate_notes(recordings)]
 
@@ -101,7 +104,8 @@ def _odd_columns(recordings: Recordings) -> list[Note]:
         even = np.zeros_like(even)
     starts_apart = even & motion.differs
     wide = even & (motion.wide > WIDE)
-    constant, clock = even & motion.constant, motion.clocks
+    constant = even & motion.constant
+    clock = motion.clocks
     if clock.all():
         clock = np.zeros_like(clock)
     is_named = np.zeros_like(even)
@@ -111,16 +115,19 @@ def _odd_columns(recordings: Recordings) -> list[Note]:
         together = _predicting(recordings, motion.first[:, constant]) if constant.any() else None
 
     names = recordings.sensor_names(recordings.live)
-    found = list[str]()
-    told, untold = list[str](), dict[str, list[str]]()
+    found = list[int]()
+    told = list[str]()
+    untold = dict[str, list[str]]()
     for column in np.flatnonzero(starts_apart | wide | is_named):
         error = _predicting(recordings, motion.first[:, [column]]) if starts_apart[column] else None
         if not (error or wide[column] or is_named[column]):
             continue
-        found.append(names[column])
+        found.append(int(column))
         kind = "constant in each recording"
         if motion.moves[:, column].any():
-            kind = "moving by even steps" if even[column] else "always rising, or always falling, at one rate"
+            kind = "always rising, or always falling, at one rate"
+            if even[column]:
+                kind = "moving by even steps"
         if error:
             told.append(f"{names[column]} ({kind}; error by its beginning alone {_of_chance(error)})")
         elif wide[column]:
@@ -133,12 +140,24 @@ def _odd_columns(recordings: Recordings) -> list[Note]:
     text = f"A clock, number or label is no sensor: {listed(told, '; ')}. "
     if together and constant.sum() > 1:
         text += f"The constant ones together tell the object: error {_of_chance(together)}. "
-    left_out = [LEAVE_OUT + name for name in found if name in recordings.channel_names]
-    remedy = f"{quote(as_change('data.columns', left_out or [f'{LEAVE_OUT}NAME']))}, beside what it lists already"
-    if not left_out:
-        remedy += ", once it has a name in the files"
-    note = Note(f"{text}Set {remedy}.", "warning", "columns", "data.columns" if left_out else "", left_out or None)
-    return [note]
+    return [_leaving_out(recordings, found, text)]
+
+
+def _leaving_out(recordings: Recordings, found: list[int], text: str) -> Note:
+    """The warning `text` with the remedy: the change that leaves out the live sensors `found`.
+
+    Columns without names go by their numbers, which a table of text takes, and an array does not.
+    """
+    if recordings.channel_names:
+        names = recordings.sensor_names(recordings.live)
+        left_out = [LEAVE_OUT + names[column] for column in found if names[column]]
+        if left_out:
+            text += f"Set {quote(as_change('data.columns', left_out))}, beside what it lists already."
+            return Note(text, "warning", "columns", "data.columns", left_out)
+    numbers = [f"{LEAVE_OUT}{np.flatnonzero(recordings.live)[column] + 1}" for column in found]
+    if len(recordings.live) == 1:
+        text += f"Of a table without names set {quote(as_change('data.columns', numbers))}. "
+    return Note(f"{text}Save an array without such columns.", "warning", "columns")
 
 
 def _rate_notes(recordings: Recordings) -> list[Note]:

@@ -1,4 +1,4 @@
-"""Curves of channels over time, of one recording of each object; channels may be of unlike kind and unit."""
+"""Curves of channels over time, of one recording of each object; each may be in its own unit."""
 
 from typing import NamedTuple
 

@@ -1,7 +1,8 @@
-"""What was checked and what was found, and what no check of the files can tell; pages never give an all-clear."""
+"""What was checked, what was found, and what no files can tell; pages never give an all-clear."""
 
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 
 from tactile_viewgcn.files import root
 from tactile_viewgcn.messages import Note, several
@@ -18,10 +19,12 @@ CHECKS = {
     "recordings and objects without frames": ("no frames", "contact"),
     "objects told without any contact": ("leak check",),
 }
+#: The checks that look at how readings move.
+NEED_FRAMES = [*CHECKS][1:5]
 #: What the files cannot tell.
 UNKNOWN = (
-    "Is a recording an augmented, filtered or resampled copy of another one? It has frames of its own.",
-    "Were recordings cut from one long one, or made in one go? Then hold them out together.",
+    "Is a recording an augmented, filtered or resampled copy of another one? Then leave it out.",
+    "Were recordings cut as windows from a longer one, or made in one go? Give them one session.",
     "Who made a recording, and when? Only folders, columns and names could say so.",
     "Is each label right? Will new recordings be made in the same way?",
 )
@@ -59,11 +62,15 @@ def outcomes(warned: list[Note], not_made: dict[str, str]) -> list[Check]:
     return found
 
 
-def outside_a_clone() -> str:
-    """What to do first where `dvc exp run` cannot work, in a sentence; "" at the root of a clone."""
+def way_to_the_clone() -> tuple[str, str]:
+    """What to do first where `dvc exp run` cannot work: a sentence and, where a clone is near, the command `cd`.
+
+    Both are empty at the root of a clone.
+    """
     if all(Path(name).exists() for name in MAKES):
-        return ""
+        return "", ""
     for folder in (root(), *Path.cwd().parents):
         if all((folder / name).exists() for name in MAKES):
-            return f"This is not the root of your clone of Tactile-ViewGCN: go there first by `cd {folder}`."
-    return "There is no clone of Tactile-ViewGCN here: go to the root of one first, where dvc.yaml and params.yaml lie."
+            return "First go to the root of your clone of Tactile-ViewGCN.", f"cd {quote(str(folder))}"
+    sentence = "First go to the root of a clone of Tactile-ViewGCN: dvc.yaml and params.yaml lie there."
+    return sentence, ""

@@ -15,7 +15,7 @@ from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, NEW_SESSION, Note, listed, several, warnings_of
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.channels import Curves, channel_curves
-from tactile_viewgcn.pages.checks import UNKNOWN, Check, outcomes, outside_a_clone
+from tactile_viewgcn.pages.checks import NEED_FRAMES, UNKNOWN, Check, outcomes, way_to_the_clone
 from tactile_viewgcn.pages.source_inspection import MOST_FOLDS, SAMPLE, Overview
 from tactile_viewgcn.params import VIRTUAL, default_params, everywhere, unlike_the_file
 from tactile_viewgcn.schema import as_change, flatten
@@ -44,10 +44,13 @@ def inspection_lines(overview: Overview) -> list[str]:
     if not command:
         return lines
     lines += ["To use", *_wrapped(map(str, overview.settings))]
-    elsewhere = outside_a_clone()
-    if elsewhere:
-        lines += _wrapped([elsewhere])
-    lines += ["", *command]
+    sentence, change_folder = way_to_the_clone()
+    if sentence:
+        lines += _wrapped([sentence])
+    lines.append("")
+    if change_folder:
+        lines.append(change_folder)
+    lines += command
     other = command_lines(overview, new_sessions=True)
     if other:
         lines += ["", f"To test it on {NEW_SESSION}", *other]
@@ -59,6 +62,7 @@ def inspection_page(overview: Overview) -> str:
     path = overview.recordings.path
     warned = warnings(overview)
     page = html.environment().get_template("inspection.html")
+    sentence, change_folder = way_to_the_clone()
     pictures, curves = dict[str, str](), list[Curves]()
     if overview.is_array:
         pictures = _mean_frames(overview)
@@ -81,7 +85,8 @@ def inspection_page(overview: Overview) -> str:
         is_array=overview.is_array,
         checks=checks(overview, warned),
         unknown=unknown(overview),
-        elsewhere=outside_a_clone(),
+        elsewhere=sentence,
+        change_folder=change_folder,
     )
 
 
@@ -165,12 +170,15 @@ def verdict(overview: Overview, warned: list[Note]) -> html.Verdict:
         reason = f"Each object has {fewest} or more."
     if warned:
         return html.Verdict("unsure", f"Usable, with {several(len(warned), 'warning')}.", [reason])
-    return html.Verdict("open", "No check below gave a warning.", [reason, "What the files cannot tell is listed too."])
+    unseen = "The files cannot tell augmented copies, windows or persons: see below."
+    return html.Verdict("open", "No check below gave a warning.", [reason, unseen])
 
 
 def checks(overview: Overview, warned: list[Note]) -> list[Check]:
     """What was checked, and what was found."""
     not_made = dict[str, str]()
+    if overview.counts["frames"].max() == 1:
+        not_made |= dict.fromkeys(NEED_FRAMES, "not checked: every recording is one frame")
     if not overview.choice.leak:
         not_made["objects told without any contact"] = "not checked: too few frames without contact"
     if not overview.rates:

@@ -23,7 +23,7 @@ from tactile_viewgcn.evaluation.trials import ASKED, WHOLE, Predictions, read_pr
 from tactile_viewgcn.intervals import FEW, percent_interval
 from tactile_viewgcn.messages import NEW_SESSION, Note, UserError, several
 from tactile_viewgcn.pages import html
-from tactile_viewgcn.pages.checks import UNKNOWN, outcomes, outside_a_clone
+from tactile_viewgcn.pages.checks import CHECKS, UNKNOWN, Check, outcomes, way_to_the_clone
 from tactile_viewgcn.pages.html import Verdict, percent
 from tactile_viewgcn.params import VIRTUAL, everywhere, on_sensors, unlike_the_file
 from tactile_viewgcn.provenance import EARLIER, PACKAGES, ROW, Record
@@ -129,6 +129,19 @@ class FinishedRun:
         return Verdict("open", "It is better than guessing, and no stage gave a warning.", [below])
 
 
+def run_checks(run: FinishedRun) -> list[Check]:
+    """What the stages of a run checked, and what they found; records of an earlier version lack some checks."""
+    not_made = dict[str, str]()
+    looked = run.records["ingest"].counts
+    if "recordings.with_shared_frames" not in looked:
+        not_made = dict.fromkeys(CHECKS, "not checked, or not by this version: run it again")
+    elif not looked["recordings.with_times"]:
+        not_made["times and frame rates"] = "not checked: no times"
+    if "leak.error" not in run.records["preprocess"].counts:
+        not_made["objects told without any contact"] = "not checked: too few frames without contact"
+    return outcomes(run.warnings, not_made)
+
+
 def next_steps(run: FinishedRun) -> list[tuple[str, str]]:
     """What to do next, each with its command or "": mend what stages warned of, test more, use or inspect."""
     params, changed, steps = run.params, run.repeated, list[tuple[str, str]]()
@@ -188,7 +201,7 @@ def run_page(run: FinishedRun) -> str:
     return page.render(
         run=run,
         simulated=Path(run.params["data.source"]) == Path(VIRTUAL),
-        checks=outcomes(run.warnings, {}),
+        checks=run_checks(run),
         unknown=UNKNOWN,
         origin=origin,
         title=f"Report: {run.name or run.params['model.system']}, {date}",
@@ -224,8 +237,10 @@ def read_run(name: str = "") -> FinishedRun:
         try:
             return read_file(path)
         except FileNotFoundError:
-            elsewhere = outside_a_clone() if not name else ""
-            raise UserError(f"{where}: no {path}; {elsewhere or REMEDY}") from None
+            sentence, change_folder = way_to_the_clone()
+            if sentence and not name:
+                raise UserError(f"{where}: no {path}. {sentence} {change_folder}") from None
+            raise UserError(f"{where}: no {path}; {REMEDY}") from None
 
     contents = {stage: read(f"runs/{stage}.json") for stage in EARLIER}
     contents[ROW], metrics, timing = (read(f"results/{file}.json") for file in (ROW, "metrics", "timing"))

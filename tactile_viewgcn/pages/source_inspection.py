@@ -23,8 +23,8 @@ from tactile_viewgcn.sensors.features import every_few, is_array
 from tactile_viewgcn.sensors.representation import Representation, contact_unit
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import frame_rates
-from tactile_viewgcn.tables.recordings import Recordings, recordings_of
 from tactile_viewgcn.tables.look import held_together, look_at
+from tactile_viewgcn.tables.recordings import Recordings, recordings_of
 from tactile_viewgcn.tables.remarks import remarks
 
 SAMPLE = 2000  # frames, of all for the variation of a sensor, of an object for its mean

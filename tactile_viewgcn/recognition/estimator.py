@@ -26,8 +26,8 @@ from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.raw_counts import check_layouts
 from tactile_viewgcn.recognition.recogniser import Recogniser, recording_of
 from tactile_viewgcn.schema import as_change
-from tactile_viewgcn.tables.recordings import Recordings, in_memory
 from tactile_viewgcn.tables.look import groups_together, look_at
+from tactile_viewgcn.tables.recordings import Recordings, in_memory
 from tactile_viewgcn.tables.remarks import remarks
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames

@@ -1,8 +1,9 @@
 """Frames that recordings have in common: copies, and pieces of one recording that overlap.
 
-Equal frames alone are no sign of a copy: a hand at rest reads the same again and again, and padding is the same in all
-recordings. So a run of frames counts only if its changes are too rare to occur twice by chance. How rare they are is
-measured in bits, by how often each sensor changes by that much.
+Equal frames alone are no sign of a copy: a hand at rest reads the same again and again, and padding
+is the same in all recordings. So a run of frames counts only if its changes are too rare to occur
+twice by chance. How rare they are is measured in bits, by how often each sensor changes by that
+much.
 """
 
 from dataclasses import dataclass
@@ -49,11 +50,14 @@ def sensor_weights(sensors: int) -> np.ndarray:
 def frame_hashes(counts: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """A hash uint64 (n,) of each frame of a recording's counts (n, S), by the sensors' `weights` (S,).
 
-    Columns that only rise or only fall are left out: windows may each have a clock that begins at 0.
+    Columns that only rise or only fall are left out: windows may each have a clock that begins at
+        0.
     """
-    is_clock = np.zeros(counts.shape[1], dtype=bool)
+    is_clock: np.ndarray = np.zeros(counts.shape[1], dtype=bool)
     if len(counts) > CLOCK_STEPS:
-        is_clock = (counts[1:] > counts[:-1]).all(axis=0) | (counts[1:] < counts[:-1]).all(axis=0)
+        always_rises = np.all(counts[1:] > counts[:-1], axis=0)
+        always_falls = np.all(counts[1:] < counts[:-1], axis=0)
+        is_clock = np.asarray(always_rises | always_falls)
     hashes = np.empty(len(counts), dtype=np.uint64)
     for start in range(0, len(counts), HASHED_FRAMES):
         values = counts[start : start + HASHED_FRAMES] + counts.dtype.type(0)  # -0.0 becomes 0.0
@@ -63,13 +67,12 @@ def frame_hashes(counts: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return hashes
 
 
-def common_frames(
-    live: Counts, index_of: list[np.ndarray], hashes: np.ndarray, changed: np.ndarray
-) -> CommonFrames:
+def common_frames(live: Counts, index_of: list[np.ndarray], hashes: np.ndarray, changed: np.ndarray) -> CommonFrames:
     """Find the copies, and the runs of frames in common.
 
     Args:
-        live: counts (T, S) of the live sensors; only recordings that may have frames in common are read.
+        live: counts (T, S) of the live sensors; only recordings that may have frames in common are
+            read.
         index_of: indices of the frames of each recording.
         hashes: uint64 (T,) of all frames, recording after recording.
         changed: bool (T,), frames that differ from the one before them in their recording.

@@ -1,7 +1,8 @@
-"""One look at the readings of each recording: what repeats, what stands still, and how strong they are.
+"""One look at each recording's readings: what repeats, what stands still, how strong they are.
 
-Every recording is read once, one at a time. What is kept is small: a row for each recording, a number for each frame,
-and a few values for each recording and sensor. `tables.remarks` makes warnings of it.
+Every recording is read once, one at a time. What is kept is small: a row for each recording, a
+number for each frame, and a few values for each recording and sensor. `tables.remarks` makes
+warnings of it.
 """
 
 from dataclasses import dataclass, replace
@@ -11,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from tactile_viewgcn.files import new_files
+from tactile_viewgcn.readers.source import COLUMNS as COLUMN_TYPES
 from tactile_viewgcn.tables.common_frames import common_frames, frame_hashes, sensor_weights
 from tactile_viewgcn.tables.counts import COLUMNS, evenly, read_columns, write_columns
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
@@ -30,11 +32,13 @@ class Look:
     """What one look at R recordings with frames and S live sensors found.
 
     Attributes:
-        each: a row for each recording, by its number: `object`; `frames`; `moves`, the number of frames that differ
-            from the one before; `head` and `tail`, how many frames at the beginning and at the end are equal, 1 at
-            least, and all where nothing changes; `end`, what the longer of these ends reads, see `_end`; `original`, the number of the first recording of the same counts;
-            `shared`, the number of its frames that earlier recordings have too, and `partner`, the number of one of
-            these, else its own; `take`, the number of the first recording with which it is held out together.
+        each: a row for each recording, by its number: `object`; `frames`; `moves`, the number of
+            frames that differ from the one before; `head` and `tail`, how many frames at the
+            beginning and at the end are equal, 1 at least, and all where nothing changes; `end`,
+            what the longer of these ends reads, see `_end`; `original`, the number of the first
+            recording of the same counts; `shared`, the number of its frames that earlier recordings
+            have too, and `partner`, the number of one of these, else its own; `take`, the number of
+            the first recording with which it is held out together.
         stuck: bool (R, S), sensors that read the same in all frames of the recording.
         lively: bool (R, S), sensors that change in every part of the recording.
         strength: (R, K), the strong reading of up to 64 sensors, see `STRONG_QUANTILE`.
@@ -112,7 +116,7 @@ def groups_together(recordings: Recordings, look: Look, groups: np.ndarray) -> n
 
 
 def _take_of_frames(recordings: Recordings, look: Look) -> np.ndarray:
-    return look.each["take"].loc[recordings.columns["recording"]].to_numpy().astype(np.int32)
+    return look.each["take"].loc[recordings.columns["recording"]].to_numpy().astype(COLUMN_TYPES["take"])
 
 
 def _row(recordings: Recordings, index: np.ndarray, moved: np.ndarray) -> dict[str, int]:
@@ -136,9 +140,12 @@ def _row(recordings: Recordings, index: np.ndarray, moved: np.ndarray) -> dict[s
 def _end(counts: np.ndarray, head: int, tail: int) -> str:
     """What the equal frames at the longer end of a recording (n, S) read, beside the frames between the ends.
 
-    `rest`: nearly all sensors read least or most there, as in a hand at rest. `outside`: they are further from all other
-    readings than these are from each other. Else "".
+    `rest`: both ends are equal, or nearly all sensors read least or most there, as in a hand at
+    rest. `outside`: they are further from all other readings than these are from each other. Else
+    "".
     """
+    if min(head, tail) > 1 and (counts[0] == counts[-1]).all():
+        return "rest"
     inside = counts[head : len(counts) - tail].astype(np.float64)
     if len(inside) < FEWEST_INSIDE:
         return ""
@@ -160,7 +167,7 @@ def _lively(differs: np.ndarray) -> np.ndarray:
         return np.zeros(differs.shape[1], dtype=bool)
     parts = min(PARTS, steps // PART_STEPS)
     begins = np.linspace(0, steps, parts, endpoint=False).astype(int)
-    return np.logical_or.reduceat(differs, begins, axis=0).all(axis=0)
+    return np.asarray(np.logical_or.reduceat(differs, begins, axis=0).all(axis=0))
 
 
 def _strong_readings(counts: np.ndarray, sensors: np.ndarray) -> np.ndarray:

@@ -1,7 +1,8 @@
-"""Warnings of what spoils a result whatever is computed from a table of raw counts, for `ingest`, `inspect` and `fit`."""
+"""Warnings of what spoils any result of a table of raw counts, for `ingest`, `inspect` and `fit`."""
 
 import re
 import unicodedata
+import warnings
 from collections.abc import Iterator
 
 import numpy as np
@@ -11,10 +12,12 @@ from tactile_viewgcn.messages import Note, listed, several
 from tactile_viewgcn.tables.look import Look
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
+EXAMPLES = 3  # long places in a warning
 CHANCE = 1e-3  # expected number of recordings that would look so by chance
 MOSTLY_MOVES = 0.5  # share of a recording's frames that differ from the one before, where sensors have noise
 FEWEST_EQUAL = 3  # equal frames at the beginning or the end that count
 PADDED = 0.1  # share of a recording's frames, from which on they count
+RARELY, MUCH = 0.02, 0.25  # of so few recordings only ends count that are longer than this share
 MOST_REPEATS = 0.05  # share of frames that equal the one before, inside recordings of sensors with noise
 FEWEST_REPEATS = 0.01  # the same, of which chance is computed at least
 MOST_STUCK = 0.1  # share of the sensors: more that stand still in some recordings are untouched, not faulty
@@ -29,7 +32,7 @@ def remarks(recordings: Recordings, look: Look) -> list[Note]:
     Args:
         look: of the same recordings, see `look_at`.
     """
-    warnings = [
+    found = [
         *_copies(recordings, look),
         *_shared_frames(recordings, look),
         *_standing_still(recordings, look),
@@ -42,7 +45,7 @@ def remarks(recordings: Recordings, look: Look) -> list[Note]:
     return [
         *recordings.notes,
         *without_frames(recordings),
-        *(Note(text, "warning", topic) for topic, text in warnings),
+        *(Note(text, "warning", topic) for topic, text in found),
     ]
 
 
@@ -60,6 +63,12 @@ def without_frames(recordings: Recordings) -> list[Note]:
     if not text:
         return []
     return [Note(f"{text}Record them again, or remove them.", "warning", "no frames")]
+
+
+def _examples(places: list[str]) -> str:
+    """The first three places, which are long texts, and the number of the others."""
+    more = [f"and {len(places) - EXAMPLES} more"] if len(places) > EXAMPLES else []
+    return ", ".join([*places[:EXAMPLES], *more])
 
 
 def _copies(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
@@ -93,7 +102,7 @@ def _shared_frames(recordings: Recordings, look: Look) -> Iterator[tuple[str, st
         f"{names[number]} ({row.shared} of {several(row.frames, 'frame')}, as {names[row.partner]})"
         for number, row in pieces.iterrows()
     ]
-    text = f"{several(len(pieces), 'recording')} with frames of a different one: {listed(places)}. "
+    text = f"{several(len(pieces), 'recording')} with frames of a different one: {_examples(places)}. "
     text += "They are overlapping pieces or copies of one recording, and tell nothing of a new one. "
     mixed = pieces[is_other_object[each.index.get_indexer(pieces.index)]]
     if len(mixed):
@@ -154,7 +163,8 @@ def _stuck_sensors(recordings: Recordings, look: Look) -> Iterator[tuple[str, st
 def _equal_ends(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
     """A warning of recordings that begin or end with equal frames, where frames are hardly ever repeated inside.
 
-    Sensors without noise read the same while the hand rests: that is none. Readings far from all others are padding.
+    Sensors without noise read the same while the hand rests: that is none. Readings far from all
+        others are padding.
     """
     each = look.each[look.each["moves"] > 0]
     if each.empty:
@@ -167,6 +177,8 @@ def _equal_ends(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]
     by_chance = len(each) * max(repeats, FEWEST_REPEATS) ** (longest - 1)
     stops = (repeats <= MOST_REPEATS) & (by_chance < CHANCE) & (each["end"] != "rest")
     is_padded = is_long & (stops | (each["end"] == "outside"))
+    if is_padded.mean() < RARELY:
+        is_padded &= longest >= MUCH * each["frames"]
     ends = each[is_padded]
     if ends.empty:
         return
@@ -174,11 +186,12 @@ def _equal_ends(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]
     for number, row in ends.iterrows():
         place, count = ("the last", row["tail"]) if row["tail"] >= row["head"] else ("the first", row["head"])
         places.append(f"{recordings.recordings[number]} ({place} {count} of {row['frames']})")
-    text = f"Equal frames at an end of {several(len(places), 'recording')}: {listed(places)}. "
-    text += "That is padding, or a glove that froze. "
+    text = f"Equal frames at an end of {several(len(places), 'recording')}: {_examples(places)}. "
+    text += "Is that padding, or did the glove freeze? "
     if _differ_by_object(equal.where(is_padded, 0).to_numpy(), each["object"].to_numpy()):
         text += "Their number differs between the objects, and a classifier may learn that. "
-    yield "equal ends", f"{text}Cut these frames off before you save: recordings may be of unlike length."
+    text += "Then cut these frames off: recordings may be of unlike length. If the hand rests there, this is right."
+    yield "equal ends", text
 
 
 def _differ_by_object(numbers: np.ndarray, objects: np.ndarray) -> bool:
@@ -194,8 +207,8 @@ def _differ_by_object(numbers: np.ndarray, objects: np.ndarray) -> bool:
 def _units(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
     """A warning of recordings whose readings and whose smallest changes are both weaker or stronger by a factor.
 
-    A light grip reads less, but its noise is that of a firm one: in another unit the noise is different too. Between
-    the recordings of two units there is a gap.
+    A light grip reads less, but its noise is that of a firm one: in another unit the noise is
+    different too. Between the recordings of two units there is a gap.
     """
     strength = _relative(look.strength)
     step = _relative(look.step)
@@ -229,10 +242,8 @@ def _relative(values: np.ndarray) -> np.ndarray:
 
     NaN where no sensor has a value above 0.
     """
-    import warnings
-
     with np.errstate(divide="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of sensors, or recordings, without any value
+        warnings.simplefilter("ignore", RuntimeWarning)  # of sensors, or recordings, without a value
         logarithms = np.log(np.where(values > 0, values, np.nan).astype(np.float64))
         usual = np.nanquantile(logarithms, 0.5, axis=0, method="lower")
         return np.asarray(np.nanmedian(logarithms - usual, axis=1))

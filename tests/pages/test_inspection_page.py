@@ -1,5 +1,7 @@
 """The page of an inspection, of a glove whose facts are chosen."""
 
+import base64
+import re
 from copy import copy
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -10,8 +12,20 @@ import pytest
 import yaml
 
 from tactile_viewgcn.intervals import FEW
+from tactile_viewgcn.messages import Note
+from tactile_viewgcn.pages import channels as channels_module
 from tactile_viewgcn.pages import html, inspection
-from tactile_viewgcn.pages.inspection import command_lines, facts, inspection_page, verdict, warnings
+from tactile_viewgcn.pages.channels import channel_curves
+from tactile_viewgcn.pages.inspection import (
+    WIDTH,
+    checks,
+    command_lines,
+    facts,
+    inspection_lines,
+    inspection_page,
+    verdict,
+    warnings,
+)
 from tactile_viewgcn.pages.source_inspection import grid_notes, inspect_source, split_settings
 from tactile_viewgcn.params import PreprocessSection, default_params
 from tactile_viewgcn.readers.source import Form
@@ -44,9 +58,86 @@ def test_the_page_shows_the_facts_and_the_settings(overview):
     assert "12 recordings of 3 objects in 2 sessions" in text and "95 of 96 sensors vary" in text
     assert all(name in text for name in NAMES) and "-S 'data.source=\"" in text
     assert all(note.text in text and note.key in text for note in overview.settings)
-    assert verdict(overview, warnings(overview)).kind == "good"  # most healthy sensors are pressed by no object
+    assert verdict(overview, warnings(overview)).kind == "open"  # most healthy sensors are pressed by no object
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"})
     assert facts(changed(overview, rates={0: 20.0, 1: 21.0}))[4] == ("20.5 Hz", "is the frame rate")
+
+
+def test_a_page_never_gives_an_all_clear_and_lists_what_was_checked_and_what_cannot_be(overview):
+    for text in (text_of(inspection_page(overview)), " ".join(" ".join(inspection_lines(overview)).split())):
+        assert warnings(overview) == [] and "Yes" not in text and "nothing was found that would" not in text
+        assert "What was checked" in text and "recordings in another unit" in text
+        assert "What the files cannot tell" in text and "augmented" in text and "windows" in text
+        assert f"{100 * overview.error.error:.1f} %, is too low" in text
+    rows = checks(overview, [Note("", "warning", "unit"), Note("", "warning", "unit"), Note("", "warning", "names")])
+    outcomes = {row.what: (row.outcome, row.warned) for row in rows}
+    assert outcomes["recordings in another unit"] == ("2 warnings", True)
+    assert outcomes["all else"] == ("1 warning", True)
+    assert outcomes["columns that are no sensor"] == ("nothing found", False)
+    assert outcomes["times and frame rates"] == ("not checked: no times", False)
+
+
+@pytest.fixture(scope="module")
+def channels(tmp_path_factory):
+    """Three objects, four recordings each, of five channels of unlike unit, one of which has no name."""
+    rng, folder = np.random.default_rng(0), tmp_path_factory.mktemp("glove") / "channels"
+    scale = np.array([100, 60, 30, 0.1, 0.002])
+    for number, name in enumerate(("ball", "mug", "pen")):
+        for repeat in range(4):
+            bend = np.linspace(0, number, 50)[:, None] * (np.arange(5) < 3)
+            readings = scale * (5 * (np.arange(5) < 2) + bend + 0.1 * rng.standard_normal((50, 5)))
+            header = "index,thumb,yaw,ax,<b>"
+            path = folder / name / f"{repeat}.csv"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            np.savetxt(path, readings, fmt="%.5f", delimiter=",", header=header, comments="")
+    return inspect_source(folder)
+
+
+def test_channels_are_shown_as_curves_on_a_scale_each_and_nothing_is_said_of_contact(channels):
+    page = inspection_page(channels)
+    text = text_of(page)
+    for word in ("pressure", "contact", "open hand", "Pictures"):
+        assert word not in text.partition("What to do next")[0] + text.partition("Objects")[2].partition("Words")[0]
+    assert "contact" not in "\n".join(inspection_lines(channels)).partition("Can they be used?")[0]
+    pictures = [address for address in parsed(page).addresses if address.startswith("data:image/svg+xml;base64,")]
+    assert len(pictures) == 3
+    for picture in pictures:
+        drawn = base64.b64decode(picture.partition(",")[2]).decode()
+        assert all(f">{name}<" in drawn for name in ("index", "thumb", "yaw", "ax", "&lt;b&gt;"))
+    assert "image/png" not in page
+
+
+def test_a_channel_has_the_same_scale_for_all_objects(channels, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(channels_module, "_picture", lambda *shown: drawn.append(shown) or "")
+    assert [one.object for one in channel_curves(channels.recordings)] == ["ball", "mug", "pen"]
+    for readings, low, high, names in drawn:
+        assert readings.shape == (50, 5) and names == ["index", "thumb", "yaw", "ax", "<b>"]
+        np.testing.assert_array_equal(low, np.min([each[0].min(axis=0) for each in drawn], axis=0))
+        np.testing.assert_array_equal(high, np.max([each[0].max(axis=0) for each in drawn], axis=0))
+
+
+def test_the_size_of_a_small_page_is_not_0_mb(tmp_path):
+    page = f"{html.GENERATOR}</html>"
+    assert re.search(r": [1-9]\d* kB;", html.write(tmp_path / "a.html", page + 5000 * " " + "</html>"))
+    assert ": 2.5 MB;" in html.write(tmp_path / "b.html", page + 2_500_000 * " " + "</html>")
+
+
+def test_outside_a_clone_the_first_thing_to_do_is_to_go_to_one(overview, tmp_path, monkeypatch):
+    monkeypatch.delenv("DVC_ROOT", raising=False)
+    monkeypatch.chdir(tmp_path)
+    assert "root of a clone" in " ".join(inspection_lines(overview)) and "clone" in text_of(inspection_page(overview))
+    assert all(len(line) <= WIDTH for line in inspection_lines(overview) if "clone" in line)
+    (tmp_path / "clone" / "data").mkdir(parents=True)
+    for name in ("dvc.yaml", "params.yaml"):
+        (tmp_path / "clone" / name).touch()
+    monkeypatch.chdir(tmp_path / "clone" / "data")
+    lines = inspection_lines(overview)
+    assert lines[lines.index("") + 1] == f"cd {tmp_path / 'clone'}" in text_of(inspection_page(overview))
+    assert lines[lines.index("") + 2].startswith("dvc exp run")
+    monkeypatch.chdir(tmp_path / "clone")
+    assert "clone of" not in text_of(inspection_page(overview))
+    assert "clone of" not in "\n".join(inspection_lines(overview))
 
 
 def changed(overview, **facts):

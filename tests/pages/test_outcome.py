@@ -7,8 +7,8 @@ import pytest
 
 from tactile_viewgcn.evaluation.evaluate import scores_of
 from tactile_viewgcn.evaluation.trials import WHOLE, Predictions, Trials
-from tactile_viewgcn.messages import Note
-from tactile_viewgcn.pages.run_page import FinishedRun, next_steps
+from tactile_viewgcn.messages import Note, UserError
+from tactile_viewgcn.pages.run_page import FinishedRun, next_steps, read_run, run_checks
 from tests.records import RECORD
 
 NAMES = ["ball", "cup", "pen"]
@@ -78,7 +78,7 @@ QUEUE = "-S split.fold=0,1,2 -S views=4 -S 'data.source=\"{here}/my glove\"'\ndv
 @pytest.mark.parametrize(
     ("answers", "changes", "kind", "reason", "first_step", "command"),
     [
-        (RIGHT, {"data_layout": "OBJECT/FILE"}, "good", "below", "Ask", f"{PREDICT} --set data.layout=OBJECT/FILE"),
+        (RIGHT, {"data_layout": "OBJECT/FILE"}, "open", "below", "Ask", f"{PREDICT} --set data.layout=OBJECT/FILE"),
         (FEW, {"views": 4, "split_fold": 2}, "unsure", "6 recordings, 2 of each", "Record more", QUEUE),
         (ALWAYS_BALL, {}, "bad", "reaches the error of guessing", "Record more", "inspect 'my glove' --html insp"),
         (ALWAYS_BALL, {"data_shape": [4, 8]}, "bad", "", "Record", "my glove' --set 'data.shape=[4,8]' --html"),
@@ -107,7 +107,7 @@ def test_a_warning_comes_first_with_the_remedies_that_are_values(elsewhere):
         assert steps[0].startswith("Mend") and lines.split("\n")[0] == command
 
 
-DOUBTS = [(10, 0.25, 0.25, "good"), (9, 0.2, 0, "unsure"), (10, 0.3, 0, "unsure"), (10, 0.2, 0.26, "unsure")]
+DOUBTS = [(10, 0.25, 0.25, "open"), (9, 0.2, 0, "unsure"), (10, 0.3, 0, "unsure"), (10, 0.2, 0.26, "unsure")]
 
 
 @pytest.mark.parametrize(("groups", "high", "new", "kind"), [*DOUBTS, (1, None, 0, "bad")])
@@ -122,3 +122,33 @@ def test_sessions_are_left_out_in_no_more_folds_than_there_are(elsewhere):
     run = finished(RIGHT, notes=[Note("", topic="new session")], split_fold=1)
     run.records["ingest"] = replace(RECORD, counts={"sessions": 2})
     assert {"split.fold=0", "split.by=session", "split.folds=2"} <= set(advice(run)[2].split())
+
+
+def test_no_verdict_is_an_all_clear():
+    for answers in (RIGHT, FEW, ALWAYS_BALL):
+        assert "Yes" not in finished(answers).verdict().answer
+
+
+def test_a_report_says_which_checks_were_made():
+    run = finished(RIGHT, notes=[Note("a", "warning", "unit", stage="ingest")])
+    run.records["ingest"] = replace(RECORD, counts={})
+    outcomes = {check.what: check.outcome for check in run_checks(run)}
+    assert outcomes.pop("recordings in another unit") == "1 warning"
+    assert all(outcome.startswith("not checked") for outcome in outcomes.values())
+    run.records["ingest"] = replace(RECORD, counts={"recordings.with_shared_frames": 0, "recordings.with_times": 0})
+    run.records["preprocess"] = replace(run.records["preprocess"], counts={"leak.error": 0.5})
+    outcomes = {check.what: check.outcome for check in run_checks(run)}
+    assert outcomes["equal frames at the ends of recordings"] == "nothing found"
+    assert outcomes["objects told without any contact"] == "nothing found"
+    assert outcomes["times and frame rates"] == "not checked: no times"
+
+
+def test_a_report_outside_a_clone_says_to_go_to_one(elsewhere, monkeypatch):
+    monkeypatch.delenv("DVC_ROOT", raising=False)
+    with pytest.raises(UserError, match="clone") as error:
+        read_run()
+    assert "inspect" not in str(error.value)
+    for name in ("dvc.yaml", "params.yaml"):
+        (elsewhere / name).touch()
+    with pytest.raises(UserError, match="inspect"):
+        read_run()

@@ -179,7 +179,9 @@ def test_fit_says_that_windows_overlap():
 def frozen(arrays, chosen, at):
     """The same, where the chosen recordings repeat a frame to their ends."""
     return [
-        np.concatenate([array[:at], np.repeat(array[at : at + 1], len(array) - at, axis=0)]) if number in chosen else array
+        np.concatenate([array[:at], np.repeat(array[at : at + 1], len(array) - at, axis=0)])
+        if number in chosen
+        else array
         for number, array in enumerate(arrays)
     ]
 
