@@ -30,7 +30,8 @@ from tactile_viewgcn.training.loop import OnEpoch, Progress
 from tactile_viewgcn.views.sampling import powers_of_two
 
 #: members where `model.members` is auto
-ARRAY, CHANNELS = ["kernel", "pooled_kernel", "svm", NETWORK], ["trees", "svm", "convolutions"]
+ARRAY = ["kernel", "pooled_kernel", "svm", "trees", NETWORK]
+CHANNELS = ["trees", "svm", "convolutions"]
 UNWEIGHED = ["kernel", "pooled_kernel"]  # the members for an array where nothing can be left out
 SCALE_FRAMES = 20_000  # by which readings are scaled
 

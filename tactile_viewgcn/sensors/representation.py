@@ -19,7 +19,8 @@ NETWORK = "network"  # the member that is a trained network, and the preset that
 OF_EACH_FRAME = (OF_FRAMES, NETWORK)  # members that answer single frames
 #: members that also answer view sets, for which no order counts
 OF_SETS = (*OF_EACH_FRAME, "pooled_kernel", "svm")
-FINER = 10.0  # times finer than the others' is the unit of `svm` on an array, and so narrower its dead zone
+FINER = 10.0  # times finer is the unit of the members `IN_FINER` on an array, and so narrower its dead zone
+IN_FINER = ("svm", "trees")
 FARTHEST = 1e15  # scaled reading: its square is in the range of single precision
 PRESSED_SHARE = 0.1  # of the readings in contact are above PRESSED_UNITS; with STAG's glove these are four counts
 PRESSED_UNITS = 4.0
@@ -82,8 +83,10 @@ class Representation:
         return (features.in_time if member == "trees" else features.in_windows)(readings.astype(np.float64))
 
     def _maps(self, member: str, readings: np.ndarray) -> np.ndarray:
-        """Points of an array: `svm` also reads what lies in the others' dead zone, which may not be noise."""
-        return features.array_maps(FINER * readings if member == "svm" else readings, self.blocks)
+        """Points of an array: `svm` and `trees` also read the kernels' dead zone, which may hold more than noise."""
+        if member in IN_FINER:
+            readings = FINER * readings
+        return features.array_maps(readings, self.blocks)
 
     def estimator(self, member: str, *, quick: bool = False) -> Estimator:
         """The member's estimator, not fitted yet; a quick one has fewer trees or frames."""

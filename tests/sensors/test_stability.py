@@ -11,7 +11,7 @@ from tests.sensors.small_recordings import ARRAY, answers, fitted, values
 
 CHANNELS = np.ones((1, 5), dtype=bool)
 SCALED, FRAME, SINGLE = "a sensor of 1e27 times the readings", "one frame each", "one recording of each"
-NOT_BY_ONE_FRAME = {("convolutions", "channels"), ("convolutions", "array"), ("svm", "array")}
+NOT_BY_ONE_FRAME = {("convolutions", "channels"), ("convolutions", "array"), ("svm", "array"), ("trees", "array")}
 CASES = {  # a recording's counts, which read 60 at most, and its number
     "a constant sensor": lambda counts, _: last(counts, 500.1),
     "a sensor that reads 0": lambda counts, _: last(counts, 0),
@@ -44,7 +44,7 @@ def presses(case, live=CHANNELS, seed=0, each=6):
 @pytest.mark.parametrize(("kind", "live"), [("channels", CHANNELS), ("array", ARRAY)])
 @pytest.mark.parametrize("member", get_args(SensorMember))
 def test_every_member_distinguishes_objects_by_extreme_readings(row, member, kind, live):
-    """But by one frame not convolutions, whose weights add to 0, nor svm an array, of which it reads the noise too.
+    """But by one frame not convolutions, whose weights add to 0, nor svm and trees an array: they read its noise too.
 
     In an array a far stronger sensor outweighs others.
     """

@@ -1,4 +1,4 @@
-"""Single frames as recordings: no classifier among the members answers twice."""
+"""The members that `best` weighs on an array, and that none of them answers twice on single frames."""
 
 import numpy as np
 import pytest
@@ -40,3 +40,10 @@ def test_best_weighs_no_classifier_twice():
     best = TactileClassifier(params=ALL_CONTACT).fit(X, y)
     heard = {note.value["member"] for note in best.notes_ if note.topic == "members"}
     assert "kernel" in heard and "pooled_kernel" not in heard
+
+
+def test_an_array_has_trees_among_its_members():
+    X, y = frames(30, (9, 10), length=3)
+    best = TactileClassifier(params=ALL_CONTACT).fit(X, y)
+    heard = {note.value["member"] for note in best.notes_ if note.topic == "members"}
+    assert heard == {"kernel", "pooled_kernel", "svm", "trees"}
