@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactile_viewgcn.frames.folds import left_out
+from tactile_viewgcn.progress import steps
 from tactile_viewgcn.recognition.calibration import fit_temperature, fit_weights
 from tactile_viewgcn.sensors.estimators import added, log_shares, probabilities
 from tactile_viewgcn.sensors.examples import Examples
@@ -42,7 +43,8 @@ class LeftOut:
         for member in set(members) - self.shares.keys():
             examples, (points, recording) = self.examples, self.examples.of_recordings(member)
             shares, label = np.zeros((len(points), examples.classes), dtype=np.float32), examples.labels[recording]
-            for left in (left[recording] for left in self.folds):
+            for fold in steps(self.folds, f"{member}, groups left out", "folds"):
+                left = fold[recording]
                 estimator = examples.representation.estimator(member, quick=True)
                 estimator.fit(points[~left], label[~left], self._seed)
                 shares[left] = probabilities(estimator, points[left], examples.classes)

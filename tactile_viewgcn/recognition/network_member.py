@@ -10,6 +10,7 @@ import numpy as np
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import default_params, preset_changes
+from tactile_viewgcn.progress import steps
 from tactile_viewgcn.recognition.calibration import recording_answers
 from tactile_viewgcn.sensors.representation import NETWORK
 from tactile_viewgcn.tables.counts import Gathered
@@ -65,7 +66,7 @@ class NetworkMember:
             UserError: a training diverges.
         """
         shares = np.zeros((len(self.recordings), len(self.table.classes)), dtype=np.float32)
-        for fold in folds:
+        for fold in steps(folds, "network, groups left out", "training runs"):
             recordings = [self.recordings[number] for number in np.flatnonzero(fold)]
             index = np.concatenate(recordings)
             pool = np.repeat(np.arange(len(recordings)), [len(frames) for frames in recordings])

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from tactile_viewgcn.progress import steps
 from tactile_viewgcn.sensors.representation import OF_FRAMES, Representation
 
 SETS, MOST_SETS = 4, 300  # view sets of a size: of each recording, and about as many in all; at least one of each
@@ -41,7 +42,7 @@ class Examples:
         self._points: dict[str, np.ndarray] = {}
         most = max(2 * max(sizes), LEAST_FRAMES, MOST_FRAMES // len(labels))
         sample, lengths = list[np.ndarray](), list[int]()
-        for number in numbers.tolist():
+        for number in steps(numbers.tolist(), "view sets", "recordings"):
             counts = read(number)
             at = np.unique(np.linspace(0, len(counts) - 1, most).astype(int))
             sample.append(representation.scaled(counts[at]))
@@ -63,7 +64,8 @@ class Examples:
         if member == OF_FRAMES:
             return self.representation.of_frames(self.frames), self.frame_recording
         if member not in self._points:
-            readings = (self.representation.scaled(self._read(number))[None] for number in range(len(self.labels)))
+            numbers = steps(range(len(self.labels)), f"{member}, reading", "recordings")
+            readings = (self.representation.scaled(self._read(number))[None] for number in numbers)
             points = [self.representation.of_recordings(member, each) for each in readings]
             self._points[member] = np.concatenate(points)
         return self._points[member], np.arange(len(self.labels))

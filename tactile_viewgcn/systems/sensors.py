@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.special import softmax
 
+from tactile_viewgcn.progress import steps
 from tactile_viewgcn.sensors.estimators import Estimator, added, probabilities
 from tactile_viewgcn.sensors.examples import Examples
 from tactile_viewgcn.sensors.features import MOST_FRAMES, every_few
@@ -70,9 +71,11 @@ class SensorClassifier:
             return self.representation.estimator(member).fit(points, examples.labels[recording], seed)
 
         on_sensors = [name for name in self.members if name != NETWORK]
-        self.whole = {name: fitted(name, *examples.of_recordings(name)) for name in on_sensors}
+        self.whole = {}
+        for name in steps(on_sensors, "fits of whole recordings", "members"):
+            self.whole[name] = fitted(name, *examples.of_recordings(name))
         pooled = [name for name in for_sets(self.members) if name not in OF_EACH_FRAME]
-        for size in examples.sets:
+        for size in steps(examples.sets, "fits of view sets", "sizes"):
             self.sets[size] = {name: fitted(name, *examples.of_sets(name, size)) for name in pooled}
 
     def prepare(self, compute: "Compute") -> None:
