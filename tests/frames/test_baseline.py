@@ -1,6 +1,7 @@
 """The baseline of each sensor."""
 
 import numpy as np
+import pytest
 
 from tactile_viewgcn.frames.baseline import (
     ROUNDING_SD,
@@ -51,3 +52,16 @@ def test_noise_that_is_cut_off_at_the_smallest_reading_is_measured_as_if_it_were
     noise = np.random.default_rng(0).normal(0, 3, (4000, 9))
     for counts in (noise, np.maximum(noise, 0)):
         np.testing.assert_allclose(trimmed_moments(counts, visible_noise(counts))[1], 3, rtol=0.25)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("digits", [0, 1, 2, 4])
+@pytest.mark.parametrize("step", [0.1, 0.7, 1 / 3])
+def test_the_step_of_readings_in_tenths_is_a_tenth_though_they_differ_in_the_last_digits(dtype, digits, step):
+    """A sensor that never changes has the noise of rounding, a twelfth of a step squared, which others show."""
+    rng = np.random.default_rng(0)
+    readings = (step * rng.integers(0, 100, (400, 3))).astype(dtype)
+    readings[:, 0] = dtype(40 * step)
+    readings[1::2] += (digits * np.spacing(readings[1::2])).astype(dtype)  # computed in another way
+    _, noise = trimmed_moments(readings)
+    np.testing.assert_allclose(noise[0], ROUNDING_SD * step, rtol=1e-4)
