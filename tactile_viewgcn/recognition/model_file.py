@@ -1,9 +1,12 @@
 """The file of a trained classifier: what it has learnt, and all that is needed to use it on raw counts.
 
 It holds tensors and plain values, read with `weights_only=True`: loading runs no code. Its last bytes are a digest of
-all others, so that damage anywhere is noticed. It also holds a few recordings of the training and the answers to them,
-which must come out again when it is loaded: a file whose values were altered, or which this version's code reads
-differently, is refused.
+all others, so that damage anywhere is noticed.
+
+It also holds a few frames of three recordings of the training and the answers to them: to whole recordings, and of a
+classifier on the sensors to view sets of every size too. They must come out again when the file is loaded. So a file is
+refused if its values were altered such that one of these answers changes, or if this version's code reads it
+differently. An altered value that changes none of them, as of a branch that no example takes, is not noticed.
 """
 
 import hashlib
@@ -17,6 +20,7 @@ import numpy as np
 import torch
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
+from scipy.special import softmax
 from torch import Tensor
 
 from tactile_viewgcn.device import select_device
@@ -124,6 +128,8 @@ class Content:
         examples: counts (R, T, H, W) of frames in contact of a few training recordings.
         answers: (R, S, classes) class probabilities of one frame of the examples, of two and so on up to V, and of all
             frames, above the training's mean baseline.
+        set_answers: (R, S - 1, classes) those of view sets of one frame, of two and so on up to V; None for a network,
+            which has no weights of its own for view sets, and in a file of an earlier version.
     """
 
     learnt: dict[str, Any]
@@ -138,6 +144,7 @@ class Content:
     preprocessing: FittedPreprocessing
     examples: np.ndarray
     answers: np.ndarray
+    set_answers: np.ndarray | None = None
 
     def answer(self, classifier: Classifier, excess: np.ndarray) -> np.ndarray:
         """`recording_answer` of frames in contact, counts (n, H, W) above baseline, in the order of time."""
@@ -153,6 +160,30 @@ class Content:
         parts = [spread_frames(EXAMPLE_FRAMES, size) for size in (*powers_of_two(classifier.views), count)]
         excess = self.examples - self.preprocessing.mean_baseline()
         return np.exp([[self.answer(classifier, each[part]) for part in parts] for each in excess])
+
+    def set_answers_now(self, classifier: Classifier) -> np.ndarray | None:
+        """The classifier's `set_answers` now."""
+        if not on_sensors(self.model.system):
+            return None
+        sets = [spread_frames(EXAMPLE_FRAMES, size)[None] for size in powers_of_two(classifier.views)]
+        excess = self.examples - self.preprocessing.mean_baseline()
+        answers = list[list[np.ndarray]]()
+        with np.errstate(all="ignore"):
+            for frames in excess:
+                values: Any = classifier.frame_values(network_input(frames, self.transform, self.scale))
+                answers.append([softmax(classifier.view_sets(values, each)[0]) for each in sets])
+        return np.array(answers)
+
+    def check_answers(self, classifier: Classifier) -> None:
+        """Raise a ValueError unless every stored answer comes out again."""
+        self._check(self.answers, self.answers_now(classifier))
+        if self.set_answers is not None:
+            self._check(self.set_answers, self.set_answers_now(classifier))
+
+    def _check(self, stored: np.ndarray, now: np.ndarray | None) -> None:
+        """Raise a ValueError unless the largest difference of two arrays of probabilities is small."""
+        if now is None or stored.shape != now.shape or not np.abs(stored - now).max() <= CLOSE[self.precision]:
+            raise ValueError("the answers to its own recordings do not come out again")
 
     def classifier(self) -> Classifier:
         """The classifier with what it has learnt, ready for answers; any exception for parts that do not fit."""
@@ -207,7 +238,9 @@ def save_classifier(
         examples=_examples(frames),
         answers=np.zeros(0),
     )
-    content.answers = content.answers_now(content.classifier())
+    trained = content.classifier()
+    content.answers = content.answers_now(trained)
+    content.set_answers = content.set_answers_now(trained)
     content.write(path)
 
 
@@ -292,8 +325,7 @@ def load_classifier(path: str | Path) -> tuple[Classifier, Content]:
         values = torch.load(io.BytesIO(stored), map_location="cpu", weights_only=True)
         content = Content(**_converted(values, Tensor, Tensor.numpy))
         classifier = content.classifier()
-        if not np.abs(content.answers_now(classifier) - content.answers).max() <= CLOSE[content.precision]:
-            raise ValueError("the answers to its own recordings do not come out again")
+        content.check_answers(classifier)
         noise = content.preprocessing.noise
         if (noise < 0).any() or np.isinf(noise).any():  # NaN: not measured
             raise ValueError("the noise of a sensor is below 0 or infinite")

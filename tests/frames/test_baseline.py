@@ -55,10 +55,13 @@ def test_noise_that_is_cut_off_at_the_smallest_reading_is_measured_as_if_it_were
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_readings_in_tenths_have_the_noise_of_rounding_to_tenths_whatever_their_last_digit(dtype):
-    """One sensor stays at 500 and another moves by tenths; every second reading is one ulp too large."""
-    tenths = np.tile([4999, 5000, 5001, 5002], 25)
-    readings = np.stack([np.full(100, 500.0), tenths / 10], axis=1).astype(dtype)
-    readings[::2] = np.nextafter(readings[::2], dtype(np.inf))
-    noise = trimmed_moments(readings)[1]
-    assert noise[0] == pytest.approx(0.1 * ROUNDING_SD, rel=1e-3)
+@pytest.mark.parametrize("digits", [0, 1, 2, 4])
+@pytest.mark.parametrize("step", [0.1, 0.7, 1 / 3])
+def test_the_step_of_readings_in_tenths_is_a_tenth_though_they_differ_in_the_last_digits(dtype, digits, step):
+    """A sensor that never changes has the noise of rounding, a twelfth of a step squared, which others show."""
+    rng = np.random.default_rng(0)
+    readings = (step * rng.integers(0, 100, (400, 3))).astype(dtype)
+    readings[:, 0] = dtype(40 * step)
+    readings[1::2] += (digits * np.spacing(readings[1::2])).astype(dtype)  # computed in another way
+    _, noise = trimmed_moments(readings)
+    np.testing.assert_allclose(noise[0], ROUNDING_SD * step, rtol=1e-4)

@@ -90,16 +90,19 @@ def test_one_short_training_recording_makes_no_part_of_a_recording_a_whole_one()
             assert (classifier.recording(read[:count]) == as_set).all() == (count < least)
 
 
-def test_a_recording_is_whole_from_half_the_tenth_percentile_of_the_training_s_lengths_on():
-    """Of 21 lengths the tenth percentile is the third smallest: 10 frames, so five frames are a whole recording."""
-    lengths = [6, 6, 10, *[40] * 18]
-    labels = np.arange(len(lengths)) % 2
-    made = [recording(NAMES[labels[seed]], seed, frames=frames) for seed, frames in enumerate(lengths)]
+def test_a_part_is_shorter_than_half_of_what_nine_in_ten_training_recordings_have():
+    """Of 40 recordings, two of each length from 11 to 30 frames, the tenth percentile is 12.9: half is 6.45."""
+    lengths = np.repeat(np.arange(11, 31), 2)
+    labels = np.tile([0, 1], 20)
+    made = [
+        recording(NAMES[label], seed, frames=length)
+        for seed, (label, length) in enumerate(zip(labels, lengths, strict=True))
+    ]
     classifier = fitted(["svm"], made, labels)
-    read = values(classifier, recording("up", 100, frames=40))
-    for count in (4, 5):
+    read = values(classifier, recording("up", 100, frames=30))
+    for count in range(1, 16):
         as_set = classifier.view_sets(read, np.arange(count)[None])[0]
-        assert (classifier.recording(read[:count]) == as_set).all() == (count < 5)
+        assert (classifier.recording(read[:count]) == as_set).all() == (count < 6.45)
 
 
 @pytest.mark.parametrize("members", [IN_TIME, KERNELS])
@@ -138,14 +141,12 @@ def test_members_add_their_logarithms_by_weights_and_those_of_frames_are_average
     np.testing.assert_allclose(answers(alone[0], [frames])[0], by_frame.mean(axis=0), rtol=1e-4)
 
 
-@pytest.mark.parametrize("member", ["svm", "trees"])
-def test_readings_in_the_dead_zone_of_the_kernels_are_read_by_svm_and_trees(member):
+def test_readings_in_the_dead_zone_of_the_kernels_are_read_by_svm():
     """Of an array whose readings are all below two units: the kernels read nothing."""
     rng = np.random.default_rng(0)
     read = Representation(ARRAY, np.zeros(64, np.float32), np.ones(64, np.float32))
-    readings = rng.uniform(0, 1.9, (5, 10, 64))
-    assert (read.of_recordings("pooled_kernel", readings) == 0).all()
-    assert (np.ptp(read.of_recordings(member, readings), axis=0)[:64] > 0).all()
+    points = {name: read.of_recordings(name, rng.uniform(0, 1.9, (5, 10, 64))) for name in ("pooled_kernel", "svm")}
+    assert (points["pooled_kernel"] == 0).all() and (np.ptp(points["svm"], axis=0)[:64] > 0).all()
 
 
 def test_view_sets_stay_in_a_recording_and_take_other_frames_where_there_are_enough():

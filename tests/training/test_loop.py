@@ -70,12 +70,13 @@ def test_an_epoch_may_be_up_to_ten_times_as_bad_as_the_first_loss_of_all_however
     assert isinstance(run(losses, [first], epochs=3, rate=1e-12)[0], str) == diverges
 
 
-@pytest.mark.parametrize(("later", "diverges"), [(9.0, False), (11.0, True)])
-def test_a_training_that_begins_with_a_small_loss_may_rise_to_ten_and_no_further(later, diverges):
-    """A loss of 0.05 at the beginning is luck: ten times that much is no divergence."""
+@pytest.mark.parametrize(("bad", "diverges"), [(0.6, False), (9.9, False), (10.1, True)])
+def test_a_training_that_begins_with_a_loss_below_1_diverges_at_ten(bad, diverges):
+    """The first loss is 0.05, and the means of both epochs after it are `bad`."""
     weight = nn.Parameter(torch.ones(()))
-    outcome, _ = run(lambda epoch, _: weight * (0.05, later)[epoch], [weight], epochs=2, rate=1e-12)
+    outcome, taken = run(lambda epoch, _: weight * (bad if epoch else 0.05), [weight], epochs=3, rate=1e-12)
     assert isinstance(outcome, str) == diverges
+    assert len(taken) == (4 if diverges else 6)
 
 
 def test_a_last_step_that_spoils_the_weights_is_noticed_although_every_loss_was_a_number():
