@@ -88,8 +88,7 @@ def report(run: str, out: Path) -> None:
 
     with readable(f"{run or 'the workspace'}: a file of runs/ or results/"):
         finished = read_run(run)
-        page = run_page(finished)
-    _say(*report_lines(finished, write(out, page)))
+    _say(*report_lines(finished, write(out, run_page(finished))))
 
 
 def _form(changes: tuple[str, ...], *other: str) -> tuple["Form", PreprocessSection]:

@@ -38,12 +38,21 @@ def session_notes(places: Sequence[str], objects: Sequence[str | None], layout: 
     is_flat = not has_labels and bool(mark) and layout.rpartition("/")[2] == f"OBJECT{mark}FILE"
     if None in objects or not (is_in_folder or is_flat):
         return []
+    of_parts = [part for part in range(len(parts)) if all(map(_is_hand_or_piece, parts[part]))]
+    whole = [part for part in range(len(parts)) if part not in of_parts]
+    if not whole:
+        return []
+    rows = dict.fromkeys(zip(objects, *(parts[part] for part in whole), strict=True))  # files of one recording once
+    objects, *columns = zip(*rows, strict=True)
+    parts = [[""]] * len(parts)
+    for part, column in zip(whole, columns, strict=True):
+        parts[part] = list(column)
     recurring = list[int]()
     for part, texts in enumerate(parts):
         others: Sequence[object] = objects
         if is_flat:  # what is called the object holds the part itself
-            others = list(zip(*(parts[at] for at in range(last) if at != part), strict=True))
-        is_candidate = part < last or not is_flat
+            others = list(zip(*(parts[at] for at in whole if at not in (part, last)), strict=True))
+        is_candidate = part in whole and (part < last or not is_flat)
         if is_candidate and others and _recurs(texts, others, is_whole_name=last == 0):
             recurring.append(part)
     recurring = [part for part in recurring if not all(map(_is_no_person, parts[part]))]
@@ -93,8 +102,12 @@ def _recurs(texts: Sequence[str], objects: Sequence[object], *, is_whole_name: b
     return sum(several_files) > MOSTLY * len(several_files)
 
 
+def _is_hand_or_piece(text: str) -> bool:
+    return re.fullmatch(f"{PART}|{PIECE}", text) is not None
+
+
 def _is_no_person(text: str) -> bool:
-    return re.fullmatch(f"{REPEATS}|{PART}|{PIECE}", text) is not None
+    return re.fullmatch(REPEATS, text) is not None
 
 
 def _remedy(parts: list[list[str]], part: int, mark: str, layout: str, *, is_flat: bool, has_labels: bool) -> str:

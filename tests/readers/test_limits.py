@@ -221,9 +221,6 @@ def test_damage_of_a_file_ends_in_one_line(tmp_path, damage):
             if file.suffix in (".csv", ".txt"):
                 continue
             data = bytearray(file.read_bytes())
-            if damage == "cut":
-                data = data[: len(data) // 2]
-            else:
-                data = bytearray(255 - byte for byte in data)
-            file.write_bytes(data)
+            flipped = bytes(255 - byte for byte in data)
+            file.write_bytes(data[: len(data) // 2] if damage == "cut" else flipped)
             assert str(file) in refusal(path, tmp_path)
