@@ -117,26 +117,27 @@ def _odd_columns(recordings: Recordings) -> list[Note]:
     names = recordings.sensor_names(recordings.live)
     found = list[int]()
     told = list[str]()
-    untold = dict[str, list[str]]()
+    untold = dict[tuple[str, str], list[str]]()
     for column in np.flatnonzero(starts_apart | wide | is_named):
         error = _predicting(recordings, motion.first[:, [column]]) if starts_apart[column] else None
         if not (error or wide[column] or is_named[column]):
             continue
         found.append(int(column))
-        kind = "constant in each recording"
+        kind, of_several = "is constant in each recording", "are constant in each recording"
         if motion.moves[:, column].any():
-            kind = "always rising, or always falling, at one rate"
+            kind = of_several = "rises all the time, or falls, at one rate"
             if even[column]:
-                kind = "moving by even steps"
+                kind, of_several = "moves by even steps", "move by even steps"
         if error:
-            told.append(f"{names[column]} ({kind}; error by its beginning alone {_of_chance(error)})")
+            told.append(f"{names[column]} {kind} (error by its beginning alone {_of_chance(error)})")
         elif wide[column]:
-            told.append(f"{names[column]} ({kind}; its range is {motion.wide[column]:.2g} times the others')")
+            told.append(f"{names[column]} {kind} (its range is {motion.wide[column]:.2g} times the others')")
         else:
-            untold.setdefault(kind, []).append(names[column])
+            untold.setdefault((kind, of_several), []).append(names[column])
     if not found:
         return []
-    told += [f"{listed(columns)} ({kind})" for kind, columns in untold.items()]
+    for (kind, of_several), columns in untold.items():
+        told.append(f"{listed(columns)} {kind if len(columns) == 1 else of_several}")
     text = f"A clock, number or label is no sensor: {listed(told, '; ')}. "
     if together and constant.sum() > 1:
         text += f"The constant ones together tell the object: error {_of_chance(together)}. "

@@ -238,7 +238,7 @@ def read_run(name: str = "") -> FinishedRun:
             return read_file(path)
         except FileNotFoundError:
             sentence, change_folder = way_to_the_clone()
-            if sentence and not name:
+            if sentence and not name and not Path("runs").exists():
                 raise UserError(f"{where}: no {path}. {sentence} {change_folder}") from None
             raise UserError(f"{where}: no {path}; {REMEDY}") from None
 

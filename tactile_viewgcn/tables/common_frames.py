@@ -67,8 +67,17 @@ def frame_hashes(counts: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return hashes
 
 
-def common_frames(live: Counts, index_of: list[np.ndarray], hashes: np.ndarray, changed: np.ndarray) -> CommonFrames:
+def common_frames(
+    live: Counts,
+    index_of: list[np.ndarray],
+    hashes: np.ndarray,
+    changed: np.ndarray,
+    is_empty: np.ndarray,
+) -> CommonFrames:
     """Find the copies, and the runs of frames in common.
+
+    An open hand may be cut out of a grasp as a recording of the empty hand: runs that these two
+    have in common are none.
 
     Args:
         live: counts (T, S) of the live sensors; only recordings that may have frames in common are
@@ -76,6 +85,7 @@ def common_frames(live: Counts, index_of: list[np.ndarray], hashes: np.ndarray, 
         index_of: indices of the frames of each recording.
         hashes: uint64 (T,) of all frames, recording after recording.
         changed: bool (T,), frames that differ from the one before them in their recording.
+        is_empty: bool (R,), recordings of the empty hand.
     """
     recordings = np.arange(len(index_of))
     row = np.repeat(recordings, [len(index) for index in index_of])
@@ -86,7 +96,7 @@ def common_frames(live: Counts, index_of: list[np.ndarray], hashes: np.ndarray, 
     candidates = _in_several(hashes, row)
     for frames in RUN_FRAMES:
         starts = _varied_runs(row, changed, candidates, frames)
-        runs = _repeated(hashes, row, starts, frames)
+        runs = _repeated(hashes, row, starts, frames, is_empty)
         bits = np.concatenate([[0.0], np.cumsum(rarity.of_frames(runs["row"].unique()))])
         begins = runs["start"].to_numpy()
         is_rare = bits[begins + frames] - bits[begins + 1] >= RUN_BITS
@@ -214,8 +224,10 @@ def _varied_runs(row: np.ndarray, changed: np.ndarray, candidates: np.ndarray, f
     return start[is_inside & varies & is_common]
 
 
-def _repeated(hashes: np.ndarray, row: np.ndarray, starts: np.ndarray, frames: int) -> pd.DataFrame:
-    """The runs of frames that an earlier recording has too: `start`, `row`, and `first`, that recording's row.
+def _repeated(
+    hashes: np.ndarray, row: np.ndarray, starts: np.ndarray, frames: int, is_empty: np.ndarray
+) -> pd.DataFrame:
+    """The runs of frames that an earlier recording has too: `start`, `row`, and `first`, its row.
 
     A run that a recording has twice may be in others by chance.
     """
@@ -224,5 +236,6 @@ def _repeated(hashes: np.ndarray, row: np.ndarray, starts: np.ndarray, frames: i
         whole = whole * np.uint64(MULTIPLIER) + hashes[starts + number]
     runs = pd.DataFrame({"start": starts, "row": row[starts], "hash": whole})
     runs = runs[~runs.duplicated(["hash", "row"], keep=False)]
-    first = runs.groupby("hash")["row"].transform("min")
+    of_empty_hand = is_empty[runs["row"].to_numpy()]
+    first = runs.groupby(["hash", of_empty_hand])["row"].transform("min")
     return runs.assign(first=first)[first < runs["row"]]

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from tactile_viewgcn.files import new_files
+from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.readers.source import COLUMNS as COLUMN_TYPES
 from tactile_viewgcn.tables.common_frames import common_frames, frame_hashes, sensor_weights
 from tactile_viewgcn.tables.counts import COLUMNS, evenly, read_columns, write_columns
@@ -74,7 +75,8 @@ def look_at(recordings: Recordings) -> Look:
         hashes.append(frame_hashes(counts, weights))
         changed.append(np.concatenate([[False], moved]))
     each = pd.DataFrame(rows).set_index("recording")
-    common = common_frames(live, index_of, np.concatenate(hashes), np.concatenate(changed))
+    is_empty = each["object"].map(dict(enumerate(recordings.objects))).eq(EMPTY_HAND).to_numpy()
+    common = common_frames(live, index_of, np.concatenate(hashes), np.concatenate(changed), is_empty)
     numbers = each.index.to_numpy()
     partner = np.arange(len(each))
     partner[common.links[::-1, 0]] = common.links[::-1, 1]  # the first of several

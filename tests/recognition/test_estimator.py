@@ -50,7 +50,11 @@ def test_channels_are_taken_with_their_frames_first_or_last():
 def grasps(per_object: int = 5, *, seed: int = 0):
     """Recordings of raw counts, each of an object longer than the one before, and their objects."""
     each = [(name, number) for number in range(per_object) for name in OBJECTS]
-    recordings = [recording(name, 10 * seed + number, before=OPEN, held=16 + number, after=0) for name, number in each]
+    seeds = [100 * seed + place for place in range(len(each))]  # no two have frames in common
+    recordings = [
+        recording(name, own, before=OPEN, held=16 + number, after=0)
+        for (name, number), own in zip(each, seeds, strict=True)
+    ]
     return recordings, np.array(OBJECTS * per_object)
 
 

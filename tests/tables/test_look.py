@@ -132,6 +132,15 @@ def test_pieces_under_other_objects_are_named_as_wrong_labels():
     assert "of different objects" in warned(table_of(parts))["shared frames"]
 
 
+def test_an_open_hand_that_was_cut_out_as_an_empty_hand_is_no_copy():
+    arrays = counts(0)
+    labels = [1 + number % 2 for number in range(12)]
+    recordings = table_of([*arrays, *(array[:9] for array in arrays)], [*labels, *([0] * 12)])
+    assert "shared frames" in warned(recordings)
+    recordings.objects = ["empty_hand", "mug", "pen"]
+    assert warned(recordings) == {}
+
+
 def test_a_table_keeps_what_is_held_out_together(tmp_path):
     long = np.random.default_rng(0).normal(500, 9, (6, 60, 4, 6))
     parts = [each[start : start + 40] for each in long for start in (0, 20)]
