@@ -141,12 +141,14 @@ def test_members_add_their_logarithms_by_weights_and_those_of_frames_are_average
     np.testing.assert_allclose(answers(alone[0], [frames])[0], by_frame.mean(axis=0), rtol=1e-4)
 
 
-def test_readings_in_the_dead_zone_of_the_kernels_are_read_by_svm():
+@pytest.mark.parametrize("member", ["svm", "trees"])
+def test_readings_in_the_dead_zone_of_the_kernels_are_read_by_svm_and_trees(member):
     """Of an array whose readings are all below two units: the kernels read nothing."""
     rng = np.random.default_rng(0)
     read = Representation(ARRAY, np.zeros(64, np.float32), np.ones(64, np.float32))
-    points = {name: read.of_recordings(name, rng.uniform(0, 1.9, (5, 10, 64))) for name in ("pooled_kernel", "svm")}
-    assert (points["pooled_kernel"] == 0).all() and (np.ptp(points["svm"], axis=0)[:64] > 0).all()
+    readings = rng.uniform(0, 1.9, (5, 10, 64))
+    assert (read.of_recordings("pooled_kernel", readings) == 0).all()
+    assert (np.ptp(read.of_recordings(member, readings), axis=0)[:64] > 0).all()
 
 
 def test_view_sets_stay_in_a_recording_and_take_other_frames_where_there_are_enough():
