@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 Classifier = Union[ViewNetwork, "SensorClassifier"]  # what both have: see `model_file.build_classifier`
 MIN_TEMPERATURE, MAX_TEMPERATURE = 0.02, 50.0
 PRIOR = 1.5  # standard deviation of the logarithms of members' weights
-ALIKE = 0.3  # correlation between the answers to two recordings of one group, see `independent_answers`
 
 
 def recording_answer(classifier: Classifier, temperature: float | None, values: Any, points: Counts) -> np.ndarray:
@@ -72,35 +71,20 @@ def fit_temperature(logits: np.ndarray, labels: np.ndarray) -> float:
     return float(np.exp(minimize_scalar(misfit, bounds=bounds, method="bounded").x))
 
 
-def independent_answers(groups: np.ndarray) -> float:
-    """Return how many independent answers the answers (n,) of groups are worth, as persons or sessions.
-
-    By Kish's design effect (Survey Sampling, 1965): n / (1 + (m - 1) ALIKE), m the mean number of answers of a group.
-    It is n where each answer is a group of its own, and at most 1 / ALIKE for each group.
-    """
-    of_a_group = len(groups) / len(np.unique(groups))
-    return len(groups) / (1 + (of_a_group - 1) * ALIKE)
-
-
-def fit_weights(logarithms: np.ndarray, labels: np.ndarray, groups: np.ndarray) -> np.ndarray:
+def fit_weights(logarithms: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Weights (M,) of the members' log-probabilities (M, n, Y) whose weighted sum fits labels (n,) best.
 
     The softmax of this sum is fitted as in `fit_temperature`. A member that errs much, or is sure of wrong answers, has
-    little weight. Few independent answers leave the weights alike: their logarithms have a normal prior around their
-    mean.
-
-    Args:
-        groups: (n,) group of each recording; groups are independent, recordings of one group are not.
+    little weight. Few recordings leave the weights alike: their logarithms have a normal prior around their mean.
     """
     from scipy.optimize import minimize
 
     logarithms, equal = logarithms.astype(np.float64), np.zeros(len(logarithms))
     bounds = [(-np.log(MAX_TEMPERATURE), -np.log(MIN_TEMPERATURE))] * len(equal)
     misfit = _misfit(labels, lambda log_weights: np.tensordot(np.exp(log_weights), logarithms, 1))
-    answers = independent_answers(groups)
 
     def with_prior(log_weights: np.ndarray) -> float:
-        return misfit(log_weights) + len(equal) * log_weights.var() / (2 * PRIOR**2 * answers)
+        return misfit(log_weights) + len(equal) * log_weights.var() / (2 * PRIOR**2 * len(labels))
 
     return np.exp(minimize(with_prior, equal, bounds=bounds, method="L-BFGS-B").x)
 

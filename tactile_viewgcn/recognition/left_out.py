@@ -63,8 +63,7 @@ class LeftOut:
 
         Members of little weight are left out, and the others are weighed anew.
         """
-        logarithms = log_shares(self.answers(members))
-        weights = fit_weights(logarithms, self.examples.labels[self.answered], self.groups[self.answered])
+        weights = fit_weights(log_shares(self.answers(members)), self.examples.labels[self.answered])
         enough = weights >= LEAST_WEIGHT * weights.max()
         if enough.all():
             return dict(zip(members, weights.tolist(), strict=True))

@@ -13,7 +13,6 @@ from tactile_viewgcn.recognition.calibration import (
     calibration_warning,
     fit_temperature,
     fit_weights,
-    independent_answers,
     network_temperature,
     recording_answer,
 )
@@ -39,16 +38,8 @@ def test_weights_are_those_of_the_drawn_labels_and_a_member_that_knows_nothing_h
     rng = np.random.default_rng(0)
     members = rng.normal(size=(3, 20_000, 5))
     _, labels = drawn(1.0, members[0].shape, rng, logits=members[0] + members[1] / 2)
-    weights = fit_weights(members, labels, np.arange(len(labels)))
+    weights = fit_weights(members, labels)
     assert weights[:2] == pytest.approx([1, 0.5], rel=0.1) and weights[2] < 0.05
-
-
-def test_answers_of_one_group_are_worth_less_than_as_many_groups_and_each_alone_is_worth_one():
-    assert independent_answers(np.arange(7)) == 7
-    assert independent_answers(np.zeros(1)) == 1
-    few, more = independent_answers(np.arange(240) % 8), independent_answers(np.arange(240) % 24)
-    assert 8 < few < more < 240
-    assert independent_answers(np.arange(10**6) % 8) < 27  # however often each of eight persons is recorded
 
 
 def test_answers_that_are_all_right_are_believed_by_laplaces_rule():
