@@ -124,12 +124,13 @@ class Content:
     """What a file holds, see `save_classifier`; its arrays are tensors there.
 
     Attributes:
-        clusters: how a network clusters a whole recording: as in its training; None where it does not.
         examples: counts (R, T, H, W) of frames in contact of a few training recordings.
         answers: (R, S, classes) class probabilities of one frame of the examples, of two and so on up to V, and of all
             frames, above the training's mean baseline.
         set_answers: (R, S - 1, classes) those of view sets of one frame, of two and so on up to V; None for a network,
             which has no weights of its own for view sets, and in a file of an earlier version.
+        clusters: how a network clusters a whole recording: as in its training. None where it does not, and in a file of
+            an earlier version, whose networks were given sets that are spread over the recording.
     """
 
     learnt: dict[str, Any]
@@ -140,11 +141,11 @@ class Content:
     scale: float
     precision: Literal["float32", "bfloat16"]
     temperature: Annotated[float, Field(ge=1e-3, le=1e3)] | None
-    clusters: Cluster | None
     preprocessing: FittedPreprocessing
     examples: np.ndarray
     answers: np.ndarray
     set_answers: np.ndarray | None = None
+    clusters: Cluster | None = None
 
     def answer(self, classifier: Classifier, excess: np.ndarray) -> np.ndarray:
         """`recording_answer` of frames in contact, counts (n, H, W) above baseline, in the order of time."""

@@ -169,7 +169,10 @@ def test_a_file_with_a_single_stored_answer_altered_is_refused(tmp_path, system)
             assert "again" in refused(altered(path, system, place, lambda array, change=change: array + change))
 
 
-def test_a_file_without_answers_to_view_sets_as_earlier_versions_wrote_it_is_read(tmp_path):
-    Recogniser(altered(tmp_path / "classifier.pt", "trees", "set_answers", ABSENT))
-    least = altered(tmp_path / "classifier.pt", "trees", "preprocessing/least_change", ABSENT)
-    assert Recogniser(least).classes == ["ball", "cup", "pen"]
+@pytest.mark.parametrize(
+    ("system", "field"),
+    [("trees", "set_answers"), ("trees", "preprocessing/least_change"), ("trees", "clusters"), ("mvcnn", "clusters")],
+)
+def test_a_file_of_an_earlier_version_which_lacks_a_field_is_read(tmp_path, system, field):
+    path = altered(tmp_path / "classifier.pt", system, field, ABSENT)
+    assert Recogniser(path).classes == ["ball", "cup", "pen"]
