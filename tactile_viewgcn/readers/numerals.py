@@ -39,7 +39,8 @@ def check_numerals(file: Path, text: str, separator: str | None, above: int) -> 
     else:
         for mark in (",", "."):
             found = found or _with_groups(text, start, separator, mark)
-    found = found or re.compile(GROUPED.format(mark=GROUP_MARKS)).search(text, start)
+    if not found and any(mark in text for mark in GROUP_MARKS):
+        found = re.compile(GROUPED.format(mark=GROUP_MARKS)).search(text, start)
     if found:
         raise UserError(f"{file}: {_two_readings(file, text, found, separator, above)}")
 
