@@ -84,7 +84,7 @@ def joined(path: Path, groups: list[list[Path]], opened: Callable[..., list[Reco
     first = {take: number for number, take in reversed([*enumerate(takes)])}
     if len(first) < len(takes) and "take" not in recordings[0].names:
         one, twin = next((first[take], number) for number, take in enumerate(takes) if first[take] < number)
-        text = f"{len(takes):,} recordings have {len(first):,} names without hand, axis, device or part, such as "
+        text = f"{len(takes):,} recordings have {len(first):,} names without hand, axis, device, part or copy, such as "
         text += f"{ids['recording'][one]} and {ids['recording'][twin]}, which are held out together"
         if other := joining(ids["recording"], layout):
             text += f"; to join their sensors, {setting(f'data.layout={other}')}"

@@ -15,6 +15,11 @@ ROLE = re.compile("SESSION|SPLIT|OBJECT|FILE|PART")  # of a text in a layout
 WORD = r"((?<![a-zA-Z])|(?<=[a-z])(?=[A-Z]))(?i:%s)(?![a-z])"
 PART = WORD % r"left|right|lh|rh|[lrxyz]|(device|dev|sensor|glove|imu|emg|accel|acc|gyro|mag|board)\d*"
 PIECE = WORD % r"(part|window|win|segment|seg|chunk)[ _-]?\d+"
+#: The words of an augmented copy, maybe with its number; four digits after them are a year, as in aug2024.
+COPY = (
+    r"(?<![^\W_])(?i:aug|augmented|noise|noisy|jitter|jittered|scaled|rotated|flipped|mirrored|shifted|warped"
+    r"|resampled|copy|orig|original)([ _-]?\d{1,2})?(?![^\W_])"
+)
 
 #: Names of folders with one stage of processing of the same recordings.
 STAGES = (
@@ -128,13 +133,20 @@ def doubles_notes(places: Sequence[str], path: Path) -> list[Note]:
 
 
 def stem_of(place: str) -> str:
-    """What places of recordings that belong together have in common: the place without words of `PART` and `PIECE`.
+    """What places of recordings that belong together have in common: without words of `PART`, `PIECE` and `COPY`.
 
-    A name that would have no number left keeps that of its device or part: glove1 and glove2 may be two grasps.
+    Beside 01 the copies 01_aug1 and aug_2_01 have the stem 01. A name that would have no number left keeps that of its
+    device or part: glove1 and glove2 may be two grasps.
     """
     folder, mark, name = place.rpartition("/")
-    stem = re.sub(f"{PART}|{PIECE}", "", name).lower()
+    stem = without_copy(re.sub(f"{PART}|{PIECE}", "", name)).lower()
     return folder + mark + (name if re.search(r"\d", name) and not re.search(r"\d", stem) else stem)
+
+
+def without_copy(name: str) -> str:
+    """A file's name without the words of `COPY` and the marks that are then left at its ends."""
+    original = re.sub(COPY, "", name)
+    return name if original == name else original.strip(" _-")
 
 
 def joining(places: Sequence[str], layout: str) -> str:

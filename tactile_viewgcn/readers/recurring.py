@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from tactile_viewgcn.messages import Note, listed, several
-from tactile_viewgcn.readers.layout import PART, PIECE
+from tactile_viewgcn.readers.layout import PART, PIECE, without_copy
 from tactile_viewgcn.readers.source import setting
 
 #: Words for a recording of several, maybe with its number.
@@ -31,7 +31,7 @@ def session_notes(places: Sequence[str], objects: Sequence[str | None], layout: 
         layout: of the places, without a SESSION.
         has_labels: the objects stand in a labels.csv.
     """
-    names = [place.rpartition("/")[2] for place in places]
+    names = [without_copy(place.rpartition("/")[2]) for place in places]
     mark, parts = _parted(names)
     last = len(parts) - 1
     is_in_folder = layout.endswith("/FILE") or has_labels

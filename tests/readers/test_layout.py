@@ -59,9 +59,14 @@ def test_a_table_of_files_names_their_objects_and_sessions(tmp_path, place):
         ("4_glove1 4_glove2 5_glove1 5_glove3", [0, 0, 2, 2], "glove1, glove3; expected glove1, glove2 once each, as"),
         ("glove1 glove2 glove3", None, ""),  # as well three grasps
         ("left_1 left_2 left_3", None, ""),
+        ("01 01_aug1 01_aug2 02 02_aug1", [0, 0, 0, 3, 3], ""),
+        ("01_noise 01_scaled 02_noise 02", [0, 0, 2, 2], ""),
+        ("aug_1_01 aug_1_02 orig_0_01", [0, 1, 0], ""),
+        ("noise_1 noise_2 noise_3", None, ""),  # as well three recordings of noise
+        ("1_aug2023 1_aug2024", None, ""),  # years
     ],
 )
-def test_recordings_whose_names_differ_by_a_hand_an_axis_a_device_or_a_part_are_held_out_together_or_joined(
+def test_recordings_whose_names_differ_by_a_hand_an_axis_a_device_a_part_or_a_copy_are_held_out_together_or_joined(
     tmp_path, names, takes, joined
 ):
     for number, name in enumerate(names.split()):
