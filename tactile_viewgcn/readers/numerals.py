@@ -13,6 +13,9 @@ GROUP_MARKS = "\u202f\u00a0\u2009'\u2019"  # between groups of three digits, and
 GROUPED = r"(?<![\w.,:])[-+]?[1-9]\d{{0,2}}(?:[{mark}]\d{{3}})+(?![\w.,:])"
 #: A number with this mark that has no such groups, so that the mark is decimal.
 DECIMAL = r"(?<![\w.,:])[-+]?(?:0\d*[{mark}]\d+|\d{{4,}}[{mark}]\d+|\d+[{mark}](?:\d{{1,2}}|\d{{4,}}))(?![\d.,:])"
+GROUPED_BY_BLANKS = r"[-+]?[1-9]\d{0,2}(?: \d{3})+"
+#: A cell whose digits are in groups of three, maybe with a fraction after another mark: 1.012,5 or 1'012 or 1 012.
+GROUPED_CELL = rf"[-+]?[1-9]\d{{0,2}}([ .,{GROUP_MARKS}])\d{{3}}(?:\1\d{{3}})*(?:(?!\1)[.,]\d+)?"
 BLANKS = r"\s+"
 WITHOUT_MARKS = "write it without marks between its digits"
 QUOTED = r'"\s*[-+]?\d+(?:,\d+)+(?:\.\d*)?\s*"'
@@ -43,6 +46,17 @@ def check_numerals(file: Path, text: str, separator: str | None, above: int) -> 
         found = re.compile(GROUPED.format(mark=GROUP_MARKS)).search(text, start)
     if found:
         raise UserError(f"{file}: {_two_readings(file, text, found, separator, above)}")
+
+
+def without_group_marks(file: str, cell: str) -> str:
+    """The line to type that takes the marks out of the groups of digits in a file; "" if the cell has no groups."""
+    grouped = re.fullmatch(GROUPED_CELL, cell.strip())
+    if not grouped:
+        return ""
+    pattern = rf"(?<=\d){re.escape(grouped[1])}(?=\d\d\d)"
+    path = f"p = pathlib.Path({json.dumps(file)})"
+    code = f"import pathlib, re; {path}; p.write_text(re.sub({json.dumps(pattern)}, str(), p.read_text()))"
+    return f"python -c {quote(code)}"
 
 
 def _with_groups(text: str, start: int, separator: str | None, mark: str) -> re.Match[str] | None:

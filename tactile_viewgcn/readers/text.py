@@ -20,7 +20,7 @@ import numpy as np
 
 from tactile_viewgcn.messages import Note, UserError, listed, several
 from tactile_viewgcn.readers.child import UNPACKED, UNPACKED_TIMES, check_unpacked, library
-from tactile_viewgcn.readers.numerals import check_numerals
+from tactile_viewgcn.readers.numerals import GROUPED_BY_BLANKS, check_numerals, without_group_marks
 from tactile_viewgcn.readers.serial import check_is_table
 from tactile_viewgcn.readers.source import MAX_PRESSURE, MODEL_TOPIC, NUMBERS, Form, Recording, label_text, setting
 
@@ -133,7 +133,7 @@ def table_of(names: list[str], cells: "DataFrame", form: Form, file: str, places
         filled = cells[at].notna().to_numpy() if content in LABELS else np.abs(values) <= MAX_PRESSURE
         column = f"column {at + 1}{f' ({name!r})' if name else ''}"
         if content in ("", *LABELS) and not filled.all():
-            raise UserError(f"{file}: {_unfit(cells[at], values, filled, content, column, key, places)}")
+            raise UserError(f"{file}: {_unfit(file, cells[at], values, filled, content, column, key, places)}")
         if not content:
             sensors.append(values)
             channels.append(name)
@@ -177,6 +177,7 @@ def _sensors_of_model(keys: list[str], form: Form, file: str) -> list[str]:
 
 
 def _unfit(
+    file: str,
     cells: "Series",
     values: np.ndarray,
     filled: np.ndarray,
@@ -186,6 +187,9 @@ def _unfit(
     places: Iterable[str],
 ) -> str:
     """What is wrong with a column that is no sensor and no names throughout, where, and what to type."""
+    grouped = "" if content else _in_groups(file, cells, filled)
+    if grouped:
+        return f"{column}: {grouped}"
     row = int(np.argmin(filled))
     leave_out = setting(f"data.columns=[leave_out:{key}]")
     if not content and np.isnan(values).all() and cells.nunique() < len(cells) and is_words(cells):
@@ -199,6 +203,15 @@ def _unfit(
     elif not np.isnan(values[row]):
         what = f"a number up to {MAX_PRESSURE:g}"
     return f"{next(islice(places, row, None))}, {column} is not {what}; correct or delete the line, or {leave_out}"
+
+
+def _in_groups(file: str, cells: "Series", filled: np.ndarray) -> str:
+    """What to type where digits are in groups, as in 1.012,5; "" unless one of the first cells not `filled` is so."""
+    for cell in cells[~filled].iloc[:TOP]:
+        command = without_group_marks(file, str(cell))
+        if command:
+            return f"{str(cell)[:MOST_SHOWN]!r} has marks between groups of digits; to write it plainly: {command}"
+    return ""
 
 
 def is_words(cells: "Series") -> bool:
@@ -340,7 +353,13 @@ def _is_cut(cells: list[str], number: int, top: list[tuple[int, str]], separator
 
 
 def _separator(line: str) -> str | None:
-    """The separator of the cells of a line, None for blanks; `1,5 2,5` has decimal commas."""
+    """The separator of the cells of a line, None for blanks.
+
+    `1,5 2,5` has decimal commas. `1 501,1 498` has blanks between groups of digits, and commas between its cells.
+    """
+    cells = line.split(",")
+    if len(cells) > 1 and all(re.fullmatch(GROUPED_BY_BLANKS, cell.strip()) for cell in cells):
+        return ","
     words = line.split()
     is_decimal = len(words) > 1 and all(re.fullmatch(r"[-+\d]\d*,\d[\de+-]*", word) for word in words if "," in word)
     return next((mark for mark in (";", "\t", ",") if mark in line and not (mark == "," and is_decimal)), None)

@@ -59,6 +59,29 @@ def test_a_number_of_groups_of_three_digits_is_refused_and_the_line_writes_it_pl
     np.testing.assert_array_equal(counts[:, 0], numbers)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a;b\n1.012,5;6\n1.987,25;7\n",
+        "a,b\n1'012.5,6\n1'987.25,7\n",
+        "a;b\n1,012.5;6\n1,987.25;7\n",
+        "a,b\n1 012.5,6\n1 987.25,7\n",
+    ],
+)
+def test_groups_of_digits_with_a_fraction_are_refused_and_the_line_writes_them_plainly(tmp_path, text):
+    path = save(tmp_path / "lab" / "mug" / "1.csv", text)
+    line = refusal(tmp_path / "lab", tmp_path)
+    assert "mug/1.csv: column 1" in line
+    run_line(line, "to write it plainly: ")
+    np.testing.assert_array_equal(ingested(path.parents[1])[0][:, 0], [[1012.5, 6], [1987.25, 7]])
+
+
+def test_blanks_between_groups_of_digits_part_no_columns(tmp_path):
+    path = save(tmp_path / "lab" / "mug" / "1.csv", "a,b\n1 012,1 006\n1 987,1 007\n")
+    run_line(refusal(tmp_path / "lab", tmp_path), "to write it plainly: ")
+    np.testing.assert_array_equal(ingested(path.parents[1])[0][:, 0], [[1012, 1006], [1987, 1007]])
+
+
 @pytest.mark.parametrize(("text", "first"), [('a,b\n"1,5","2,25"\n', [1.5, 2.25]), ('a,b\n"1,012",6\n', [1.012, 6])])
 def test_a_comma_inside_quotes_may_be_decimal_and_a_line_says_so(tmp_path, text, first):
     path = save(tmp_path / "lab" / "mug" / "1.csv", text)
