@@ -97,10 +97,10 @@ def _rewriting(file: Path, separator: str | None, above: int, option: str, mark:
     write_as = f"sep={json.dumps(separator or ' ')}, index=False, header=False"
     opened = "open"
     if file.suffix == ".gz":
-        opened = "__import__(\"gzip\").open"
+        opened = '__import__("gzip").open'
     code = (
-        f"import pandas; f = {path}; top = {opened}(f, \"rt\").readlines()[:{above}]; "
+        f'import pandas; f = {path}; top = {opened}(f, "rt").readlines()[:{above}]; '
         f"t = pandas.read_csv(f, {read_as}, header=None, skiprows={above}); "
-        f"{opened}(f, \"wt\").writelines([*top, t.to_csv({write_as})])"
+        f'{opened}(f, "wt").writelines([*top, t.to_csv({write_as})])'
     )
     return f"python -c {quote(code)}"

@@ -63,7 +63,7 @@ def test_a_number_of_groups_of_three_digits_is_refused_and_the_line_writes_it_pl
 @pytest.mark.parametrize("ending", ["csv", "csv.gz"])
 @pytest.mark.parametrize("reading", ["1012", "1.012"])
 def test_the_line_keeps_all_that_stands_above_the_numbers(tmp_path, ending, reading):
-    text = "# glove 2\nrecorded; on a; Monday\n\na;b\nN;N\n987;5\n1,012;6\n".encode()
+    text = b"# glove 2\nrecorded; on a; Monday\n\na;b\nN;N\n987;5\n1,012;6\n"
     path = tmp_path / "lab" / "mug" / f"1.{ending}"
     path.parent.mkdir(parents=True)
     path.write_bytes(gzip.compress(text) if ending.endswith("gz") else text)
