@@ -73,16 +73,20 @@ def quick_error(
         label, group: (T,) object and group of each frame.
         nearest: the answer is the nearest mean's object, however objects alternate; else by ridge regression.
     """
-    cells = np.unique(np.stack([label, group])[:, usable].astype(np.int64), axis=1)
+    frames = np.flatnonzero(usable)
+    pairs = np.stack([label, group])[:, frames].astype(np.int64)
+    order = np.lexsort(pairs[::-1])  # by object, then by group, in the order of time
+    cells, begins = np.unique(pairs[:, order], axis=1, return_index=True)
+    frames_of_cell = np.split(frames[order], begins[1:])
     objects_used = len(np.unique(cells[0]))
-    cells = cells[:, np.bincount(cells[0])[cells[0]] > 1]
+    is_answered = np.bincount(cells[0])[cells[0]] > 1
+    cells = cells[:, is_answered]
     objects_left_out = objects_used - len(np.unique(cells[0]))
     if len(np.unique(cells[0])) < 2:
         return None
     rows, of_cell = list[np.ndarray](), list[int]()
-    for number, (one, within) in enumerate(cells.T):
-        index = np.flatnonzero(usable & (label == one) & (group == within))
-        index = evenly(index, max(1, MAX_FRAMES // len(cells.T)))
+    for number, cell in enumerate(np.flatnonzero(is_answered)):
+        index = evenly(frames_of_cell[cell], max(1, MAX_FRAMES // len(cells.T)))
         count = -(-len(index) // FRAMES)
         rows += [index[first::count] for first in range(count)]
         of_cell += [number] * count

@@ -99,7 +99,7 @@ def _two_readings(file: Path, text: str, found: re.Match[str], separator: str | 
 
 
 def _rewriting(file: Path, separator: str | None, above: int, option: str, mark: str) -> str:
-    """The line to type that writes a file anew with the numbers in plain form."""
+    """The line to type that writes a file anew with the numbers in plain form; what lies above them stays."""
     path = json.dumps(str(file))  # quotes that a shell's own quotes may stand around
     if mark in GROUP_MARKS:  # pandas reads no mark of several bytes
         code = (
@@ -108,9 +108,13 @@ def _rewriting(file: Path, separator: str | None, above: int, option: str, mark:
         return f"python -c {quote(code)}"
     options = {"sep": separator or BLANKS, option: mark}
     read_as = ", ".join(f"{name}={json.dumps(value)}" for name, value in options.items())
-    write_as = f"sep={json.dumps(separator or ' ')}, index=False"
-    if not above:
-        read_as += ", header=None"
-        write_as += ", header=False"
-    code = f"import pandas; f = {path}; pandas.read_csv(f, {read_as}).to_csv(f, {write_as})"
+    write_as = f"sep={json.dumps(separator or ' ')}, index=False, header=False"
+    opened = "open"
+    if file.suffix == ".gz":
+        opened = '__import__("gzip").open'
+    code = (
+        f'import pandas; f = {path}; top = {opened}(f, "rt").readlines()[:{above}]; '
+        f"t = pandas.read_csv(f, {read_as}, header=None, skiprows={above}); "
+        f'{opened}(f, "wt").writelines([*top, t.to_csv({write_as})])'
+    )
     return f"python -c {quote(code)}"

@@ -130,6 +130,8 @@ def table_of(names: list[str], cells: "DataFrame", form: Form, file: str, places
             content = NOT_OF_MODEL
         if key in form.left_out or (cells[at].isna().all() and len(cells)):
             content = "left out by data.columns" if key in form.left_out else f"empty in all {len(cells)} lines"
+        if key in of_model and content:
+            raise UserError(f"{file}: column {at + 1} ({key!r}), a sensor of the model, is {content}; record it again")
         filled = cells[at].notna().to_numpy() if content in LABELS else np.abs(values) <= MAX_PRESSURE
         column = f"column {at + 1}{f' ({name!r})' if name else ''}"
         if content in ("", *LABELS) and not filled.all():
@@ -167,8 +169,12 @@ def _sensors_of_model(keys: list[str], form: Form, file: str) -> list[str]:
         parts = [name for name in keys if any(sensor.endswith(f"_{name}") for sensor in wanted)]
         return [name for name in dict.fromkeys(parts) if keys.count(name) == 1]
     found = [name for name in wanted if name in keys]
-    if not found or len(set(wanted)) < len(wanted) or any(keys.count(name) > 1 for name in found):
+    are_unlike = len(set(wanted)) == len(wanted) and "" not in wanted  # "" has no name
+    if not found or not are_unlike or any(keys.count(name) > 1 for name in found):
         return []
+    left_out = [name for name in wanted if name in form.left_out]
+    if left_out:
+        raise UserError(f"{file}: {listed(left_out)} is a sensor of the model; take leave_out of it from data.columns")
     missing = [name for name in wanted if name not in keys]
     if missing:
         what = f"no column {listed(missing)} of the model's sensors"
@@ -268,7 +274,7 @@ def _content(name: str, values: np.ndarray, form: Form, *, is_index: bool) -> st
         content = label_kind(name)
     steps = np.diff(values)
     counts, rises = (np.sum(each) > MOSTLY * len(steps) for each in (steps == 1, steps > 0))
-    if (content == "line number" and not counts) or (name.lower() == "t" and not rises):  # a finger, a temperature
+    if (content == "line number" and not counts) or (last.lower() == "t" and not rises):  # a finger, a temperature
         content = ""
     return "data.columns names others" if (content or "pressure") in form.names else content
 

@@ -22,7 +22,8 @@ RUN_FRAMES = (4, 8, 16, 32, 64, 128)  # lengths of the runs that are compared
 FEWEST_CHANGES = 3  # frames of a run that differ from the one before
 RESOLUTION = 1e-6  # of a sensor's range: smaller differences are rounding errors
 CLOCK_STEPS = 10  # fewest steps of one sign by which a column counts as a clock
-HASHED_FRAMES = 4096  # at once
+MOSTLY = 0.9  # share of the recordings in which a clock only rises, or only falls
+HASHED_READINGS = 2**22  # at once
 MULTIPLIER = 0x9E3779B97F4A7C15  # odd, of the rolling hash
 
 
@@ -47,21 +48,40 @@ def sensor_weights(sensors: int) -> np.ndarray:
     return np.uint64(2) * drawn + np.uint64(1)
 
 
-def frame_hashes(counts: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """A hash uint64 (n,) of each frame of a recording's counts (n, S), by the sensors' `weights` (S,).
+def is_clock(live: Counts, index_of: list[np.ndarray]) -> np.ndarray:
+    """bool (S,): the columns that only rise in nearly all recordings, or only fall, as a clock does.
 
-    Columns that only rise or only fall are left out: windows may each have a clock that begins at
-        0.
+    Windows may each have a clock that begins at 0: it says nothing of whether their frames are the
+    same. A sensor that moves slowly may only rise in one window, and falls in another one. Where all
+    columns are so, none counts as a clock, since nothing is left to compare.
+
+    Args:
+        live: counts (T, S) of the live sensors.
+        index_of: indices of the frames of each recording.
     """
-    is_clock: np.ndarray = np.zeros(counts.shape[1], dtype=bool)
-    if len(counts) > CLOCK_STEPS:
-        always_rises = np.all(counts[1:] > counts[:-1], axis=0)
-        always_falls = np.all(counts[1:] < counts[:-1], axis=0)
-        is_clock = np.asarray(always_rises | always_falls)
+    moving = [index for index in index_of if len(index) > 1]
+    most_others = (1 - MOSTLY) * len(moving)
+    others = np.zeros((2, live.shape[1]))  # recordings in which a column does not rise, or fall
+    for index in moving:
+        columns = np.flatnonzero(others.min(axis=0) <= most_others)
+        if not len(columns):
+            break
+        counts = live[index][:, columns]
+        others[0, columns] += (counts[1:] <= counts[:-1]).any(axis=0)
+        others[1, columns] += (counts[1:] >= counts[:-1]).any(axis=0)
+    clocks: np.ndarray = others.min(axis=0) <= most_others
+    steps = sum(len(index) - 1 for index in moving)
+    if steps < CLOCK_STEPS or clocks.all():
+        return np.zeros_like(clocks)
+    return clocks
+
+
+def frame_hashes(counts: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """A hash uint64 (n,) of each frame of a recording's counts (n, S), by the sensors' `weights` (S,)."""
     hashes = np.empty(len(counts), dtype=np.uint64)
-    for start in range(0, len(counts), HASHED_FRAMES):
-        values = counts[start : start + HASHED_FRAMES] + counts.dtype.type(0)  # -0.0 becomes 0.0
-        values[:, is_clock] = 0
+    block = max(1, HASHED_READINGS // counts.shape[1])
+    for start in range(0, len(counts), block):
+        values = counts[start : start + block] + counts.dtype.type(0)  # -0.0 becomes 0.0
         words = pd.util.hash_array(values.ravel(), categorize=False).reshape(values.shape)
         hashes[start : start + len(values)] = (words * weights).sum(axis=1, dtype=np.uint64)
     return hashes
@@ -73,6 +93,7 @@ def common_frames(
     hashes: np.ndarray,
     changed: np.ndarray,
     is_empty: np.ndarray,
+    compared: np.ndarray,
 ) -> CommonFrames:
     """Find the copies, and the runs of frames in common.
 
@@ -86,10 +107,11 @@ def common_frames(
         hashes: uint64 (T,) of all frames, recording after recording.
         changed: bool (T,), frames that differ from the one before them in their recording.
         is_empty: bool (R,), recordings of the empty hand.
+        compared: indices of the live sensors that the hashes are of.
     """
     recordings = np.arange(len(index_of))
     row = np.repeat(recordings, [len(index) for index in index_of])
-    rarity = _Rarity(live, index_of)
+    rarity = _Rarity(live, index_of, compared)
     original = _originals(hashes, index_of, rarity)
     links = [np.stack([recordings, original], axis=1)]
     covered = (original != recordings)[row]
@@ -115,9 +137,9 @@ def common_frames(
 class _Rarity:
     """How many bits the readings of some sensors tell, by how common they are in a sample of all frames."""
 
-    def __init__(self, live: Counts, index_of: list[np.ndarray]):
+    def __init__(self, live: Counts, index_of: list[np.ndarray], sensors: np.ndarray):
         self._live, self._index_of = live, index_of
-        self._sensors = evenly(np.arange(live.shape[1]), WEIGHED_SENSORS)
+        self._sensors = evenly(sensors, WEIGHED_SENSORS)
         self._bits = np.zeros(sum(map(len, index_of)))
         self._known = np.zeros(len(index_of), dtype=bool)
         self._begins = np.cumsum([0, *map(len, index_of)])

@@ -1,8 +1,7 @@
 """One look at each recording's readings: what repeats, what stands still, how strong they are.
 
-Every recording is read once, one at a time. What is kept is small: a row for each recording, a
-number for each frame, and a few values for each recording and sensor. `tables.remarks` makes
-warnings of it.
+Recordings are read one at a time. What is kept is small: a row for each recording, a number for
+each frame, and a few values for each recording and sensor. `tables.remarks` makes warnings of it.
 """
 
 from dataclasses import dataclass, replace
@@ -14,7 +13,7 @@ import pandas as pd
 from tactile_viewgcn.files import new_files
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.readers.source import COLUMNS as COLUMN_TYPES
-from tactile_viewgcn.tables.common_frames import common_frames, frame_hashes, sensor_weights
+from tactile_viewgcn.tables.common_frames import common_frames, frame_hashes, is_clock, sensor_weights
 from tactile_viewgcn.tables.counts import COLUMNS, evenly, read_columns, write_columns
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
@@ -54,29 +53,35 @@ class Look:
 
 
 def look_at(recordings: Recordings) -> Look:
-    """Look at the readings of every recording that has frames."""
+    """Look at the readings of every recording that has frames.
+
+    A clock among the columns always changes. So whether frames change, and are equal, is said of the
+    other columns.
+    """
     live = recordings.live_counts()
     index_of = frames_by_recording(recordings)
     kept = evenly(np.arange(live.shape[1]), SCALED_SENSORS)
-    weights = sensor_weights(live.shape[1])
+    sensors = np.flatnonzero(~is_clock(live, index_of))
+    weights = sensor_weights(len(sensors))
     rows = list[dict[str, int | str]]()
     stuck, lively, strength, step = [], [], [], []
     hashes, changed = [], []
     for index in index_of:
         counts = live[index]
+        compared = counts[:, sensors]
         differs = counts[1:] != counts[:-1]
-        moved = differs.any(axis=1)
+        moved = differs[:, sensors].any(axis=1)
         row = _row(recordings, index, moved)
-        rows.append(row | {"end": _end(counts, row["head"], row["tail"])})
+        rows.append(row | {"end": _end(compared, row["head"], row["tail"])})
         stuck.append(~differs.any(axis=0))
         lively.append(_lively(differs))
         strength.append(_strong_readings(counts, kept))
         step.append(_small_steps(counts, kept))
-        hashes.append(frame_hashes(counts, weights))
+        hashes.append(frame_hashes(compared, weights))
         changed.append(np.concatenate([[False], moved]))
     each = pd.DataFrame(rows).set_index("recording")
     is_empty = each["object"].map(dict(enumerate(recordings.objects))).eq(EMPTY_HAND).to_numpy()
-    common = common_frames(live, index_of, np.concatenate(hashes), np.concatenate(changed), is_empty)
+    common = common_frames(live, index_of, np.concatenate(hashes), np.concatenate(changed), is_empty, sensors)
     numbers = each.index.to_numpy()
     partner = np.arange(len(each))
     partner[common.links[::-1, 0]] = common.links[::-1, 1]  # the first of several
@@ -146,13 +151,16 @@ def _end(counts: np.ndarray, head: int, tail: int) -> str:
     rest. `outside`: they are further from all other readings than these are from each other. Else
     "".
     """
+    if max(head, tail) < 2:
+        return ""
     if min(head, tail) > 1 and (counts[0] == counts[-1]).all():
         return "rest"
-    inside = counts[head : len(counts) - tail].astype(np.float64)
+    inside = counts[head : len(counts) - tail]
     if len(inside) < FEWEST_INSIDE:
         return ""
     end = counts[-1 if tail >= head else 0].astype(np.float64)
-    low, high = inside.min(axis=0), inside.max(axis=0)
+    low = inside.min(axis=0).astype(np.float64)
+    high = inside.max(axis=0).astype(np.float64)
     varies = (low != end) | (high != end)
     beyond = np.maximum(low - end, end - high)
     if (beyond > high - low)[varies].mean() >= NEARLY_ALL:

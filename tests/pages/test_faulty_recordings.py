@@ -80,7 +80,7 @@ def tells_nothing(label, number, frames):
 
 
 def sequence(label, number, frames):
-    return {".header.seq": 100 * ((7 * number + 5 * label) % 11) + np.arange(frames)}
+    return {"packet": 100 * ((7 * number + 5 * label) % 11) + np.arange(frames)}
 
 
 def since_the_start(label, number, frames):
@@ -89,7 +89,7 @@ def since_the_start(label, number, frames):
     return {"tRel": np.cumsum(steps)}
 
 
-COLUMNS = {rigidity: "rigidity", one_hot: "is_ball", tells_nothing: "slipped", sequence: ".header.seq"}
+COLUMNS = {rigidity: "rigidity", one_hot: "is_ball", tells_nothing: "slipped", sequence: "packet"}
 COLUMNS[since_the_start] = "tRel"
 
 
@@ -132,6 +132,14 @@ def test_columns_that_are_no_sensor_are_named_with_the_change_that_leaves_them_o
     text = inspected(saved(tmp_path / "glove", columns=columns))
     assert f"leave_out:{COLUMNS[columns]}" in text.replace(' "', '"').replace("leave_out: ", "leave_out:")
     assert "leave_out:s" not in text.replace("leave_out:slipped", "")
+
+
+def test_a_counter_that_is_known_by_its_name_is_no_sensor_and_named(tmp_path):
+    def counter(label, number, frames):
+        return {".header.seq": 100 * number + np.arange(frames)}
+
+    text = inspected(saved(tmp_path / "glove", columns=counter))
+    assert "6 of 6 sensors vary" in text and "('.header.seq') is no sensor (line number)" in text
 
 
 @pytest.mark.parametrize("unit", ["ms", "us"])

@@ -1,5 +1,6 @@
 """What has two readings is refused or asked about, with the line to type; and that line gives the right recordings."""
 
+import gzip
 import shutil
 import subprocess
 from pathlib import Path
@@ -80,6 +81,19 @@ def test_blanks_between_groups_of_digits_part_no_columns(tmp_path):
     path = save(tmp_path / "lab" / "mug" / "1.csv", "a,b\n1 012,1 006\n1 987,1 007\n")
     run_line(refusal(tmp_path / "lab", tmp_path), "to write it plainly: ")
     np.testing.assert_array_equal(ingested(path.parents[1])[0][:, 0], [[1012, 1006], [1987, 1007]])
+
+
+@pytest.mark.parametrize("ending", ["csv", "csv.gz"])
+@pytest.mark.parametrize("reading", ["1012", "1.012"])
+def test_the_line_keeps_all_that_stands_above_the_numbers(tmp_path, ending, reading):
+    text = b"# glove 2\nrecorded; on a; Monday\n\na;b\nN;N\n987;5\n1,012;6\n"
+    path = tmp_path / "lab" / "mug" / f"1.{ending}"
+    path.parent.mkdir(parents=True)
+    path.write_bytes(gzip.compress(text) if ending.endswith("gz") else text)
+    run_line(refusal(tmp_path / "lab", tmp_path), f"if it is {reading}: ")
+    counts, table = ingested(path.parents[1])
+    np.testing.assert_array_equal(counts[:, 0], [[987, 5], [float(reading), 6]])
+    assert table.channel_names == ["a", "b"]
 
 
 @pytest.mark.parametrize(("text", "first"), [('a,b\n"1,5","2,25"\n', [1.5, 2.25]), ('a,b\n"1,012",6\n', [1.012, 6])])
@@ -188,6 +202,12 @@ def test_a_label_in_a_column_without_a_name_goes_by_its_number(tmp_path, place):
 @pytest.mark.parametrize("name", ["vx", "target_x", "class1", "y_pos"])
 def test_a_sensor_is_none_of_these(tmp_path, name):
     save(tmp_path / "lab" / "mug" / "1.csv", f"a,{name}\n1,5\n2,6\n1,7\n")
+    assert ingested(tmp_path / "lab")[1].channel_names == ["a", name]
+
+
+@pytest.mark.parametrize("name", ["t", "T", "imu.t", "imu/T"])
+def test_a_t_that_does_not_rise_is_a_temperature(tmp_path, name):
+    save(tmp_path / "lab" / "mug" / "1.csv", f"a,{name}\n1,20.5\n2,20.25\n1,20.75\n3,20.5\n")
     assert ingested(tmp_path / "lab")[1].channel_names == ["a", name]
 
 

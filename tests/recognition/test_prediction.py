@@ -10,8 +10,11 @@ from click.testing import CliRunner
 from tactile_viewgcn import TactileClassifier, tracking
 from tactile_viewgcn.cli import cli
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.params import default_params
 from tactile_viewgcn.provenance import Record
+from tactile_viewgcn.recognition.estimator import train
 from tactile_viewgcn.recognition.prediction import load_model
+from tactile_viewgcn.tables.recordings import recordings_of
 from tests.glove_data import OBJECTS, empty_hand, model_file, recording, write
 from tests.mlflow_stores import fresh_store
 from tests.readers.files import save
@@ -124,6 +127,30 @@ def test_a_table_without_some_of_the_model_s_sensors_is_refused(of_names, tmp_pa
     table.rename(columns={"ring": "f4"}).to_csv(tmp_path / "new" / "1.csv", index=False)
     with pytest.raises(UserError, match=r"1\.csv: no column ring .*found thumb, index, middle, f4, little, palm"):
         call(of_names, tmp_path / "new")
+
+
+def test_a_sensor_of_the_model_that_is_empty_or_left_out_is_refused(of_names, tmp_path):
+    (_, table), *_ = grasps(1)
+    (tmp_path / "new").mkdir()
+    table.assign(ring=np.nan).to_csv(tmp_path / "new" / "1.csv", index=False)
+    with pytest.raises(UserError, match=r"column 4 \('ring'\), a sensor of the model, is empty in all 40"):
+        call(of_names, tmp_path / "new")
+    table.to_csv(tmp_path / "new" / "1.csv", index=False)
+    with pytest.raises(UserError, match=r"ring is a sensor of the model; take leave_out of it from data\.columns"):
+        call(of_names, tmp_path / "new", "--set", "data.columns=[leave_out:ring]")
+
+
+def test_a_table_with_a_column_without_a_name_is_answered_as_it_was_learnt(tmp_path):
+    for number, (label, table) in enumerate(grasps(0)):
+        (tmp_path / "glove" / label).mkdir(parents=True, exist_ok=True)
+        header = [name if name != "ring" else "" for name in NAMES]
+        table.to_csv(tmp_path / "glove" / label / f"{number}.csv", index=False, header=header)
+    changes = ("model.system=sensors", "model.members=[trees]")
+    with recordings_of(str(tmp_path / "glove")) as recordings:
+        assert recordings.channel_names == ["thumb", "index", "middle", "", "little", "palm"]
+        train(recordings, default_params(changes), recordings.columns["recording"], tmp_path / "c.pt")
+    lines = call(tmp_path / "c.pt", tmp_path / "glove")
+    assert lines[-1] == "right: 8 of 8 (100.0 %)"
 
 
 def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(place):

@@ -82,6 +82,31 @@ def test_windows_with_a_clock_of_their_own_are_known_by_the_other_readings():
     assert "54 recordings" in warned(table_of(clocked, np.repeat(np.arange(6), 10) % 3))["shared frames"]
 
 
+@pytest.mark.parametrize("length", [12, 20, 40])
+def test_short_windows_of_slow_sensors_are_known_though_a_sensor_only_rises_in_some(length):
+    time = np.arange(220)
+    rng = np.random.default_rng(0)
+    waves = [np.sin(time[:, None] / rng.uniform(8, 30, 6) + rng.uniform(0, 6, 6)) for _ in range(6)]
+    parts = windows([100 * wave for wave in waves], length, length // 2)
+    each = len(parts) // 6
+    text = warned(table_of(parts, np.repeat(np.arange(6), each) % 3))["shared frames"]
+    assert f"{len(parts) - 6} recordings" in text
+
+
+def test_recordings_whose_sensors_only_rise_are_no_copies():
+    rng = np.random.default_rng(0)
+    rising = [500 + np.cumsum(rng.uniform(0.1, 1, (20, 4)), axis=0) for _ in range(30)]
+    assert warned(table_of(rising)) == {}
+    falling = [1000 - array for array in rising]
+    assert warned(table_of(rising[:15] + falling[15:])) == {}
+
+
+def test_a_glove_that_froze_is_named_though_its_clock_goes_on():
+    arrays = frozen(counts(0), {1, 4}, 0)
+    text = warned(table_of([np.column_stack([array, np.arange(40) / 50]) for array in arrays]))["standing still"]
+    assert "2 recordings: X[1], X[4]" in text
+
+
 def test_windows_that_only_touch_and_recordings_that_are_alike_are_not_warned_of():
     apart = windows([walk(seed, 240, 8) for seed in range(6)], 40, 40)
     assert warned(table_of(apart)) == {}
