@@ -117,3 +117,17 @@ def test_objects_recorded_at_different_rates_are_warned_of(rate, warned):
     recordings.columns["time"] = (N / rate).ravel()
     notes = column_notes(recordings)
     assert [(note.topic, "20 to 50" in note.text) for note in notes] == [("frame rate", True)] * warned
+
+
+def test_rates_that_are_not_known_of_all_recordings_are_not_asked_about():
+    recordings = recordings_of(tremble(), names=[])
+    recordings.columns["time"] = np.where(R == 3, np.nan, N / (20 + 10 * OBJECT)).ravel()
+    assert column_notes(recordings) == []
+
+
+@pytest.mark.parametrize("dead", [0, 2])
+def test_a_column_without_a_name_is_left_out_by_its_number_in_the_table(dead):
+    """A column that reads 0 in all recordings is none of the live sensors, and is counted."""
+    columns = [0 * (R + N)] * dead + [N + 0 * R, tremble(), tremble()]
+    (note,) = column_notes(recordings_of(*columns, names=[]))
+    assert f"column {dead + 1} " in note.text and f'"leave_out:{dead + 1}"' in note.text

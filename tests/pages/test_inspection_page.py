@@ -61,6 +61,7 @@ def test_the_page_shows_the_facts_and_the_settings(overview):
     assert verdict(overview, warnings(overview)).kind == "open"  # most healthy sensors are pressed by no object
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"})
     assert facts(changed(overview, rates={0: 20.0, 1: 21.0}))[4] == ("20.5 Hz", "is the frame rate")
+    assert facts(changed(overview, rates={0: 20.0, 1: 40.0}))[4][0] == "20 to 40 Hz"
 
 
 def test_a_page_never_gives_an_all_clear_and_lists_what_was_checked_and_what_cannot_be(overview):
@@ -75,6 +76,18 @@ def test_a_page_never_gives_an_all_clear_and_lists_what_was_checked_and_what_can
     assert outcomes["all else"] == ("1 warning", True)
     assert outcomes["columns that are no sensor"] == ("nothing found", False)
     assert outcomes["times and frame rates"] == ("not checked: no times", False)
+
+
+def test_how_readings_move_is_not_checked_where_every_recording_is_one_frame(overview):
+    ones = np.ones_like(overview.counts["frames"])
+    rows = checks(changed(overview, counts=overview.counts | {"frames": ones}), [])
+    assert [row.what for row in rows if "not checked: every recording is one frame" in row.outcome] == [
+        "recordings or sensors that stand still",
+        "equal frames at the ends of recordings",
+        "recordings in another unit",
+        "columns that are no sensor",
+    ]
+    assert not [row.what for row in checks(overview, []) if "one frame" in row.outcome]
 
 
 @pytest.fixture(scope="module")
@@ -192,6 +205,15 @@ GRIDS = [(1, 1024, "auto", "32 32"), (1, 48, "auto", "ROWS COLUMNS"), (1, 17, "a
 def test_sensors_in_one_row_may_be_a_grid_of_which_the_user_says_the_shape(rows, sensors, asked, advice):
     texts = [note.text for note in grid_notes((rows, sensors), Form(asked))]
     assert [f"add `--shape {advice}`" in text for text in texts] == [True] * bool(advice)
+
+
+@pytest.mark.parametrize(("sessions", "folds"), [(2, 2), (4, 4), (30, 5)])
+def test_the_line_for_a_new_session_leaves_out_each_session_in_five_folds_at_most(
+    overview, sessions, folds
+):
+    spread = changed(overview, session=np.arange(len(overview.session)) % sessions)
+    words = set(" ".join(command_lines(spread, new_sessions=True)).split())
+    assert {"split.by=session", f"split.folds={folds}"} <= words
 
 
 def test_a_setting_that_is_asked_for_is_taken_and_named_in_the_line(overview):

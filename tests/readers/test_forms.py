@@ -189,6 +189,7 @@ TAKES = {  # windows and whether all are of one take, or each is of its own
     "one channel that overlaps": (windows_of(20, 10, shape=(1,)), True),
     "whole numbers that overlap": (windows_of(40, 20, shape=(2,), levels=5), True),
     "short windows that overlap": (windows_of(3, 1), True),
+    "copies of one window": (APART[[0, 0, 0]], True),
     "next to each other": (APART, False),
     "that begin and end at rest": (at_rest(APART, before=5, after=8), False),
     "padded at the end": (at_rest(APART, before=0, after=8), False),

@@ -56,6 +56,7 @@ def test_a_table_of_files_names_their_objects_and_sessions(tmp_path, place):
         ("left-1 left-2 right-1 right-2", [0, 1, 0, 1], "OBJECT/PART-FILE"),
         ("r1/accelX r1/accelY r2/accelX r2/accelY", [0, 0, 2, 2], "OBJECT/FILE/PART"),
         ("rec3_part1 rec3_part2 rec4_part1", [0, 0, 2], ""),  # one after the other, not beside it
+        ("Rec3_part1 rec3_Part2 rec4_part1", [0, 0, 2], ""),
         ("4_glove1 4_glove2 5_glove1 5_glove3", [0, 0, 2, 2], "glove1, glove3; expected glove1, glove2 once each, as"),
         ("glove1 glove2 glove3", None, ""),  # as well three grasps
         ("left_1 left_2 left_3", None, ""),

@@ -114,6 +114,15 @@ def test_a_link_to_what_is_not_there_is_called_so(tmp_path):
     assert "2.npy: a link to ../../.git/annex/objects/XX/k.npy" in line and "git annex get" in line
 
 
+def test_a_link_to_a_recording_is_read(tmp_path):
+    kept = save(tmp_path / "elsewhere" / "k.npy", 2 * COUNTS)
+    save(tmp_path / "lab" / "mug" / "1.npy")
+    (tmp_path / "lab" / "mug" / "2.npy").symlink_to(kept)
+    counts, table = ingested(tmp_path / "lab")
+    assert table.recordings == ["mug/1", "mug/2"]
+    np.testing.assert_array_equal(counts, np.concatenate([COUNTS, 2 * COUNTS]))
+
+
 def test_pointers_of_dvc_are_called_so(tmp_path):
     save(tmp_path / "lab" / "mug.dvc", "outs:\n- md5: 0\n")
     assert "dvc pull" in refusal(tmp_path / "lab", tmp_path)

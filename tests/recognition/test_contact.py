@@ -52,6 +52,17 @@ def test_recordings_without_an_open_hand_have_the_baseline_of_their_session_in_t
     np.testing.assert_allclose(shifts.mean(axis=(1, 2)), [-1, 4, 1.5, -1], atol=1e-6)
 
 
+def test_a_session_without_a_name_is_none_of_the_training_s():
+    """Recordings of which no session is known have the mean of all, even if the training had such ones too."""
+    fitted, held = recogniser().preprocessing, recording("pen", 91, before=0, after=0)
+    mean = fitted.mean_baseline()
+    fitted = replace(fitted, baselines={"": mean + 4, "monday": mean - 1})
+    new = replace(of_arrays([held] * 2, ["pen"], np.zeros(2, int), np.arange(2)), sessions=["", "monday"])
+    estimate, _ = find_contact(fitted, new)
+    shifts = (estimate.mean - mean)[estimate.of_frame[:: len(held)]]
+    np.testing.assert_allclose(shifts.mean(axis=(1, 2)), [1.5, -1], atol=1e-6)
+
+
 @pytest.mark.parametrize("frames", [MIN_FRAMES - 1, MIN_FRAMES])
 def test_five_frames_of_the_empty_hand_are_enough_for_a_baseline(frames):
     """The glove reads 20 counts more than in the training, and no recording has an open hand."""

@@ -9,6 +9,7 @@ from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import default_params, preset_changes
 from tactile_viewgcn.recognition import network_member
 from tactile_viewgcn.recognition.fitting import fit_classifier, training_recordings
+from tactile_viewgcn.recognition.left_out import LeftOut
 from tactile_viewgcn.recognition.network_member import NetworkMember
 from tactile_viewgcn.sensors.representation import NETWORK
 from tactile_viewgcn.tables.frames import TEST, TRAIN
@@ -111,6 +112,14 @@ def test_the_only_member_is_trained_whatever_the_limit(monkeypatch, trained):
     limit(monkeypatch, 1.0)
     one = fitted("[network]")
     assert one.model.members == [NETWORK] and one.temperature is not None and len(trained) > 1
+
+
+def test_a_network_of_little_weight_is_no_part_of_the_classifier(monkeypatch, trained):
+    limit(monkeypatch, np.inf)
+    monkeypatch.setattr(LeftOut, "weighed", lambda self, members: {"kernel": 1.0})
+    one = fitted("auto", dealt())
+    assert trained and one.model.members == ["kernel"]
+    assert one.classifier.network is None and not one.classifier.state_dict()["network"]
 
 
 @pytest.mark.parametrize("members", ["auto", "[kernel, network]"])

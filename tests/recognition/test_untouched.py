@@ -86,6 +86,16 @@ def test_without_that_class_an_open_hand_is_any_object_and_those_beside_it_are_a
 
 
 @pytest.mark.parametrize("name", ["an array, all contact", "an array without an offset", "channels"])
+def test_a_single_frame_shows_no_noise_and_may_still_be_of_an_open_hand(name):
+    classifier, X, _ = fitted(GLOVES[name], EVERY_FRAME, with_empty_hand=False)
+    opened = GLOVES[name](EMPTY, np.random.default_rng(1))[:1]
+    with pytest.warns(UserWarning, match=r"X\[1\]"):
+        shares = classifier.predict_proba([X[0][:1], opened])
+    assert shares[0].argmax() == 0
+    np.testing.assert_allclose(shares[1], 1 / 3)
+
+
+@pytest.mark.parametrize("name", ["an array, all contact", "an array without an offset", "channels"])
 @pytest.mark.parametrize("times", [1 / 300, 1 / 1000, 300])
 @pytest.mark.parametrize("with_empty_hand", [False, True])
 def test_another_unit_is_no_open_hand_where_every_frame_is_taken(name, times, with_empty_hand):

@@ -1,6 +1,7 @@
 """What every stage's command line shares: parameters are checked first, errors are one line."""
 
 import os
+import runpy
 import shutil
 import signal
 from pathlib import Path
@@ -15,7 +16,7 @@ from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.tracking import Run
 from tests.full_disk import room_for
-from tests.stages.running import captured, left, refused, run_stage
+from tests.stages.running import captured, left, refused, run_stage, set_params
 
 ROOT = Path(__file__).parents[2]
 
@@ -48,6 +49,25 @@ def test_what_a_user_can_mend_ends_in_one_line(place, error, says):
 def test_an_input_that_is_not_there_is_named(place):
     result = run_stage("preprocess", "--recordings", "nowhere", "--out", "frames", cwd=place)
     assert "nowhere: no such file or folder" in refused(result)
+
+
+def test_a_source_that_a_temporary_workspace_lacks_is_named_with_its_path_in_the_clone(place):
+    """Such a workspace has what git or DVC tracks, and no other folder."""
+    workspace = place / "workspace"
+    workspace.mkdir()
+    shutil.copy(place / "params.yaml", workspace)
+    set_params(workspace, "data", source="lab")
+
+    def needs():
+        os.environ["DVC_ROOT"] = str(place)
+        runpy.run_path(str(ROOT / "stages" / "needs.py"), run_name="__main__")
+
+    result = captured(needs, "--out", "needs.json", cwd=workspace)
+    assert "data.source in params.yaml is lab" in refused(result)
+    assert "-S data.source=PATH`" in refused(result)
+    (place / "lab").mkdir()
+    result = captured(needs, "--out", "needs.json", cwd=workspace)
+    assert f"-S data.source={place}/lab`" in refused(result)
 
 
 @pytest.mark.parametrize("record", ["record.json", "y/record.json"])

@@ -76,9 +76,10 @@ def test_windows_that_overlap_are_warned_of_and_held_out_with_the_others_of_thei
     assert (pd.crosstab(groups, of_long) > 0).sum(axis=1).eq(1).all() and groups.nunique() == 6
 
 
-def test_windows_with_a_clock_of_their_own_are_known_by_the_other_readings():
+@pytest.mark.parametrize("rate", [1 / 50, -1 / 50])
+def test_windows_with_a_clock_of_their_own_are_known_by_the_other_readings(rate):
     parts = windows([walk(seed, 220, 8) for seed in range(6)], 40, 20)
-    clocked = [np.column_stack([part, np.arange(40) / 50]) for part in parts]
+    clocked = [np.column_stack([part, rate * np.arange(40)]) for part in parts]
     assert "54 recordings" in warned(table_of(clocked, np.repeat(np.arange(6), 10) % 3))["shared frames"]
 
 
@@ -155,6 +156,20 @@ def test_single_frames_of_few_levels_are_no_copies_and_copied_ones_are():
 def test_pieces_under_other_objects_are_named_as_wrong_labels():
     parts = windows([walk(seed, 220, 8) for seed in range(6)], 40, 20)
     assert "of different objects" in warned(table_of(parts))["shared frames"]
+
+
+def test_pieces_that_the_source_holds_together_are_named_only_as_wrong_labels():
+    parts = windows([walk(seed, 220, 8) for seed in range(6)], 40, 20)
+    of_long = np.repeat(np.arange(6), 10)
+    labels = of_long % 3
+    recordings = table_of(parts, labels)
+    recordings.columns["take"] = np.repeat(of_long, 40)
+    assert warned(recordings) == {}
+    labels[15] = 2  # a mug's
+    mislabelled = table_of(parts, labels)
+    mislabelled.columns["take"] = recordings.columns["take"]
+    text = warned(mislabelled)["shared frames"]
+    assert "X[15]" in text and "of different objects" in text and "X[14] (" not in text
 
 
 def test_an_open_hand_that_was_cut_out_as_an_empty_hand_is_no_copy():
@@ -236,6 +251,14 @@ def test_a_dead_cable_in_the_recordings_of_one_object_is_named(value):
         array[:, 5] = value
     text = warned(table_of(arrays))["standing still"]
     assert "column 6 in all of mug" in text and "column 5" not in text
+
+
+@pytest.mark.parametrize(("frames", "every"), [(40, 6), (600, 25)])
+def test_a_dead_cable_of_a_sensor_that_changes_seldom_is_named(frames, every):
+    arrays = [array.round() for array in counts(0, frames=frames)]
+    for number, array in enumerate(arrays):
+        array[:, 5] = 500 + (number % 3 != 1) * (np.arange(frames) // every % 2)
+    assert "column 6 in all of mug" in warned(table_of(arrays))["standing still"]
 
 
 def test_sensors_that_nothing_touches_in_some_recordings_are_not_faulty():
