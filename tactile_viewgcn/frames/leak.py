@@ -3,6 +3,7 @@
 If they do, a low error of a system says little about touch.
 """
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -118,7 +119,8 @@ def _answers(means: np.ndarray, label: np.ndarray, group: np.ndarray, *, nearest
     from threadpoolctl import threadpool_limits
 
     answer = np.full(len(label), -1)
-    with threadpool_limits(1):  # no choice depends on the number of threads
+    with threadpool_limits(1), warnings.catch_warnings():  # no choice depends on the number of threads
+        warnings.filterwarnings("ignore", "The number of unique classes")  # many objects of two groups each
         for test in complete_folds(group, label, FOLDS):
             scaler = StandardScaler().fit(means[~test])
             points = scaler.transform(means)

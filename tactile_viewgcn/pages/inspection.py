@@ -106,7 +106,14 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
     if overview.finds_contact:
         share = 100 * overview.counts["in contact"].sum() / frames.sum()
         rows.append((f"{share:.0f} %", f"of the frames count as contact: {pressed}"))
-    rows.append((f"{table.live.sum():,}", f"of {several(table.live.size, 'sensor')} vary"))
+    varying = f"of {several(table.live.size, 'sensor')} vary"
+    if table.channel_names and not table.live.all():
+        unused = table.sensor_names(~table.live)
+        if len(unused) == 1:
+            varying += f"; {unused[0]} reads the same in all frames and is not used"
+        else:
+            varying += f"; {listed(unused)} read the same in all frames and are not used"
+    rows.append((f"{table.live.sum():,}", varying))
     if rates := sorted(overview.rates.values()):
         alike = rates[-1] < rates[0] * ALIKE
         rate = f"{np.median(rates):.4g}" if alike else f"{rates[0]:.4g} to {rates[-1]:.4g}"

@@ -307,23 +307,46 @@ def as_files(file: Path) -> str:
 def windows_in(file: Path, arrays: Mapping[str, Any], form: Form) -> list[Recording]:
     """The windows X (n, T, C) or (n, T, H, W) among arrays with labels y (n,), a recording each; none without labels.
 
-    A window that overlaps the one before is of the same take, see `overlapping`.
+    A window that overlaps the one before is of the same take, see `overlapping`. An array (n,) that is called as a
+    session names the sessions.
+
+    Raises:
+        UserError: there are other numbers of windows and labels.
     """
     name = form.names.get("object") or next((each for each in arrays if each.lower() in ("y", "label", "labels")), "")
     if "pressure" in arrays or name not in arrays:
         return []
     labels = [label_text(label) for label in np.ravel(arrays[name]).tolist()]
-    large = [key for key in arrays if getattr(arrays.get(key), "ndim", 0) > 2 and len(arrays[key]) == len(labels) > 0]
+    arrays_of_windows = [key for key in arrays if getattr(arrays.get(key), "ndim", 0) > 2]
+    large = [key for key in arrays_of_windows if len(arrays[key]) == len(labels) > 0]
     if len(large) != 1 or [*arrays[large[0]].shape[1:]] == [*form.shape]:
+        is_label = len(labels) > 1 and np.ndim(arrays[name]) == 1
+        if is_label and not large and len(arrays_of_windows) == 1:
+            windows = f"{arrays_of_windows[0]} has {len(arrays[arrays_of_windows[0]]):,} windows"
+            raise UserError(f"{file}: {windows} and {name} {len(labels):,} labels; save a label for each window")
         return []
     X = arrays[large[0]][()]
-    note = Note(f"{large[0]} holds {len(X):,} windows of {X.shape[1]} frames, labelled by {name}", topic="windows")
-    recordings = list[Recording]()
+    sessions = _sessions_of_windows(arrays, len(X))
     takes = np.cumsum([0, *~overlapping(X)]).tolist()
+    text = f"{large[0]} holds {len(X):,} windows of {X.shape[1]} frames, labelled by {name}"
+    if takes[-1] + 1 < len(X):
+        text += f"; windows that overlap are held out together, as {several(takes[-1] + 1, 'recording')}"
+    note = Note(text, topic="windows")
+    recordings = list[Recording]()
     for at, (window, label, take) in enumerate(zip(X, labels, takes, strict=True)):
         names = {"recording": f"{file.stem}/{at}", "object": label, "take": f"{file}/{take}"}
+        if sessions:
+            names["session"] = sessions[at]
         recordings.append(Recording(names, {"pressure": window}, notes=[note]))
     return recordings
+
+
+def _sessions_of_windows(arrays: Mapping[str, Any], count: int) -> list[str]:
+    """The session of each of `count` windows by the first array (n,) that is called as one; none without any."""
+    for name in arrays:
+        if label_kind(name) == "session" and np.shape(arrays[name]) in ((count,), (count, 1), (1, count)):
+            return [label_text(label) for label in np.ravel(arrays[name]).tolist()]
+    return []
 
 
 def labelled_frames(file: Path, arrays: Mapping[str, Any], form: Form) -> list[Recording]:

@@ -23,6 +23,7 @@ from tactile_viewgcn.readers.child import UNPACKED, UNPACKED_TIMES, check_unpack
 from tactile_viewgcn.readers.numerals import GROUPED_BY_BLANKS, check_numerals, without_group_marks
 from tactile_viewgcn.readers.serial import check_is_table
 from tactile_viewgcn.readers.source import MAX_PRESSURE, MODEL_TOPIC, NUMBERS, Form, Recording, label_text, setting
+from tactile_viewgcn.schema import nearest
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
@@ -119,7 +120,7 @@ def table_of(names: list[str], cells: "DataFrame", form: Form, file: str, places
     keys = [name or str(number) for number, name in enumerate(names, 1)]
     for kind, name in form.names.items():
         if name not in keys and (form.labelled or kind not in LABELS):
-            raise UserError(f"{file}: no column {name!r}; found {listed(keys)}")
+            raise UserError(f"{file}: no column {name!r}{nearest(name, keys)}; found {listed(keys)}")
     of_model = _sensors_of_model(keys, form, file)
     labels, time = dict[str, np.ndarray](), dict[str, np.ndarray]()
     sensors, channels, notes = [], [], list[Note]()
@@ -128,6 +129,8 @@ def table_of(names: list[str], cells: "DataFrame", form: Form, file: str, places
         content = "" if key in of_model else _content(key, values, form, is_index=at == 0 and not name and any(names))
         if of_model and not content and key not in of_model:
             content = NOT_OF_MODEL
+            if is_words(cells[at]) and cells[at].nunique() > 1:
+                content += f"; if it names the objects of several recordings, {setting(f'data.columns=[object:{key}]')}"
         if key in form.left_out or (cells[at].isna().all() and len(cells)):
             content = "left out by data.columns" if key in form.left_out else f"empty in all {len(cells)} lines"
         if key in of_model and content:
@@ -147,7 +150,7 @@ def table_of(names: list[str], cells: "DataFrame", form: Form, file: str, places
         elif content == "time":
             example = str(cells[at][~filled].iloc[0])
             content = f"time, not used: {np.sum(~filled)} of {len(cells)} cells are no number, such as {example!r}"
-        topic = MODEL_TOPIC if content == NOT_OF_MODEL else "columns"
+        topic = MODEL_TOPIC if content.startswith(NOT_OF_MODEL) else "columns"
         notes.append(Note(f"{column} is no sensor ({content})", topic=topic))
     if of_model:
         order = [channels.index(name) for name in of_model]

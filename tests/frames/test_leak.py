@@ -132,3 +132,12 @@ def test_a_leak_note_counts_the_objects_that_were_left_out():
     alone = QuickError(0.05, 0.02, 0.08, 0.96, 6, 2000, 3)
     assert "3 objects" in leak_note(alone, advised=False).text
     assert "object" not in leak_note(leak, advised=False).text.replace("predict the object", "")
+
+
+def test_many_objects_of_two_recordings_each_are_told_by_a_number_without_a_word_of_a_library():
+    """Thirty objects, told by one number; warnings are errors here."""
+    label = np.repeat(np.arange(30), 2)
+    group = np.arange(60)
+    usable = np.ones(60, dtype=bool)
+    error = quick_error(lambda index: label[index, None] * 1.0, usable, label, group, nearest=True)
+    assert error.error == 0 and error.beats_chance

@@ -127,6 +127,15 @@ def test_what_is_faulty_in_readings_is_named(fault, tmp_path):
     assert FAULTS[fault] in text and "ball/" not in text and "pen/" not in text
 
 
+def dead(readings, label, number):
+    readings[:, 3] = 512
+
+
+def test_a_channel_that_reads_the_same_everywhere_is_named(tmp_path):
+    text = inspected(saved(tmp_path / "glove", dead))
+    assert "5 of 6 sensors vary; s3 reads the same in all frames" in text
+
+
 @pytest.mark.parametrize("columns", COLUMNS, ids=lambda columns: columns.__name__)
 def test_columns_that_are_no_sensor_are_named_with_the_change_that_leaves_them_out(columns, tmp_path):
     text = inspected(saved(tmp_path / "glove", columns=columns))

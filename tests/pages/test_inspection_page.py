@@ -208,9 +208,7 @@ def test_sensors_in_one_row_may_be_a_grid_of_which_the_user_says_the_shape(rows,
 
 
 @pytest.mark.parametrize(("sessions", "folds"), [(2, 2), (4, 4), (30, 5)])
-def test_the_line_for_a_new_session_leaves_out_each_session_in_five_folds_at_most(
-    overview, sessions, folds
-):
+def test_the_line_for_a_new_session_leaves_out_each_session_in_five_folds_at_most(overview, sessions, folds):
     spread = changed(overview, session=np.arange(len(overview.session)) % sessions)
     words = set(" ".join(command_lines(spread, new_sessions=True)).split())
     assert {"split.by=session", f"split.folds={folds}"} <= words

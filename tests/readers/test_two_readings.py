@@ -345,3 +345,35 @@ def test_a_word_in_names_that_cannot_be_a_layout_has_a_remedy_too(tmp_path):
                 save(tmp_path / "lab" / name / f"S{person}T{index}.npy", COUNTS + 10 * index + at + 50 * person)
     (note,) = texts(ingested(tmp_path / "lab")[1], "names")
     assert "S1_T0" in note
+
+
+def test_windows_have_the_sessions_that_stand_beside_them_and_a_label_each(tmp_path):
+    """Four windows of two objects by two persons; three labels for them are refused."""
+    X = np.stack([COUNTS + number for number in range(4)])
+    folder = tmp_path / "lab"
+    folder.mkdir()
+    np.savez(folder / "all.npz", X=X, y=["mug", "pen", "mug", "pen"], subject=["anna", "anna", "ben", "ben"])
+    table = ingested(folder)[1]
+    first = table.columns["frame"] == 0
+    assert [table.sessions[at] for at in table.columns["session"][first]] == ["anna", "anna", "ben", "ben"]
+    np.savez(folder / "all.npz", X=X, y=["mug", "pen", "mug"])
+    assert "X has 4 windows and y 3 labels" in refusal(folder, tmp_path)
+
+
+def test_windows_that_overlap_are_counted(tmp_path):
+    """Five windows of ten frames, each but the third begins in the middle of the one before."""
+    rng = np.random.default_rng(0)
+    long = [rng.integers(500, 600, (20, 4)), rng.integers(500, 600, (25, 4))]
+    X = np.stack([long[0][0:10], long[0][5:15], long[1][0:10], long[1][5:15], long[1][10:20]])
+    folder = tmp_path / "lab"
+    folder.mkdir()
+    np.savez(folder / "all.npz", X=X, y=["mug", "mug", "mug", "mug", "mug"])
+    assert any(
+        "windows that overlap are held out together, as 2 recordings" in text for text in texts(ingested(folder)[1])
+    )
+
+
+def test_a_misspelt_column_is_answered_with_the_nearest_one(tmp_path):
+    save(tmp_path / "all.csv", "s0,s1,activity\n1,2,mug\n3,4,mug\n")
+    line = refusal(tmp_path / "all.csv", tmp_path, form=Form(columns=["object:activty"]))
+    assert "did you mean activity?" in line

@@ -1,6 +1,7 @@
 """The command `predict`: what it prints and writes, where it finds the model, and what it refuses."""
 
 import csv
+from itertools import islice
 
 import numpy as np
 import pandas as pd
@@ -104,6 +105,19 @@ def test_sensors_are_taken_by_the_names_that_the_model_knows_and_others_are_name
     assert len(answers) == 8 and all(line.split()[0][2:] == line.split()[2] for line in answers)
     named = [column for column in ("battery", "note", "when", "tick") if any(f"'{column}'" in line for line in lines)]
     assert named == left_out
+
+
+def test_a_table_of_several_recordings_says_how_its_objects_are_named(of_names, tmp_path):
+    """The model knows no column `activity`; by the key that the line prints, both objects are answered apart."""
+    tables = [table.assign(activity=label) for label, table in islice(grasps(1), 2)]
+    pd.concat(tables).to_csv(tmp_path / "all.csv", index=False)
+    lines = call(of_names, tmp_path / "all.csv")
+    assert "'data.columns=[object:activity]'" in " ".join(lines)
+    lines = call(of_names, tmp_path / "all.csv", "--set", "data.columns=[object:activity]")
+    assert [line.split()[2] for line in lines if line.split()[1:2] and line.split()[2:3] in (["ball"], ["mug"])] == [
+        "ball",
+        "mug",
+    ]
 
 
 def test_a_file_of_two_hands_has_sensors_by_the_joined_names(tmp_path):
