@@ -10,8 +10,6 @@ from pathlib import Path
 from shutil import rmtree
 from tempfile import TemporaryDirectory
 
-from filelock import FileLock
-
 from tactile_viewgcn.messages import UserError
 
 NO_ROOM = errno.ENOSPC, errno.EDQUOT, errno.EFBIG  # on the disk, for this user, or in one file
@@ -109,6 +107,8 @@ def _hidden_folder(parent: Path) -> Iterator[Path]:
 
     What runs that were killed have left in `parent` is removed too: nobody holds its lock.
     """
+    from filelock import FileLock  # here, since all that checks parameters imports this file
+
     parent.mkdir(parents=True, exist_ok=True)
     for path in parent.iterdir():
         if path.name.startswith(PART):
@@ -128,6 +128,8 @@ def _hidden_folder(parent: Path) -> Iterator[Path]:
 
 def _remove_if_abandoned(hidden: Path) -> None:
     """Remove the hidden folder of a run that was killed; that of a running one stays."""
+    from filelock import FileLock
+
     lock = FileLock(hidden / LOCK)
     with suppress(OSError, NotImplementedError):  # locked, another user's, or on a file system without locks
         if (hidden / LOCK).is_file():

@@ -172,6 +172,8 @@ def leak_note(leak: QuickError, *, advised: bool) -> Note:
     if not leak.beats_chance:
         return Note(text, topic=TOPIC)
     text += ". Errors say less about touch than they seem to: "
-    text += "set preprocess.baseline to grasp, or " * advised + "choose another split.by"
+    if advised:
+        text += "set preprocess.baseline to grasp, or "
+    text += "choose another split.by"
     remedy = ("preprocess.baseline", "grasp") if advised else ("", None)
     return Note(text, "warning", TOPIC, *remedy)

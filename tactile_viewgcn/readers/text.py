@@ -335,7 +335,7 @@ def _top(file: Path, text: str) -> tuple[str | None, int, list[list[str]]]:
         is_comment = line.lstrip().startswith(COMMENT)
         has_numbers_alone = any(cells) and all(NUMBER.fullmatch(cell) for cell in cells if cell)
         if not is_comment and has_numbers_alone and not rows and _is_cut(cells, number, top, separator):
-            lines = f"line {number + 1} has {len(cells)} cells, the lines below have {len(example)}"
+            lines = f"line {number + 1} has {several(len(cells), 'cell')}, the lines below have {len(example)}"
             raise UserError(
                 f"{file}: {lines}, as one that is cut; delete it: sed -i.bak {number + 1}d {quote(str(file))}"
             )

@@ -106,7 +106,7 @@ def _shared_frames(recordings: Recordings, look: Look) -> Iterator[tuple[str, st
     text += "They are overlapping pieces or copies of one recording, and tell nothing of a new one. "
     mixed = pieces[is_other_object[each.index.get_indexer(pieces.index)]]
     if len(mixed):
-        text += f"{several(len(mixed), 'pair')} of different objects: correct the labels. "
+        text += f"{several(len(mixed), 'pair')} of different objects: are their labels right? "
     text += "Those of an object are held out together here; where you deal them yourself, give their `groups`."
     yield "shared frames", text
 
@@ -184,7 +184,11 @@ def _equal_ends(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]
         return
     places = []
     for number, row in ends.iterrows():
-        place, count = ("the last", row["tail"]) if row["tail"] >= row["head"] else ("the first", row["head"])
+        place = "the first"
+        count = row["head"]
+        if row["tail"] >= row["head"]:
+            place = "the last"
+            count = row["tail"]
         places.append(f"{recordings.recordings[number]} ({place} {count} of {row['frames']})")
     text = f"Equal frames at an end of {several(len(places), 'recording')}: {_examples(places)}. "
     text += "Is that padding, or did the glove freeze? "
