@@ -245,7 +245,7 @@ def test_where_one_object_alone_is_touched_no_command_is_printed(overview):
         ({"recording": [1, 1, 4]}, "no two objects"),
         ({"recording": [1, 1, 4], "grasp": [3, 3, 12]}, "3 grasps"),
         ({"recording": [1, 1, 4], "source": [2, 2, 2]}, "published sides"),
-        ({"recording": [0, 5, 4], "grasp": [0, 5, 4]}, "4 recordings or more"),  # of one there is no frame
+        ({"recording": [0, 5, 4], "grasp": [0, 5, 4]}, "4 recordings or more"),
     ],
 )
 def test_what_can_be_held_out_is_judged_by_the_recommended_split(overview, groups, answer):
