@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.frames.baseline import Baseline
-from tactile_viewgcn.frames.filter import flagged, passing, pressed_frames
+from tactile_viewgcn.frames.filter import flagged, passing, pressed_frames, sensors_in_contact
 from tactile_viewgcn.params import CONTACT_SIGMAS, load
 from tactile_viewgcn.tables import recordings as module
 from tests.glove_data import FILE, written
@@ -68,3 +68,10 @@ def test_notes_count_the_frames_that_a_filter_drops(recordings, kind):
     np.testing.assert_array_equal(passed, flags[kind])
     assert [note.topic for note in notes] == ["filter"] * len(notes) and bool(notes) == (kind != "none")
     assert not notes or f"{(~passed).sum()} of 60 frames" in notes[0].text
+
+
+@pytest.mark.parametrize(
+    ("live", "sensors"), [(1, 1), (15, 1), (16, 2), (40, 2), (80, 2), (81, 3), (548, 14), (4096, 14)]
+)
+def test_contact_is_a_fortieth_of_the_sensors_two_at_least_but_of_few_sensors_one(live, sensors):
+    assert sensors_in_contact(live) == sensors

@@ -53,11 +53,12 @@ def test_recordings_without_an_open_hand_have_the_baseline_of_their_session_in_t
 
 
 def test_a_session_without_a_name_is_none_of_the_training_s():
-    """Recordings of which no session is known have the mean of all, even if the training had such ones too."""
+    """Such recordings have the mean of all, even if the training had some without a name too."""
     fitted, held = recogniser().preprocessing, recording("pen", 91, before=0, after=0)
     mean = fitted.mean_baseline()
     fitted = replace(fitted, baselines={"": mean + 4, "monday": mean - 1})
-    new = replace(of_arrays([held] * 2, ["pen"], np.zeros(2, int), np.arange(2)), sessions=["", "monday"])
+    new = of_arrays([held] * 2, ["pen"], np.zeros(2, int), np.arange(2))
+    new.sessions = ["", "monday"]
     estimate, _ = find_contact(fitted, new)
     shifts = (estimate.mean - mean)[estimate.of_frame[:: len(held)]]
     np.testing.assert_allclose(shifts.mean(axis=(1, 2)), [1.5, -1], atol=1e-6)

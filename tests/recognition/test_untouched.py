@@ -85,7 +85,7 @@ def test_without_that_class_an_open_hand_is_any_object_and_those_beside_it_are_a
     np.testing.assert_allclose(served, beside[:2], atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["an array, all contact", "an array without an offset", "channels"])
+@pytest.mark.parametrize("name", ["an array, all contact", "channels"])
 def test_a_single_frame_shows_no_noise_and_may_still_be_of_an_open_hand(name):
     classifier, X, _ = fitted(GLOVES[name], EVERY_FRAME, with_empty_hand=False)
     opened = GLOVES[name](EMPTY, np.random.default_rng(1))[:1]

@@ -54,13 +54,15 @@ def test_the_glove_s_recordings_are_written_with_a_record(place):
     assert (record.stage, record.counts["frames"]) == ("simulate", 100) and record.seconds > 0
     assert "copied" not in result.stdout
     (kept,) = (place / "checkpoints").glob("simulate-*/cost.json")
-    kept.write_text(json.dumps(json.loads(kept.read_text()) | {"seconds": 1e6}))
+    steps = {"steps": 5000, "forced": 12}
+    kept.write_text(json.dumps(json.loads(kept.read_text()) | steps | {"seconds": 1e6}))
     with patch("tactile_viewgcn.glove.simulation.simulate", side_effect=AssertionError("it was simulated before")):
         copied = run_stage("simulate", "--out", "again", "--record", "again.json", cwd=place)
     assert "copied from checkpoints/simulate-" in copied.stdout and "1,000,000 s of simulation" in copied.stdout
+    assert "of 5,000 steps 12 missed the tolerance" in copied.stdout
     again = Record.read((place / "again.json").read_text())
     assert md5(place / "again") == md5(place / "made")
-    assert again.counts == record.counts | {"simulation.seconds": 1e6}
+    assert again.counts == record.counts | steps | {"simulation.seconds": 1e6}
     assert again.seconds < 1e6  # those of the copy, which count in the total
 
 

@@ -69,7 +69,8 @@ def test_windows_that_overlap_are_warned_of_and_held_out_with_the_others_of_thei
     parts = windows(long, 40, 20)
     of_long = np.repeat(np.arange(6), 10)
     recordings = table_of(parts, of_long % 3)
-    assert "54 recordings" in warned(recordings)["shared frames"]
+    text = warned(recordings)["shared frames"]
+    assert "54 recordings" in text and "and 51 more. " in text
     look = look_at(recordings)
     columns = held_together(recordings, look).columns
     groups = pd.Series(split_groups(columns, "recording")).groupby(columns["recording"]).first()
@@ -151,6 +152,19 @@ def test_single_frames_of_few_levels_are_no_copies_and_copied_ones_are():
     many = [rng.normal(500, 50, (1, 16)) for _ in range(60)]
     text = warned(table_of([*many, many[4], many[7]]))["copies"]
     assert "X[60] repeats X[4]" in text and "X[61] repeats X[7]" in text
+
+
+def test_a_copy_whose_zeros_have_a_sign_is_a_copy():
+    arrays = [np.maximum(array - 501, 0.0) for array in counts(0)]
+    arrays.append(np.where(arrays[4] == 0, -0.0, arrays[4]))
+    assert "X[12] repeats X[4]" in warned(table_of(arrays))["copies"]
+
+
+def test_motions_that_each_recording_repeats_are_no_frames_in_common():
+    """The same steps of a machine, again and again; each recording begins with another one."""
+    steps = np.random.default_rng(0).normal(500, 50, (20, 8))
+    turned = [np.roll(steps, number, axis=0) for number in range(9)]
+    assert warned(table_of([np.tile(each, (10, 1)) for each in turned])) == {}
 
 
 def test_pieces_under_other_objects_are_named_as_wrong_labels():
@@ -313,6 +327,15 @@ def test_recordings_in_another_unit_are_named_with_the_factor(offset, factor, of
     assert ("weaker" in text) == (factor < 1)
     times = float(text.partition("about ")[2].partition(" times")[0])
     assert times == pytest.approx(max(factor, 1 / factor), rel=0.5)
+
+
+def test_whole_counts_that_often_stand_still_are_named_in_another_unit_too():
+    """A step of 0 tells nothing of the unit."""
+    arrays = [array.round() for array in counts(0, recordings=24)]
+    assert (np.diff(np.stack(arrays), axis=1) == 0).mean() > 0.2
+    arrays[4] *= 16
+    text = warned(table_of(arrays))["unit"]
+    assert "1 recording about 15.4 times stronger" in text and "X[4]" in text
 
 
 def test_half_of_the_recordings_in_volts_are_found_too():
