@@ -55,6 +55,13 @@ def fault_of(fitted: FittedPreprocessing, counts: np.ndarray, contact: np.ndarra
         unfit = counts[(counts % 1 != 0) | (counts < least) | (counts > most)]
         if unfit.size:
             return f"holds {unfit[0]:g}; expected whole numbers from {least} to {most}, raw counts as in training"
+    weakest_raw = weakest_baseline(fitted)
+    raw = strong_reading(counts[:, fitted.live])
+    if not contact.any() and raw < weakest_raw / MOST_TIMES:  # no contact is found in a smaller unit
+        return (
+            f"one in a hundred readings is {raw:.3g} or more; expected {weakest_raw:.3g} or more, as an open hand read "
+            "in the training: is the glove or the unit a different one?"
+        )
     scales = zip(("off its baseline", "as recorded"), (excess, counts[contact]), fitted.strong_readings, strict=True)
     for origin, readings, (weakest, strongest) in scales if contact.any() else ():
         reading = strong_reading(readings[:, fitted.live])
@@ -64,6 +71,11 @@ def fault_of(fitted: FittedPreprocessing, counts: np.ndarray, contact: np.ndarra
                 f"{strongest:.3g}, as in the training: is the glove or the unit a different one?"
             )
     return ""
+
+
+def weakest_baseline(fitted: FittedPreprocessing) -> float:
+    """The strong reading of the weakest baseline of the training's sessions."""
+    return min(strong_reading(mean[fitted.live]) for mean in fitted.baselines.values())
 
 
 def is_untouched(fitted: FittedPreprocessing, counts: np.ndarray, contact: np.ndarray, excess: np.ndarray) -> bool:
@@ -84,8 +96,7 @@ def is_untouched(fitted: FittedPreprocessing, counts: np.ndarray, contact: np.nd
     (weakest, _), (_, strongest_raw) = fitted.strong_readings
     raw = strong_reading(counts[contact][:, live])
     is_weak = strong_reading(excess[:, live]) < weakest / MOST_TIMES
-    baseline = min(strong_reading(mean[live]) for mean in fitted.baselines.values())
-    is_in_range = baseline / MOST_TIMES <= raw <= strongest_raw * MOST_TIMES
+    is_in_range = weakest_baseline(fitted) / MOST_TIMES <= raw <= strongest_raw * MOST_TIMES
     if not (is_weak and is_in_range):
         return False
     change = change_between_frames(counts, live)

@@ -105,6 +105,13 @@ def test_another_unit_is_no_open_hand_where_every_frame_is_taken(name, times, wi
         classifier.predict([times * X[0]])
 
 
+@pytest.mark.parametrize("times", [0.0, 1 / 300])
+def test_another_unit_in_which_no_contact_is_found_is_no_empty_hand(times):
+    classifier, X, _ = fitted(GLOVES["an array, the hand open first"], {}, with_empty_hand=True)
+    with pytest.raises(UserError, match="unit"):
+        classifier.predict([times * X[0]])
+
+
 def test_an_empty_hand_that_once_read_far_more_than_the_objects_is_answered():
     rng = np.random.default_rng(0)
     X = [channels(number, rng) for number in [*range(EMPTY + 1)] * 5]
