@@ -5,7 +5,7 @@ If they do, a low error of a system says little about touch.
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -26,6 +26,8 @@ FRAMES = 8  # most frames in a mean: as many as the paper's views
 FOLDS = 3
 PENALTY = 2.0  # of ridge regression, for each sensor
 ROUNDING = 1e-9  # of a share
+PERMUTATIONS = 99  # of the objects, by which an error that is little below chance is judged
+MOST_BY_CHANCE = 0.02  # share of the permutations that may have an error as low
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,8 @@ class QuickError:
         chance: error of always answering the object with the most groups.
         groups, frames: numbers of those that were used.
         objects_left_out: number of objects that have usable frames in a single group, which no fold can hold out.
+        by_chance: share of random assignments of the objects to the groups that have an error as low; 0 where that was
+            not asked, as of an error far below chance.
     """
 
     error: float
@@ -47,11 +51,12 @@ class QuickError:
     groups: int
     frames: int
     objects_left_out: int = 0
+    by_chance: float = 0.0
 
     @property
     def beats_chance(self) -> bool:
-        """Whether the whole interval lies below chance: the readings predict the object."""
-        return self.high < self.chance - ROUNDING
+        """Whether the readings predict the object: the whole interval lies below chance, and few permutations do."""
+        return self.high < self.chance - ROUNDING and self.by_chance <= MOST_BY_CHANCE
 
 
 def quick_error(
@@ -94,13 +99,43 @@ def quick_error(
     used = np.concatenate(rows)
     values = np.split(readings(used), np.cumsum([len(row) for row in rows])[:-1])
     means = np.stack([value.mean(axis=0, dtype=np.float64) for value in values])
-    label_of, group_of = cells[:, of_cell]
-    is_wrong = _answers(means, label_of, group_of, nearest=nearest) != label_of
-    wrong = np.bincount(of_cell, is_wrong) / np.bincount(of_cell)
+
+    def wrong_by(labels: np.ndarray) -> np.ndarray:
+        """The share of wrong answers of each cell, if the cells are of the objects `labels`."""
+        expected = labels[of_cell]
+        is_wrong = _answers(means, expected, cells[1, of_cell], nearest=nearest) != expected
+        return np.bincount(of_cell, is_wrong) / np.bincount(of_cell)
+
+    wrong = wrong_by(cells[0])
     low, high = proportion_interval(wrong, cells[1], stream(SPLIT_SEED, "quick error")) or (0.0, 1.0)
     chance = 1 - np.bincount(cells[0]).max() / len(cells.T)
     groups = len(np.unique(cells[1]))
-    return QuickError(float(wrong.mean()), low, high, float(chance), groups, len(used), objects_left_out)
+    error = QuickError(float(wrong.mean()), low, high, float(chance), groups, len(used), objects_left_out)
+    if not nearest and error.beats_chance and error.error > chance / 2:
+        return replace(error, by_chance=_share_by_chance(error.error, wrong_by, cells))
+    return error
+
+
+def _share_by_chance(error: float, wrong_by: Callable[[np.ndarray], np.ndarray], cells: np.ndarray) -> float:
+    """The share of random assignments of objects to groups whose error is as low as `error`.
+
+    An object keeps its number of groups. Where groups span objects, as sessions do, objects change places within each.
+
+    Args:
+        wrong_by: function from the objects (n,) of the cells to the share of wrong answers (n,) in each.
+        cells: int (2, n), object and group of each cell.
+    """
+    rng = stream(SPLIT_SEED, "permutations")
+    spans = len(np.unique(cells[1])) < cells.shape[1]
+    blocks = cells[1] if spans else np.zeros_like(cells[1])
+    as_low = 0
+    for _ in range(PERMUTATIONS):
+        objects = cells[0].copy()
+        for block in np.unique(blocks):
+            members = np.flatnonzero(blocks == block)
+            objects[members] = rng.permutation(objects[members])
+        as_low += wrong_by(objects).mean() <= error + ROUNDING
+    return as_low / PERMUTATIONS
 
 
 def _answers(means: np.ndarray, label: np.ndarray, group: np.ndarray, *, nearest: bool) -> np.ndarray:

@@ -141,3 +141,18 @@ def test_many_objects_of_two_recordings_each_are_told_by_a_number_without_a_word
     usable = np.ones(60, dtype=bool)
     error = quick_error(lambda index: label[index, None] * 1.0, usable, label, group, nearest=True)
     assert error.error == 0 and error.beats_chance
+
+
+@pytest.mark.parametrize(("by_chance", "beats_chance"), [(0.0, True), (0.05, False)])
+def test_an_error_a_little_below_chance_is_no_leak_where_random_objects_do_as_well(by_chance, beats_chance):
+    error = QuickError(0.91, 0.85, 0.956, 0.9615, 78, 1111, by_chance=by_chance)
+    assert error.beats_chance == beats_chance
+
+
+def test_a_weak_leak_is_found_among_many_groups():
+    """Forty objects of four groups each: most answers are wrong, but far fewer than by chance."""
+    rng = np.random.default_rng(0)
+    label = np.repeat(np.arange(40), 4)
+    readings = rng.normal(size=(40, 6))[label] + rng.normal(0, 1.2, (160, 6))
+    error = quick_error(readings.__getitem__, np.ones(160, dtype=bool), label, np.arange(160))
+    assert error.chance / 2 < error.error < error.chance and error.beats_chance
