@@ -46,7 +46,7 @@ def fault_of(fitted: FittedPreprocessing, counts: np.ndarray, contact: np.ndarra
 
     Args:
         counts: (n, H, W) of all its frames.
-        contact: bool (n,) frames of contact with an object; the scale is that of these.
+        contact: bool (n,) frames of contact with an object, whose scale is checked; without any, that of all frames is.
         excess: (k, H, W) their counts above baseline.
     """
     dtype = np.dtype(fitted.dtype)

@@ -21,8 +21,8 @@ COPY_BITS = 40.0  # of a whole recording, and two more for each doubling of the 
 RUN_FRAMES = (4, 8, 16, 32, 64, 128)  # lengths of the runs that are compared
 FEWEST_CHANGES = 3  # frames of a run that differ from the one before
 RESOLUTION = 1e-6  # of a sensor's range: smaller differences are rounding errors
-CLOCK_STEPS = 10  # fewest steps of one sign by which a column counts as a clock
-MOSTLY = 0.9  # share of the recordings in which a clock only rises, or only falls
+RISING_STEPS = 10  # fewest steps of one sign by which a column counts as a clock
+RISING_SHARE = 0.9  # share of the recordings in which a clock only rises, or only falls
 HASHED_READINGS = 2**22  # at once
 MULTIPLIER = 0x9E3779B97F4A7C15  # odd, of the rolling hash
 
@@ -60,7 +60,7 @@ def is_clock(live: Counts, index_of: list[np.ndarray]) -> np.ndarray:
         index_of: indices of the frames of each recording.
     """
     moving = [index for index in index_of if len(index) > 1]
-    most_others = (1 - MOSTLY) * len(moving)
+    most_others = (1 - RISING_SHARE) * len(moving)
     others = np.zeros((2, live.shape[1]))  # recordings in which a column does not rise, or fall
     for index in moving:
         columns = np.flatnonzero(others.min(axis=0) <= most_others)
@@ -71,7 +71,7 @@ def is_clock(live: Counts, index_of: list[np.ndarray]) -> np.ndarray:
         others[1, columns] += (counts[1:] >= counts[:-1]).any(axis=0)
     clocks: np.ndarray = others.min(axis=0) <= most_others
     steps = sum(len(index) - 1 for index in moving)
-    if steps < CLOCK_STEPS or clocks.all():
+    if steps < RISING_STEPS or clocks.all():
         return np.zeros_like(clocks)
     return clocks
 
