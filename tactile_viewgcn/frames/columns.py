@@ -155,8 +155,9 @@ def _leaving_out(recordings: Recordings, found: list[int], text: str) -> Note:
         if left_out:
             text += f"Set {quote(as_change('data.columns', left_out))}, beside what it lists already."
             return Note(text, "warning", "columns", "data.columns", left_out)
-    numbers = [f"{LEAVE_OUT}{np.flatnonzero(recordings.live)[column] + 1}" for column in found]
     if len(recordings.live) == 1:
+        of_live = recordings.sensor_numbers[recordings.live[0]]
+        numbers = [f"{LEAVE_OUT}{of_live[column]}" for column in found]
         text += f"Of a table without names set {quote(as_change('data.columns', numbers))}. "
     return Note(f"{text}Save an array without such columns.", "warning", "columns")
 

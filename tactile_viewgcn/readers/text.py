@@ -151,7 +151,7 @@ def table_of(names: list[str], cells: "DataFrame", form: Form, file: str, places
             example = str(cells[at][~filled].iloc[0])
             content = f"time, not used: {np.sum(~filled)} of {len(cells)} cells are no number, such as {example!r}"
         topic = MODEL_TOPIC if content.startswith(NOT_OF_MODEL) else "columns"
-        notes.append(Note(f"{column} is no sensor ({content})", topic=topic))
+        notes.append(Note(f"{column} is no sensor ({content})", topic=topic, value=at + 1))
     if of_model:
         order = [channels.index(name) for name in of_model]
         sensors = [sensors[at] for at in order]

@@ -18,7 +18,16 @@ from tactile_viewgcn.files import new_files, readable
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
 from tactile_viewgcn.readers.child import limit, run_apart, serve
 from tactile_viewgcn.readers.formats import TEXTS, files_of, open_source
-from tactile_viewgcn.readers.source import AUTO, BLOCK_FRAMES, COLUMNS, Form, Recording, Source, check_column
+from tactile_viewgcn.readers.source import (
+    AUTO,
+    BLOCK_FRAMES,
+    COLUMNS,
+    MODEL_TOPIC,
+    Form,
+    Recording,
+    Source,
+    check_column,
+)
 from tactile_viewgcn.tables.counts import Counts, Gathered, read_columns, read_counts, write_columns, write_counts
 
 ALWAYS = tuple(COLUMNS)[:5]  # the columns that every table has
@@ -143,8 +152,20 @@ class Recordings:
 
     def sensor_names(self, chosen: np.ndarray) -> list[str]:
         """Names of the chosen sensors, bool (H, W): of channels, else row and column from 1."""
-        places = [f"row {row}, " * (len(chosen) > 1) + f"column {column}" for row, column in np.argwhere(chosen) + 1]
-        return [self.channel_names[at] for at in np.flatnonzero(chosen)] if self.channel_names else places
+        if self.channel_names:
+            return [self.channel_names[at] for at in np.flatnonzero(chosen)]
+        if len(chosen) == 1:
+            return [f"column {number}" for number in self.sensor_numbers[chosen[0]]]
+        return [f"row {row}, column {column}" for row, column in np.argwhere(chosen) + 1]
+
+    @property
+    def sensor_numbers(self) -> np.ndarray:
+        """The numbers (W,) from 1 of the sensors of one row among all columns of their file."""
+        topics = ("columns", MODEL_TOPIC)
+        values = [note.value for note in self.notes if note.topic in topics]
+        others = [value for value in values if isinstance(value, int)]
+        numbers = np.arange(1, self.live.size + len(others) + 1)
+        return np.setdiff1d(numbers, others)[: self.live.size]
 
     def part(self, rows: np.ndarray) -> "Recordings":
         """The frames in rising `rows` (n,) as a table with the same live sensors."""

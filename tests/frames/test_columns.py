@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames.columns import column_notes
+from tactile_viewgcn.readers.source import Form
 from tests.glove_data import of_arrays
+from tests.readers.files import ingested, save
 
 R, N = np.arange(24)[:, None], np.arange(40)  # number of each recording, six of each of four objects; of each frame
 OBJECT, STARTED = R // 6, 300 * R + 5 * (R % 5)  # frames before it where the objects are recorded in turn
@@ -131,3 +133,18 @@ def test_a_column_without_a_name_is_left_out_by_its_number_in_the_table(dead):
     columns = [0 * (R + N)] * dead + [N + 0 * R, tremble(), tremble()]
     (note,) = column_notes(recordings_of(*columns, names=[]))
     assert f"column {dead + 1} " in note.text and f'"leave_out:{dead + 1}"' in note.text
+
+
+@pytest.mark.parametrize(("columns", "number"), [("", 4), ("1", 4), ("3", 4), ("4", 0)])
+def test_a_column_has_its_number_in_the_file_where_others_are_left_out(tmp_path, columns, number):
+    """Of the files' columns the second is empty, and the fourth is a clock."""
+    for place in ("ball/1", "ball/2", "mug/1", "mug/2"):
+        a, b = DRAWN.normal(500, 3, (2, 40)).round(3)
+        lines = [f"{a[frame]},,{b[frame]},{frame}" for frame in N]
+        save(tmp_path / "lab" / f"{place}.csv", "\n".join(lines) + "\n")
+    form = Form(columns=[f"leave_out:{column}" for column in columns])
+    _, table = ingested(tmp_path / "lab", form=form)
+    texts = [note.text for note in column_notes(table)]
+    assert len(texts) == bool(number)
+    assert all(f"column {number} moves" in text for text in texts)
+    assert all(f'"leave_out:{number}"' in text for text in texts)

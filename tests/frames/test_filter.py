@@ -70,8 +70,6 @@ def test_notes_count_the_frames_that_a_filter_drops(recordings, kind):
     assert not notes or f"{(~passed).sum()} of 60 frames" in notes[0].text
 
 
-@pytest.mark.parametrize(
-    ("live", "sensors"), [(1, 1), (15, 1), (16, 2), (40, 2), (80, 2), (81, 3), (548, 14), (4096, 14)]
-)
+@pytest.mark.parametrize(("live", "sensors"), [(15, 1), (16, 2), (80, 2), (81, 3), (999, 14)])
 def test_contact_is_a_fortieth_of_the_sensors_two_at_least_but_of_few_sensors_one(live, sensors):
     assert sensors_in_contact(live) == sensors
