@@ -79,7 +79,7 @@ def is_clock(live: Counts, index_of: list[np.ndarray]) -> np.ndarray:
 def frame_hashes(counts: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """A hash uint64 (n,) of each frame of a recording's counts (n, S), by the sensors' `weights` (S,)."""
     hashes = np.empty(len(counts), dtype=np.uint64)
-    block = max(1, HASHED_READINGS // counts.shape[1])
+    block = max(1, HASHED_READINGS // max(1, counts.shape[1]))
     for start in range(0, len(counts), block):
         values = counts[start : start + block] + counts.dtype.type(0)  # -0.0 becomes 0.0
         words = pd.util.hash_array(values.ravel(), categorize=False).reshape(values.shape)
