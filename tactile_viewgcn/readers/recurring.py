@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from tactile_viewgcn.messages import Note, listed, several
 from tactile_viewgcn.readers.layout import PART, PIECE, without_copy
-from tactile_viewgcn.readers.source import setting
+from tactile_viewgcn.readers.source import SIDE, setting
 
 #: Words for a recording of several, maybe with its number.
 REPEATS = r"(?i:trial|rep|repetition|rec|recording|run|take|try|grasp|grip|sample|file|no|nr|num|idx|t|r|n)\d*"
@@ -107,7 +107,8 @@ def _is_hand_or_piece(text: str) -> bool:
 
 
 def _is_no_person(text: str) -> bool:
-    return re.fullmatch(REPEATS, text) is not None
+    """Whether a part of a name numbers a repetition, or is a side of a split such as `train`."""
+    return re.fullmatch(REPEATS, text) is not None or SIDE.fullmatch(text.lower()) is not None
 
 
 def _remedy(parts: list[list[str]], part: int, mark: str, layout: str, *, is_flat: bool, has_labels: bool) -> str:

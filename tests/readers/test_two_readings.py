@@ -338,6 +338,14 @@ def test_numbers_of_recordings_are_no_persons(tmp_path, place):
     assert not texts(ingested(tmp_path / "lab")[1], "names")
 
 
+def test_sides_of_a_split_in_names_are_no_persons(tmp_path):
+    for side in ("train", "test"):
+        for number in range(3):
+            for at, name in enumerate(OBJECTS):
+                save(tmp_path / "lab" / name / f"{side}_{number}.npy", COUNTS + 10 * number + at)
+    assert not texts(ingested(tmp_path / "lab")[1], "names")
+
+
 def test_a_word_in_names_that_cannot_be_a_layout_has_a_remedy_too(tmp_path):
     for person in (1, 2):
         for index in range(3):
