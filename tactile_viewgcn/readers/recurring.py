@@ -56,6 +56,8 @@ def session_notes(places: Sequence[str], objects: Sequence[str | None], layout: 
         if is_candidate and others and _recurs(texts, others, is_whole_name=last == 0):
             recurring.append(part)
     recurring = [part for part in recurring if not all(map(_is_no_person, parts[part]))]
+    if any(all(map(_is_side, parts[part])) for part in whole):  # the numbers begin anew on each side
+        recurring = [part for part in recurring if not all(text.isdigit() for text in parts[part])]
     if is_flat:  # of two words, one with numbers is rather a person
         likely = [part for part in recurring if all(re.search(r"\d", text) for text in parts[part])]
     else:
@@ -107,8 +109,12 @@ def _is_hand_or_piece(text: str) -> bool:
 
 
 def _is_no_person(text: str) -> bool:
-    """Whether a part of a name numbers a repetition, or is a side of a split such as `train`."""
-    return re.fullmatch(REPEATS, text) is not None or SIDE.fullmatch(text.lower()) is not None
+    return re.fullmatch(REPEATS, text) is not None or _is_side(text)
+
+
+def _is_side(text: str) -> bool:
+    """Whether a part of a name is a side of a split, such as `train`."""
+    return SIDE.fullmatch(text.lower()) is not None
 
 
 def _remedy(parts: list[list[str]], part: int, mark: str, layout: str, *, is_flat: bool, has_labels: bool) -> str:
