@@ -18,13 +18,20 @@ Result = tuple[str, list[dict], Figure | None]  # text above the table, its rows
 def benchmark(measure: Callable[[Params, bool], Result]) -> click.Command:
     """Command of `measure(params, quick)`, named after it.
 
-    It prints text and table, and writes results.csv, .md and .png into benchmarks/NAME, or where --out says.
+    It prints text and table, and writes results.csv, .md and .png into benchmarks/NAME, or where
+    --out says.
     """
     folder = Path("benchmarks", measure.__name__)
 
     @click.command()
-    @click.option("--out", type=click.Path(path_type=Path), help=f"Folder of the results.  [default: {folder}]")
-    @click.option("--quick", is_flag=True, help="Measure less; nothing is written unless --out says where.")
+    @click.option(
+        "--out",
+        type=click.Path(path_type=Path),
+        help=f"Folder of the results.  [default: {folder}]",
+    )
+    @click.option(
+        "--quick", is_flag=True, help="Measure less; nothing is written unless --out says where."
+    )
     @wraps(measure)
     def command(out: Path | None, quick: bool) -> None:
         with program():
@@ -47,5 +54,7 @@ def write_table(folder: Path, rows: list[dict], text: str, picture: Figure | Non
 
 def markdown(rows: list[dict]) -> str:
     """Rows as a Markdown table, numbers at three digits."""
-    table = pd.DataFrame(rows, dtype=object).map(lambda value: f"{value:.3g}" if isinstance(value, float) else value)
+    table = pd.DataFrame(rows, dtype=object).map(
+        lambda value: f"{value:.3g}" if isinstance(value, float) else value
+    )
     return table.to_markdown(index=False, disable_numparse=True)

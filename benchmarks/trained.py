@@ -12,11 +12,14 @@ from tactile_viewgcn.tables.frames import Frames, load_table
 FRAMES, CLASSIFIER = Path("data/frames"), Path("models/classifier.pt")  # as `dvc repro` leaves them
 
 
-def read_trained(frames: Path, classifier: Path, params: Params) -> tuple[Classifier, Frames, Params]:
+def read_trained(
+    frames: Path, classifier: Path, params: Params
+) -> tuple[Classifier, Frames, Params]:
     """The classifier in evaluation mode, the frames it was trained and is tested on, and parameters with its `model`.
 
     Raises:
-        UserError: a file is missing, or the classifier is of other classes or sensors than the frames.
+        UserError: a file is missing, or the classifier is of other classes or sensors than the
+            frames.
     """
     for path in (frames, classifier):
         if not path.exists():
@@ -24,5 +27,7 @@ def read_trained(frames: Path, classifier: Path, params: Params) -> tuple[Classi
     table = load_table(frames, Frames)
     trained, content = load_classifier(classifier)
     if (content.classes, content.preprocessing.live.shape) != (table.classes, table.live.shape):
-        raise UserError(f"{classifier}: of other classes or sensors than {frames}; train it on these frames")
+        raise UserError(
+            f"{classifier}: of other classes or sensors than {frames}; train it on these frames"
+        )
     return trained, table, replace(params, model=content.model, views=trained.views)

@@ -8,7 +8,8 @@ from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("studies", "benchmarks")
-WORDS = "tactile_viewgcn/pages/templates/words.md"  # the glossary, which stands at the end of a report too
+# the glossary, which stands at the end of a report too
+WORDS = "tactile_viewgcn/pages/templates/words.md"
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

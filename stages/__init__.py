@@ -2,4 +2,5 @@
 
 import time
 
-STARTED = time.time()  # when the process of a stage began: Python imports this file before all others of the stage
+# when the process of a stage began: Python imports this file before all others of the stage
+STARTED = time.time()

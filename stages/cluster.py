@@ -18,7 +18,9 @@ def cluster(job: Job, needs: Path, frames: Path, out: Path) -> str:
     params, table = job.params, load_table(frames, Frames)
     clustering = params.cluster if job.needed else replace(params.cluster, method="none")
     count, rng = params.views, stream(params.seed, "cluster")
-    views = cluster_frames(table, viewpoints(count, params.viewpoints, params.seed), clustering, rng)
+    views = cluster_frames(
+        table, viewpoints(count, params.viewpoints, params.seed), clustering, rng
+    )
     index = table.on(TRAIN, VALIDATION)
     pools, empty = len(np.unique(views.pool[index])), int(sets_of(views, index, rng).empty.sum())
     save_table(out, views)

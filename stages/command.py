@@ -36,7 +36,8 @@ class Job:
         record: what is written beside the outputs; the stage puts its numbers into `record.counts`.
         needed: whether `model.system` needs the stage, which otherwise writes a placeholder.
         run: the stage's run in MLflow.
-        afterwards: contexts that end after output and record have taken their places, or after an error.
+        afterwards: contexts that end after output and record have taken their places, or after an
+            error.
     """
 
     params: Any
@@ -59,7 +60,10 @@ class Job:
     def note(self, note: Note) -> None:
         """Print a note, and keep it in the record."""
         width = shutil.get_terminal_size((120, 24)).columns
-        print(textwrap.fill(str(note), width, initial_indent="  ", subsequent_indent="    "), flush=True)
+        print(
+            textwrap.fill(str(note), width, initial_indent="  ", subsequent_indent="    "),
+            flush=True,
+        )
         self.record.notes.append(replace(note, stage=self.record.stage))
 
     def compute(self) -> "Compute":
@@ -81,13 +85,17 @@ class Job:
             self.record.curves.setdefault(name, []).append(value)
         self.run.log("log_metrics", values, epoch)
         if not sys.stderr.isatty():
-            line = ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in values.items())
+            line = ", ".join(
+                f"{name.replace('_', ' ')} {value:.3f}" for name, value in values.items()
+            )
             place = f"{self.record.stage}: epoch {epoch}/{getattr(self.params, self.record.stage).epochs}"
             say(f"{place}, {line}, {self.seconds:.0f} s")
 
     def checkpoint_key(self) -> str:
         """A hash of the parameters, the inputs, and the code that the stage's `deps` in dvc.yaml name."""
-        code = code_of(stages()[self.record.stage], getattr(getattr(self.params, "model", None), "system", ""))
+        code = code_of(
+            stages()[self.record.stage], getattr(getattr(self.params, "model", None), "system", "")
+        )
         inputs = [self.md5(name) for name in self.record.inputs]
         return hashlib.sha256(repr((self.params, inputs, code)).encode()).hexdigest()
 
@@ -96,11 +104,12 @@ def run(work: Callable[..., str], *inputs: str, logged: bool = True) -> None:
     """Run a stage from its command line; a mistake of the user ends it with exit code 1 and one line.
 
     Args:
-        work: takes a `Job`, by name the paths of the inputs, and `out`, a temporary path of its output. Output and
-            record take their places together at the end, or neither does; then the text that it returns is printed.
-        inputs: files and folders that the stage reads, each an option, but for `source`, which is the parameter
-            data.source. If the input `needs` says that the system does without the stage, `work` writes a placeholder,
-            and nothing is logged to MLflow.
+        work: takes a `Job`, by name the paths of the inputs, and `out`, a temporary path of its
+            output. Output and record take their places together at the end, or neither does; then
+            the text that it returns is printed.
+        inputs: files and folders that the stage reads, each an option, but for `source`, which is
+            the parameter data.source. If the input `needs` says that the system does without the
+            stage, `work` writes a placeholder, and nothing is logged to MLflow.
         logged: whether the stage has a run in MLflow, whose library takes seconds to load.
     """
     options = _options(work, [name for name in (*inputs, "out") if name != "source"])
@@ -113,7 +122,13 @@ def run(work: Callable[..., str], *inputs: str, logged: bool = True) -> None:
         tracked: AbstractContextManager[Run] = nullcontext(Run())
         if job.needed and logged:
             tracked = stage_run(job.record)
-        with job.afterwards, tracked as job.run, new_outputs(*places) as made, shown(), working(job.record.stage):
+        with (
+            job.afterwards,
+            tracked as job.run,
+            new_outputs(*places) as made,
+            shown(),
+            working(job.record.stage),
+        ):
             if len(places) == 1 and record:
                 made[0].mkdir()
             text = work(job, **paths, out=made[0])
@@ -125,7 +140,9 @@ def run(work: Callable[..., str], *inputs: str, logged: bool = True) -> None:
         print(text, flush=True)
 
 
-def _begin(stage: str, options: dict[str, Any], inputs: tuple[str, ...]) -> tuple[Job, dict[str, Path]]:
+def _begin(
+    stage: str, options: dict[str, Any], inputs: tuple[str, ...]
+) -> tuple[Job, dict[str, Path]]:
     """Check the parameters and that the inputs are there; return the stage's job, and the inputs' paths.
 
     Raises:
@@ -133,9 +150,12 @@ def _begin(stage: str, options: dict[str, Any], inputs: tuple[str, ...]) -> tupl
     """
     params, entry = load(options["params"], options["set"]), stages()[stage]
     used = params_of(entry, params)
-    values = flatten(params if stage == ROW else used)  # the row in MLflow stands for the whole pipeline
+    # the row in MLflow stands for the whole pipeline
+    values = flatten(params if stage == ROW else used)
     changed = changed_params(values, options["params"])
-    paths = {name: Path(params.data.source) if name == "source" else options[name] for name in inputs}
+    paths = {
+        name: Path(params.data.source) if name == "source" else options[name] for name in inputs
+    }
     for path in paths.values():
         if not path.exists():
             raise UserError(
@@ -159,12 +179,16 @@ def _begin(stage: str, options: dict[str, Any], inputs: tuple[str, ...]) -> tupl
 def _options(work: Callable[..., str], paths: list[str]) -> dict[str, Any]:
     """The options of a stage's command line, by name; `paths` are required."""
     parser = ArgumentParser(
-        f"python -m stages.{work.__name__}", description=work.__globals__["__doc__"], allow_abbrev=False
+        f"python -m stages.{work.__name__}",
+        description=work.__globals__["__doc__"],
+        allow_abbrev=False,
     )
     for name in paths:
         parser.add_argument(f"--{name}", type=Path, required=True)
     parser.add_argument("--params", type=Path, default="params.yaml")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="Change a parameter.")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="Change a parameter."
+    )
     parser.add_argument("--record", type=Path, help="File for costs and notes.")
     parser.add_argument("--debug", action="store_true", help="Show the traceback of an error.")
     return vars(parser.parse_args())

@@ -19,7 +19,9 @@ def evaluate(job: Job, frames: Path, classifier: Path, records: Path, out: Path)
     metrics |= results.new_session(earlier)
     inputs = evaluated_frames(model, table, job.params)
     latency_ms = latency(model, inputs, table.live, predictions.trials[WHOLE].frames)
-    timing = results.costs(latency_ms, results.simulation(earlier) | earlier, job.seconds, peak_mb())
+    timing = results.costs(
+        latency_ms, results.simulation(earlier) | earlier, job.seconds, peak_mb()
+    )
     results.write_results(out, predictions, metrics, timing)
     for stage in earlier:
         job.record.inputs[stage] = {"path": str(records / f"{stage}.json")}
@@ -34,7 +36,9 @@ def evaluate(job: Job, frames: Path, classifier: Path, records: Path, out: Path)
     return "\n".join([*lines, "  next: tactile-viewgcn report"])
 
 
-def log_row(row: Run, predictions: Predictions, metrics: dict, timing: dict, records: results.Records) -> None:
+def log_row(
+    row: Run, predictions: Predictions, metrics: dict, timing: dict, records: results.Records
+) -> None:
     """Log the data set, what the stages chose and counted, errors with their costs, and a picture of the confusions."""
     if "ingest" in records:
         source = records["ingest"].inputs["source"]
@@ -52,7 +56,11 @@ def log_row(row: Run, predictions: Predictions, metrics: dict, timing: dict, rec
         from tactile_viewgcn.plots import confusion  # here, since it loads Matplotlib
 
         classes = predictions.classes.tolist()
-        row.log("log_figure", confusion(predictions.trials[WHOLE].confusion(len(classes)), classes), "confusion.png")
+        row.log(
+            "log_figure",
+            confusion(predictions.trials[WHOLE].confusion(len(classes)), classes),
+            "confusion.png",
+        )
 
 
 if __name__ == "__main__":

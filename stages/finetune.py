@@ -23,11 +23,16 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
             pretrained = torch.load(backbone, map_location="cpu", weights_only=True)
     key = job.checkpoint_key()
     checkpoint_path = job.afterwards.enter_context(training_checkpoint("finetune", key, compute))
-    fitted = fit_classifier(table, clusters, pretrained, params, compute, checkpoint_path, job.epoch)
-    save_classifier(out, fitted.classifier, fitted.model, table, compute.precision, fitted.temperature)
+    fitted = fit_classifier(
+        table, clusters, pretrained, params, compute, checkpoint_path, job.epoch
+    )
+    save_classifier(
+        out, fitted.classifier, fitted.model, table, compute.precision, fitted.temperature
+    )
     for note in fitted.notes:
         job.note(note)
-    job.record.seconds = fitted.progress.resumed[1]  # of the processes before an interruption; this one's are added
+    # of the processes before an interruption; this one's are added
+    job.record.seconds = fitted.progress.resumed[1]
     classifier = fitted.classifier
     head = classifier.head.parameters() if isinstance(classifier, ViewNetwork) else ()
     job.record.counts["weights.head"] = sum(weight.numel() for weight in head)

@@ -21,7 +21,10 @@ def ingest(job: Job, source: Path, out: Path) -> str:
     write_takes(out, table, look)
     for note in remarks(table, look):
         job.note(note)
-    used = {f"{name}s": len(np.unique(table.columns[name])) for name in ("object", "recording", "session")}
+    used = {
+        f"{name}s": len(np.unique(table.columns[name]))
+        for name in ("object", "recording", "session")
+    }
     names = [several(count, name.removesuffix("s")) for name, count in used.items()]
     counts = {"frames": len(table), "sensors": int(table.live.sum())} | used
     has_time = ~np.isnan(table.columns["time"])

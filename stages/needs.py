@@ -1,9 +1,10 @@
 """Check all parameters and data.source, and write which stages the system needs.
 
-A system on the sensors needs no clusters and no backbone. All other stages come after this one, which loads neither
-torch nor MLflow: a wrong value is refused within a second.
+A system on the sensors needs no clusters and no backbone. All other stages come after this one,
+which loads neither torch nor MLflow: a wrong value is refused within a second.
 
-DVC removes what a stage has written before it looks for its inputs, so that the source is looked for here.
+DVC removes what a stage has written before it looks for its inputs, so that the source is looked
+for here.
 """
 
 import json
@@ -27,7 +28,8 @@ def needs(job: Job, out: Path) -> str:
         )
     system = job.params.model.system
     network = not on_sensors(system)
-    needed = json.dumps({"cluster": network, "pretrain": network})  # equal for all systems with a backbone
+    # equal for all systems with a backbone
+    needed = json.dumps({"cluster": network, "pretrain": network})
     write_file(out, f"{needed}\n")
     write_file(out.with_name("source.txt"), "data.source was there\n")  # equal for all sources
     return f"needs: {system} needs {'clusters and a' if network else 'no clusters and no'} pretrained backbone"

@@ -18,7 +18,10 @@ def preprocess(job: Job, recordings: Path, out: Path) -> str:
     frames = made.frames
     save_table(out, frames)
     counts = frame_counts(frames)
-    kept_of, classes = several(len(table), "frame"), several(len(frames.classes), "class", "classes")
+    kept_of, classes = (
+        several(len(table), "frame"),
+        several(len(frames.classes), "class", "classes"),
+    )
     lines = [f"preprocess: {len(frames):,} of {kept_of} kept, {classes}"]
     for side in SIDES:
         texts = [several(counts[f"{what}s.{side}"], what) for what in ("frame", "group", "anchor")]
@@ -26,8 +29,13 @@ def preprocess(job: Job, recordings: Path, out: Path) -> str:
     for note in made.notes:
         job.note(note)
     job.record.counts |= {"frames.kept": len(frames), "frames.dropped": len(table) - len(frames)}
-    job.record.counts |= {"recordings.kept": len(np.unique(frames.recording)), "classes": len(frames.classes)}
-    chosen = {f"resolved.{note.key}": note.value for note in made.choice.notes if note.level == "choice"}
+    job.record.counts |= {
+        "recordings.kept": len(np.unique(frames.recording)),
+        "classes": len(frames.classes),
+    }
+    chosen = {
+        f"resolved.{note.key}": note.value for note in made.choice.notes if note.level == "choice"
+    }
     leak = asdict(made.choice.leak) if made.choice.leak else {}
     job.record.counts |= counts | {f"leak.{name}": value for name, value in leak.items()} | chosen
     return "\n".join(lines)

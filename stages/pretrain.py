@@ -21,7 +21,9 @@ def pretrain(job: Job, needs: Path, frames: Path, out: Path) -> str:
     compute = job.compute()
     key = job.checkpoint_key()
     checkpoint_path = job.afterwards.enter_context(training_checkpoint("pretrain", key, compute))
-    backbone, classifier, progress = pretrain_backbone(table, job.params, compute, checkpoint_path, job.epoch)
+    backbone, classifier, progress = pretrain_backbone(
+        table, job.params, compute, checkpoint_path, job.epoch
+    )
     states = {"backbone": backbone.cpu().state_dict(), "classifier": classifier.cpu().state_dict()}
     write_tensors(out, states | {"classes": table.classes})
     job.record.counts["weights.backbone"] = sum(weight.numel() for weight in backbone.parameters())

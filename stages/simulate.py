@@ -16,7 +16,8 @@ from tactile_viewgcn.glove.simulation import simulate as write_recordings
 def simulate(job: Job, out: Path) -> str:
     """Simulate, or copy what an equal simulation left in `checkpoints/`, since DVC's cache does not have it.
 
-    The record's seconds are the seconds of this run: of the copy, where there was something to copy.
+    The record's seconds are the seconds of this run: of the copy, where there was something to
+    copy.
     """
     recipe = recipe_from_params(job.params.glove)
     kept = root() / "checkpoints" / f"simulate-{job.checkpoint_key()[:16]}"
@@ -32,7 +33,12 @@ def simulate(job: Job, out: Path) -> str:
     seconds = cost.pop("seconds")
     recordings = len(recipe.recordings)
     frames = recordings * recipe.frames
-    counts = {"recordings": recordings, "frames": frames, "version": VERSION, "simulation.seconds": seconds}
+    counts = {
+        "recordings": recordings,
+        "frames": frames,
+        "version": VERSION,
+        "simulation.seconds": seconds,
+    }
     job.record.counts |= counts | cost
     text = f"simulate: {frames:,} simulated frames of {recordings} recordings, virtual glove version {VERSION}"
     if was_kept:

@@ -17,28 +17,55 @@ from tactile_viewgcn.provenance import committed_params
 
 @click.command()
 @click.argument("name", required=False)
-@click.option("--jobs", type=click.IntRange(1), default=1, show_default=True, help="Cells at once on this machine.")
-@click.option("--scheduler", metavar="ADDRESS", help="Dask's scheduler, tcp://HOST:8786: its workers run the cells.")
 @click.option(
-    "--take", type=click.Path(exists=True, file_okay=False, path_type=Path), help="Folder of cells that ran elsewhere."
+    "--jobs",
+    type=click.IntRange(1),
+    default=1,
+    show_default=True,
+    help="Cells at once on this machine.",
 )
-@click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Change a key of every cell; needs --out.")
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results.")
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Dask's scheduler, tcp://HOST:8786: its workers run the cells.",
+)
+@click.option(
+    "--take",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Folder of cells that ran elsewhere.",
+)
+@click.option(
+    "--set",
+    "changes",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Change a key of every cell; needs --out.",
+)
+@click.option(
+    "--out", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results."
+)
 def main(name: str | None, changes: tuple[str, ...], **options: Any) -> None:
     """Run the cells of the study NAME that are missing; without NAME, list all studies."""
     with program():
         if options["take"] and (options["scheduler"] or not name):
             raise UserError("--take runs no cell: expected python -m studies NAME --take FOLDER")
         if changes and not options["out"]:
-            raise UserError("--set without --out: name a folder, as the study's own results are those without changes")
+            raise UserError(
+                "--set without --out: name a folder, as the study's own results are those without changes"
+            )
         if name is None:
-            rows = [f"{study.name:<15} {len(study.cells()):>5}  {study.question}" for study in map(read_study, names())]
+            rows = [
+                f"{study.name:<15} {len(study.cells()):>5}  {study.question}"
+                for study in map(read_study, names())
+            ]
             print(f"{'study':<15} {'cells':>5}  question", *rows, sep="\n")
         else:
             try:
                 run(read_study(name), changes=changes, **options)
             except KeyboardInterrupt:
-                raise SystemExit("stopped: finished cells are kept; the same command goes on with the others") from None
+                raise SystemExit(
+                    "stopped: finished cells are kept; the same command goes on with the others"
+                ) from None
 
 
 def run(
@@ -55,7 +82,8 @@ def run(
     The arguments are the options of `main`.
 
     Raises:
-        UserError: a cell's parameters are wrong, two cells are the same training, cells failed, or see `take_cells`.
+        UserError: a cell's parameters are wrong, two cells are the same training, cells failed, or
+            see `take_cells`.
     """
     from studies.report import write_report  # here, since it loads Matplotlib
 
@@ -71,10 +99,17 @@ def run(
         print("note: params.yaml differs from the last commit, whose values the cells have")
     folder = out or FOLDER / study.name
     try:  # before the first cell runs
-        TemporaryFile(dir=next(place for place in (folder, *folder.parents) if place.exists())).close()
+        TemporaryFile(
+            dir=next(place for place in (folder, *folder.parents) if place.exists())
+        ).close()
     except OSError as error:
-        raise UserError(f"{folder}: {error.strerror}; with --out name a folder that you can write into") from None
-    print(f"{study.name}: {several(len(cells), 'cell')}, finished before: {sum(map(stored, cells))}", flush=True)
+        raise UserError(
+            f"{folder}: {error.strerror}; with --out name a folder that you can write into"
+        ) from None
+    print(
+        f"{study.name}: {several(len(cells), 'cell')}, finished before: {sum(map(stored, cells))}",
+        flush=True,
+    )
     if take:
         print(f"{study.name}: {several(take_cells(take, cells), 'cell')} taken from {take}")
     faults = {} if take else run_cells(study.name, cells, jobs=jobs, scheduler=scheduler)

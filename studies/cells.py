@@ -53,7 +53,9 @@ def key_of(cell: Cell, code: str) -> str:
 def code_of_stages() -> str:
     """A digest of both pipelines and of the code that their stages depend on."""
     entries = stages()
-    return hashlib.sha256(repr((entries, [code_of(entry) for entry in entries.values()])).encode()).hexdigest()
+    return hashlib.sha256(
+        repr((entries, [code_of(entry) for entry in entries.values()])).encode()
+    ).hexdigest()
 
 
 def store(key: str, contents: dict[str, bytes]) -> None:

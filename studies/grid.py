@@ -26,7 +26,8 @@ COLUMNS = {  # costs, and their keys in results/timing.json
 }
 AXES = ("seed", "split.deal", "split.fold")  # keys of params.yaml that a study sets in every cell
 Seeds = Annotated[list[Seed], MinLen(1)]
-Variants = Annotated[dict[StrictStr, dict[StrictStr, Any]], MinLen(1)]  # names, and changes to params.yaml
+# names, and changes to params.yaml
+Variants = Annotated[dict[StrictStr, dict[StrictStr, Any]], MinLen(1)]
 
 
 @dataclass(frozen=True)
@@ -50,16 +51,21 @@ class Study:
     name: str
     question: Annotated[StrictStr, MaxLen(41)]  # what the list of studies prints
     variants: Variants  # the key `preset` among the changes stands for a preset's
-    reference: StrictStr | list[StrictStr] | None  # what the others are compared with; or, with `cross`, its first part
+    # what the others are compared with; or, with `cross`, its first part
+    reference: StrictStr | list[StrictStr] | None
     seeds: Seeds  # every variant is trained from each
-    folds: Literal["all"] | Annotated[list[Natural], MinLen(1)]  # and on each; all: as many as `split.folds` says
+    # and on each; all: as many as `split.folds` says
+    folds: Literal["all"] | Annotated[list[Natural], MinLen(1)]
     columns: list[Literal[tuple(COLUMNS)]]  # costs in the table
     deals: Seeds = field(default_factory=lambda: [0])  # values of `split.deal`
     set: dict[StrictStr, Any] = field(default_factory=dict)  # changes of every cell
-    cross: list[Variants] = field(default_factory=list)  # further variants; every combination is trained
-    one_seed: list[StrictStr] = field(default_factory=list)  # variants that are trained from the first seed alone
+    # further variants; every combination is trained
+    cross: list[Variants] = field(default_factory=list)
+    # variants that are trained from the first seed alone
+    one_seed: list[StrictStr] = field(default_factory=list)
     one_deal: list[StrictStr] = field(default_factory=list)  # on the first deal alone
-    picture: Literal["seconds", "curves"] | None = None  # error against seconds, or along numbered names of `cross`
+    # error against seconds, or along numbered names of `cross`
+    picture: Literal["seconds", "curves"] | None = None
 
     @property
     def references(self) -> list[str]:
@@ -69,18 +75,30 @@ class Study:
         """All cells, seed by seed and deal by deal: changes to the committed params.yaml, `on_top` the last ones.
 
         Raises:
-            UserError: `on_top` names one of `AXES`, or git's HEAD has no params.yaml, or a wrong one.
+            UserError: `on_top` names one of `AXES`, or git's HEAD has no params.yaml, or a wrong
+                one.
         """
         if axis := [key for key in (change.partition("=")[0] for change in on_top) if key in AXES]:
-            raise UserError(f"--set {axis[0]}: every cell has its own; set it in {FOLDER}/{self.name}.yaml")
+            raise UserError(
+                f"--set {axis[0]}: every cell has its own; set it in {FOLDER}/{self.name}.yaml"
+            )
         if not (committed := committed_params(Path("params.yaml"))):
-            raise UserError("no params.yaml in git's HEAD; expected the root of a clone: cells are DVC experiments")
-        default_params(values := tuple(map(as_change, committed, committed.values())), "params.yaml in git's HEAD")
+            raise UserError(
+                "no params.yaml in git's HEAD; expected the root of a clone: cells are DVC experiments"
+            )
+        default_params(
+            values := tuple(map(as_change, committed, committed.values())),
+            "params.yaml in git's HEAD",
+        )
         shared, folds = (*values, *_changes(self.set)), self.folds
         if folds == "all":
-            folds = list(range(default_params((*shared, *on_top, "split.fold=0"), self.name).split.folds))
+            folds = list(
+                range(default_params((*shared, *on_top, "split.fold=0"), self.name).split.folds)
+            )
         cells = []
-        for seed, deal, (variant, changes), fold in product(self.seeds, self.deals, self.crossed(), folds):
+        for seed, deal, (variant, changes), fold in product(
+            self.seeds, self.deals, self.crossed(), folds
+        ):
             if seed != self.seeds[0] and variant in self.one_seed:
                 continue
             if deal != self.deals[0] and variant in self.one_deal:
@@ -93,7 +111,10 @@ class Study:
     def crossed(self) -> Iterator[tuple[str, list[str]]]:
         """Name and changes of every combination of `variants` and `cross`."""
         for entries in product(*(axis.items() for axis in [self.variants, *self.cross])):
-            yield " / ".join(name for name, _ in entries), [one for _, part in entries for one in _changes(part)]
+            yield (
+                " / ".join(name for name, _ in entries),
+                [one for _, part in entries for one in _changes(part)],
+            )
 
 
 def names() -> list[str]:
@@ -104,14 +125,21 @@ def read_study(name: str) -> Study:
     """The study of that name.
 
     Raises:
-        UserError: there is none, its keys or types are not those of `Study`, or it refers to an unknown variant.
+        UserError: there is none, its keys or types are not those of `Study`, or it refers to an
+            unknown variant.
     """
     path = FOLDER / f"{name}.yaml"
     if not path.exists():
-        raise UserError(f"study is {name!r}; expected one of {', '.join(names())} (in the repository's root)")
+        raise UserError(
+            f"study is {name!r}; expected one of {', '.join(names())} (in the repository's root)"
+        )
     study = build(Study, {**read_yaml(path), "name": name}, str(path))
     variants = [variant for variant, _ in study.crossed()]
-    allowed = {"reference": [*variants, *study.variants], "one_seed": variants, "one_deal": variants}
+    allowed = {
+        "reference": [*variants, *study.variants],
+        "one_seed": variants,
+        "one_deal": variants,
+    }
     for key, names_of in allowed.items():
         for each in study.references if key == "reference" else getattr(study, key):
             if each not in names_of:

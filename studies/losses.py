@@ -26,4 +26,6 @@ def losses_of(pretrain: Record, finetune: Record) -> Losses:
         return Losses()
     guessing = record.counts["loss.first"]
     before, end = [guessing, *record.curves["loss"]][-2:]
-    return Losses(guessing, before, end, trained=end <= LEFT * guessing and before - end <= FALL * guessing)
+    return Losses(
+        guessing, before, end, trained=end <= LEFT * guessing and before - end <= FALL * guessing
+    )

@@ -16,7 +16,9 @@ def errors_by_seconds(rows: pd.DataFrame, references: Collection[str], title: st
     panels = [panel for _, panel in rows.groupby("protocol", sort=False)]
     variants, costs = panels[0]["variant"].reset_index(drop=True), panels[0]["seconds"].to_numpy()
     fronts = [pareto_front(costs, panel["error"].to_numpy()) for panel in panels]
-    named = (variants.isin(references) | variants.str.partition(" / ")[0].isin(references)).to_numpy()
+    named = (
+        variants.isin(references) | variants.str.partition(" / ")[0].isin(references)
+    ).to_numpy()
     numbered = sorted({*np.hstack(fronts), *np.flatnonzero(named)}, key=costs.__getitem__)
     figure = Figure(figsize=(5.6 * len(panels), 5.4), layout="constrained")
     figure.subplots(1, len(panels), sharey=True)
@@ -27,7 +29,15 @@ def errors_by_seconds(rows: pd.DataFrame, references: Collection[str], title: st
         axes.plot(costs[named], errors[named], "*", color="C3", ms=14)
         for number, place in enumerate(numbered, start=1):
             at = costs[place], errors[place]
-            axes.annotate(str(number), at, (-7, 0), textcoords="offset points", ha="right", va="center", fontsize=9)
+            axes.annotate(
+                str(number),
+                at,
+                (-7, 0),
+                textcoords="offset points",
+                ha="right",
+                va="center",
+                fontsize=9,
+            )
             axes.plot([], [], " ", label=f"{number}  {variants[place]}")
         axes.grid(alpha=0.3)
         axes.set(xscale="log", xlabel="seconds of both trainings", title=panel["protocol"].iloc[0])
@@ -48,7 +58,15 @@ def error_curves(rows: pd.DataFrame, title: str) -> Figure:
     figure.subplots(1, len(protocols), sharey=True)
     for axes, protocol in zip(figure.axes, protocols, strict=True):
         for name, curve in rows[rows["protocol"] == protocol].groupby("name", sort=False):
-            axes.errorbar(curve["number"], curve["error"], _bars(curve), fmt="o-", ms=4, elinewidth=0.8, label=name)
+            axes.errorbar(
+                curve["number"],
+                curve["error"],
+                _bars(curve),
+                fmt="o-",
+                ms=4,
+                elinewidth=0.8,
+                label=name,
+            )
         axes.set(title=protocol, xlabel=rows.loc[rows["number"].idxmax(), "unit"])  # in the plural
         axes.set_xscale("log")
         axes.xaxis.set(minor_locator=NullLocator())

@@ -36,7 +36,9 @@ PAID = """Costs are those of the cheapest training, since other work only adds t
 milliseconds are of an answer, the memory is that of the stage that needs most."""
 
 
-def write_report(study: Study, answers: list[Answers], folder: Path, on_top: tuple[str, ...] = ()) -> str:
+def write_report(
+    study: Study, answers: list[Answers], folder: Path, on_top: tuple[str, ...] = ()
+) -> str:
     """Write results.csv, results.md and the picture, if any, into `folder`, and return the text of results.md.
 
     Every cell has the changes `on_top`.
@@ -45,7 +47,10 @@ def write_report(study: Study, answers: list[Answers], folder: Path, on_top: tup
         UserError: variants cannot be compared.
     """
     cells = study.cells(on_top)
-    answers, params = complete(answers, len({cell.fold for cell in cells})), default_params(cells[0].changes)
+    answers, params = (
+        complete(answers, len({cell.fold for cell in cells})),
+        default_params(cells[0].changes),
+    )
     data = "Simulated by the virtual glove" if params.data.source == VIRTUAL else params.data.source
     variants = {each.cell.variant for each in answers}
     places = variants | {variant.partition(" / ")[0] for variant in variants}
@@ -56,7 +61,11 @@ def write_report(study: Study, answers: list[Answers], folder: Path, on_top: tup
     first, deals = answers[0], len({each.cell.deal for each in answers})
     sizes = []
     for asked, what in (("recording", "view set"), (WHOLE, "whole recording")):
-        folds = {cell.fold: len(trials[asked].labels) for cell, trials in tested if cell.deal == first.cell.deal}
+        folds = {
+            cell.fold: len(trials[asked].labels)
+            for cell, trials in tested
+            if cell.deal == first.cell.deal
+        }
         sizes.append(several(sum(folds.values()), what))
     sizes.append(several(len(first.predictions.classes), "class", "classes"))
     sizes += [several(params.evaluate.trials, "trial"), several(groups, "split group")]
@@ -74,14 +83,17 @@ def write_report(study: Study, answers: list[Answers], folder: Path, on_top: tup
         (part / "results.md").write_text("\n\n".join(parts) + "\n")
         if study.picture:
             curves = study.picture == "curves"
-            figure = error_curves(rows, title) if curves else errors_by_seconds(rows, references, title)
+            figure = (
+                error_curves(rows, title) if curves else errors_by_seconds(rows, references, title)
+            )
             figure.savefig(part / "results.png", dpi=100)
     return (folder / "results.md").read_text()
 
 
 def missing(cells: list[Cell], answers: list[Answers]) -> list[str]:
     """Variants of the study with the number of their missing trainings, as in `mean 2 of 5`."""
-    planned = dict.fromkeys((cell.variant, cell.seed, cell.deal) for cell in cells)  # each training once, in order
+    # each training once, in order
+    planned = dict.fromkeys((cell.variant, cell.seed, cell.deal) for cell in cells)
     finished = {(each.cell.variant, each.cell.seed, each.cell.deal) for each in answers}
     total = Counter(variant for variant, *_ in planned)
     absent = Counter(training[0] for training in planned if training not in finished)
@@ -106,12 +118,19 @@ def tables(rows: pd.DataFrame, references: Sequence[str], columns: Sequence[str]
             }
             compared = chosen[f"{vs}more"].notna()
             if compared.any():
-                parts += [f"Points more than `{name}`, {protocol}:", _markdown(differences, compared)]
+                parts += [
+                    f"Points more than `{name}`, {protocol}:",
+                    _markdown(differences, compared),
+                ]
     once = rows[~rows.index.duplicated()]
     losses = {name: once[name].map("{:.3f}".format) for name in ("guessing", "before", "end")}
     parts += ["Training:", _paragraph(TRAINED), _markdown(losses | {"machine": once["machine"]})]
     if columns:
-        parts += ["Costs:", _paragraph(PAID), _markdown({name: once[name].map("{:.3g}".format) for name in columns})]
+        parts += [
+            "Costs:",
+            _paragraph(PAID),
+            _markdown({name: once[name].map("{:.3g}".format) for name in columns}),
+        ]
     return parts
 
 
@@ -129,7 +148,11 @@ def _markdown(columns: dict[str, pd.Series], chosen: pd.Series | None = None) ->
     """A table of the variants, or of the chosen ones, without blank columns."""
     table = pd.DataFrame(columns).replace("nan", "")
     table = table if chosen is None else table[chosen]
-    return table.loc[:, (table != "").any()].reset_index().to_markdown(index=False, disable_numparse=True)
+    return (
+        table.loc[:, (table != "").any()]
+        .reset_index()
+        .to_markdown(index=False, disable_numparse=True)
+    )
 
 
 def _paragraph(text: str) -> str:

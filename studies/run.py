@@ -25,7 +25,9 @@ from tactile_viewgcn.schema import as_change, flatten
 one_reader = Lock()  # threads must not share DVC's index of the cache
 
 
-def run_cells(name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: str | None = None) -> dict[str, str]:
+def run_cells(
+    name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: str | None = None
+) -> dict[str, str]:
     """Run every cell that is not stored, store its results, and print its seconds and error, or why it failed.
 
     A reason that was printed before stands as `the same as of` its first cell.
@@ -42,12 +44,24 @@ def run_cells(name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: st
     Raises:
         UserError: Dask is not installed, or there is no such scheduler, or it has no worker.
     """
-    missing, faults, commit = [key for key in cells if not stored(key)], {}, git("rev-parse", "HEAD").strip()
+    missing, faults, commit = (
+        [key for key in cells if not stored(key)],
+        {},
+        git("rev-parse", "HEAD").strip(),
+    )
     with workers(jobs, scheduler) as parallel:
         tasks = (delayed(run_cell)(f"{name}-{key}", key, cells[key], commit) for key in missing)
         for number, (key, contents, text) in enumerate(parallel(tasks), start=1):
-            same = [f"failed: the same as of {cells[other]}" for other, fault in faults.items() if fault == text]
-            print(f"{cells[key]}: {[*same, text][0]}; {len(missing) - number} left\n", end="", flush=True)
+            same = [
+                f"failed: the same as of {cells[other]}"
+                for other, fault in faults.items()
+                if fault == text
+            ]
+            print(
+                f"{cells[key]}: {[*same, text][0]}; {len(missing) - number} left\n",
+                end="",
+                flush=True,
+            )
             if contents:
                 store(key, contents)
             else:
@@ -59,7 +73,13 @@ def run_cells(name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: st
 def workers(jobs: int, scheduler: str | None) -> Iterator[Parallel]:
     """What starts the cells: threads here, each of which waits for a process of DVC, or Dask's workers."""
     if not scheduler:
-        yield Parallel(jobs, return_as="generator_unordered", backend="threading", pre_dispatch="n_jobs", batch_size=1)
+        yield Parallel(
+            jobs,
+            return_as="generator_unordered",
+            backend="threading",
+            pre_dispatch="n_jobs",
+            batch_size=1,
+        )
         return
     try:
         from distributed import Client
@@ -68,25 +88,33 @@ def workers(jobs: int, scheduler: str | None) -> Iterator[Parallel]:
     try:
         client = Client(scheduler)
     except (OSError, ValueError) as error:
-        raise UserError(f"--scheduler is {scheduler}: {error}; expected what `dask scheduler` prints") from None
+        raise UserError(
+            f"--scheduler is {scheduler}: {error}; expected what `dask scheduler` prints"
+        ) from None
     with client, parallel_config("dask", client=client):
         if not client.ncores():
-            raise UserError(f"--scheduler is {scheduler}: it has no worker; start one as in docs/cluster.md")
+            raise UserError(
+                f"--scheduler is {scheduler}: it has no worker; start one as in docs/cluster.md"
+            )
         yield Parallel(return_as="generator_unordered", pre_dispatch="all", batch_size=1)
 
 
-def run_cell(experiment: str, key: str, cell: Cell, commit: str) -> tuple[str, dict[str, bytes], str]:
+def run_cell(
+    experiment: str, key: str, cell: Cell, commit: str
+) -> tuple[str, dict[str, bytes], str]:
     """The key of a cell; the contents of its `RESULTS`, and its seconds and error; or none, and why it failed.
 
-    The cell is run as `dvc exp run --temp`, unless its experiment exists already, in the repository of the working
-    folder, which for a Dask worker is a separate clone. An exception would stop the other cells.
+    The cell is run as `dvc exp run --temp`, unless its experiment exists already, in the repository
+    of the working folder, which for a Dask worker is a separate clone. An exception would stop the
+    other cells.
     """
     place, start = f"{node()}:{Path.cwd()}", monotonic()
     try:
         if (head := git("rev-parse", "HEAD").strip()) != commit:
             raise UserError(f"at commit {head[:9]}; expected {commit[:9]}, the study's")
         revision = experiments().get(experiment) or trained(experiment, key, cell)
-        remedy = f"to run it again: dvc exp remove {experiment} && rm -r $(dvc cache dir)/runs"  # which restores them
+        # which restores them
+        remedy = f"to run it again: dvc exp remove {experiment} && rm -r $(dvc cache dir)/runs"
         with readable(f"experiment {experiment}", "its results cannot be read", remedy):
             contents = results(revision)
             error = 100 * answers_of(cell, contents).predictions.trials[WHOLE].errors.mean()
@@ -94,7 +122,8 @@ def run_cell(experiment: str, key: str, cell: Cell, commit: str) -> tuple[str, d
     except UserError as error:
         return key, {}, f"failed: {' '.join(str(error).split())} ({place})"
     except Exception:
-        return key, {}, f"failed: {place}: {format_exc().strip()}"  # a fault of ours keeps its traceback
+        # a fault of ours keeps its traceback
+        return key, {}, f"failed: {place}: {format_exc().strip()}"
 
 
 def trained(experiment: str, key: str, cell: Cell) -> str:
@@ -105,21 +134,38 @@ def trained(experiment: str, key: str, cell: Cell) -> str:
     """
     from dvc.repo import Repo
 
-    with Repo(_wait_for_lock=True) as repo, repo.lock:  # another cell that starts hides uncommitted code meanwhile
+    # another cell that starts hides uncommitted code meanwhile
+    with Repo(_wait_for_lock=True) as repo, repo.lock:
         if key_of(cell, code_of_stages()) != key:
             raise UserError("code or data have changed since the study began; undo the change")
     print(f"{cell} ...\n", end="", flush=True)  # in one write: lines of two threads do not merge
-    dvc = [sys.executable, "-P", "-m", "dvc", "--wait-for-lock", "exp", "run", "--temp", "--name", experiment]
+    dvc = [
+        sys.executable,
+        "-P",
+        "-m",
+        "dvc",
+        "--wait-for-lock",
+        "exp",
+        "run",
+        "--temp",
+        "--name",
+        experiment,
+    ]
     dvc += [word for change in settings(cell) for word in ("--set-param", change)]
     # the experiment's `python` is this one
-    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    environment = os.environ | {
+        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    }
     log = STORE / f"{experiment}.log"
     log.parent.mkdir(parents=True, exist_ok=True)
     with log.open("w") as file:
-        process = subprocess.Popen(dvc, stdin=subprocess.DEVNULL, stdout=file, stderr=file, env=environment)
+        process = subprocess.Popen(
+            dvc, stdin=subprocess.DEVNULL, stdout=file, stderr=file, env=environment
+        )
         try:
             process.wait()
-        except KeyboardInterrupt:  # the terminal's Ctrl-C reaches DVC too, which removes the experiment's folder
+        # the terminal's Ctrl-C reaches DVC too, which removes the experiment's folder
+        except KeyboardInterrupt:
             process.wait()
             raise
     if not (commit := experiments().get(experiment)):
@@ -131,7 +177,8 @@ def trained(experiment: str, key: str, cell: Cell) -> str:
 def settings(cell: Cell) -> list[str]:
     """Every parameter of the cell for `dvc exp run --set-param`; with `++` the file may lack the key.
 
-    params.yaml may change while the study runs. The source becomes an absolute path: an experiment is elsewhere.
+    params.yaml may change while the study runs. The source becomes an absolute path: an experiment
+    is elsewhere.
     """
     values = flatten(default_params(cell.changes))
     if values["data.source"] != VIRTUAL:

@@ -16,7 +16,11 @@ if TYPE_CHECKING:
     from tactile_viewgcn.readers.source import Form
 
 _SET_DATA = click.option(
-    "--set", "changes", multiple=True, metavar="data.KEY=VALUE", help="How to read SOURCE, as data in params.yaml."
+    "--set",
+    "changes",
+    multiple=True,
+    metavar="data.KEY=VALUE",
+    help="How to read SOURCE, as data in params.yaml.",
 )
 SIDE = click.IntRange(1, MAX_SIDE)  # rows or columns of a frame
 
@@ -30,15 +34,27 @@ def cli() -> None:
 
 @cli.command()
 @click.argument("source", type=click.Path(path_type=Path))
-@click.option("--html", "page", type=click.Path(path_type=Path), help="Write a page with pictures to this file.")
-@click.option("--shape", type=(SIDE, SIDE), metavar="ROWS COLUMNS", help="Shape of a frame of arrays, see data.shape.")
+@click.option(
+    "--html",
+    "page",
+    type=click.Path(path_type=Path),
+    help="Write a page with pictures to this file.",
+)
+@click.option(
+    "--shape",
+    type=(SIDE, SIDE),
+    metavar="ROWS COLUMNS",
+    help="Shape of a frame of arrays, see data.shape.",
+)
 @_SET_DATA
-def inspect(source: Path, page: Path | None, shape: tuple[int, int] | None, changes: tuple[str, ...]) -> None:
+def inspect(
+    source: Path, page: Path | None, shape: tuple[int, int] | None, changes: tuple[str, ...]
+) -> None:
     """Describe the recordings SOURCE and recommend parameters for them, with reasons.
 
-    SOURCE is a STAG metadata.mat, a STAG folder, HDF5 recordings, a folder of arrays (OBJECT/*.npy, .npz or .csv), or
-    one table of all recordings with a column `object`.
-    Every mistake in it is listed.
+    SOURCE is a STAG metadata.mat, a STAG folder, HDF5 recordings, a folder of arrays (OBJECT/*.npy,
+    .npz or .csv), or one table of all recordings with a column `object`. Every mistake in it is
+    listed.
     """
     from tactile_viewgcn.pages.html import write
     from tactile_viewgcn.pages.inspection import inspection_lines, inspection_page
@@ -58,20 +74,24 @@ def preset(name: str) -> None:
     try:
         _say(" ".join(f"-S {change}" for change in preset_changes(name)))
     except UserError:
-        _say(f"-S no-such-preset={name}")  # DVC refuses this; without any option it would run the default
+        # DVC refuses this; without any option it would run the default
+        _say(f"-S no-such-preset={name}")
         raise
 
 
 @cli.command()
 @click.argument("model")
 @click.argument("source")
-@click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="Write the answers to this file too.")
+@click.option(
+    "--csv", "csv_path", type=click.Path(path_type=Path), help="Write the answers to this file too."
+)
 @_SET_DATA
 def predict(changes: tuple[str, ...], **options: Any) -> None:
     """Recognise with MODEL the objects that are held in the recordings SOURCE, labelled or not.
 
-    MODEL is models/classifier.pt, the id of an MLflow run, runs:/ID, models:/NAME/VERSION or models:/NAME@ALIAS.
-    SOURCE is anything that `inspect` reads; HDF5 recordings and arrays need no object here.
+    MODEL is models/classifier.pt, the id of an MLflow run, runs:/ID, models:/NAME/VERSION or
+    models:/NAME@ALIAS. SOURCE is anything that `inspect` reads; HDF5 recordings and arrays need no
+    object here.
     """
     from tactile_viewgcn.recognition import prediction
 
@@ -95,11 +115,14 @@ def _form(changes: tuple[str, ...], *other: str) -> tuple["Form", PreprocessSect
     """The form of a source, and settings of `preprocess`, by `--set` of `data` and of other sections of params.yaml."""
     from tactile_viewgcn.readers.source import Form
 
-    params = default_params(changes, "--set")  # first: a misspelt key is no key of `dvc exp run` either
+    # first: a misspelt key is no key of `dvc exp run` either
+    params = default_params(changes, "--set")
     sections = ("data", *other)
     if wrong := [change for change in changes if change.partition(".")[0] not in sections]:
         expected = " or ".join(f"{name}.KEY=VALUE" for name in sections)
-        raise UserError(f"--set {wrong[0]}: expected {expected}; all else is for `dvc exp run -S {wrong[0]}`")
+        raise UserError(
+            f"--set {wrong[0]}: expected {expected}; all else is for `dvc exp run -S {wrong[0]}`"
+        )
     return Form(params.data.shape, params.data.layout, params.data.columns), params.preprocess
 
 
@@ -109,7 +132,8 @@ def _say(*lines: str) -> None:
 
 def main() -> None:
     """Run the command; a mistake of the user ends in one line and exit code 1, without a traceback."""
-    for stream in (sys.stdout, sys.stderr):  # characters that the terminal's encoding lacks are escaped
+    # characters that the terminal's encoding lacks are escaped
+    for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     with program(debug="--debug" in sys.argv):

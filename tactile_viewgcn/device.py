@@ -25,11 +25,15 @@ class Compute:
 
     def autocast(self) -> torch.autocast:
         """Context in which products are computed in bfloat16, if that is the precision."""
-        return torch.autocast(self.device.type, torch.bfloat16, enabled=self.precision == "bfloat16")
+        return torch.autocast(
+            self.device.type, torch.bfloat16, enabled=self.precision == "bfloat16"
+        )
 
     def frames(self, inputs: Tensor) -> Tensor:
         """Frames (n, H, W) as float32 (n, 1, H, W) in channels-last order, on the device."""
-        return self.to_device(inputs.unsqueeze(1).to(torch.float32, memory_format=torch.channels_last))
+        return self.to_device(
+            inputs.unsqueeze(1).to(torch.float32, memory_format=torch.channels_last)
+        )
 
     def fits(self, size: int) -> bool:
         """Whether `size` bytes take at most half of the CUDA device's free memory."""
@@ -47,7 +51,8 @@ def select_device(device: str = "auto", precision: str = "auto") -> Compute:
 
     Args:
         device: `cpu`, `cuda`, or `auto` (CUDA if available).
-        precision: `float32`, `bfloat16`, or `auto` (bfloat16 if the hardware multiplies it natively).
+        precision: `float32`, `bfloat16`, or `auto` (bfloat16 if the hardware multiplies it
+            natively).
 
     Raises:
         UserError: `cuda` without a CUDA device.
@@ -55,9 +60,12 @@ def select_device(device: str = "auto", precision: str = "auto") -> Compute:
     if device == "auto":
         device = "cuda" if torch.cuda.is_available() else "cpu"
     if device == "cuda" and not torch.cuda.is_available():
-        raise UserError("device is cuda and torch sees no CUDA device; expected device: cpu or auto")
+        raise UserError(
+            "device is cuda and torch sees no CUDA device; expected device: cpu or auto"
+        )
     if device == "cuda":
-        torch.backends.cudnn.allow_tf32 = False  # convolutions in float32 then are exact, as matrix products are
+        # convolutions in float32 then are exact, as matrix products are
+        torch.backends.cudnn.allow_tf32 = False
     if precision == "auto":
         native = torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()
         if device == "cuda":
@@ -69,10 +77,10 @@ def select_device(device: str = "auto", precision: str = "auto") -> Compute:
 def set_threads() -> int:
     """Take as many threads as there are idle cores, at least one, unless OMP_NUM_THREADS fixes the number; return it.
 
-    A step of a small network splits hundreds of products among the threads, and each product waits for the last one:
-    where a busy program uses the core of one thread, all others wait. What is idle is measured for 0.3 seconds, since
-    the load average would still count the stage before. The number holds for the whole process: call this from a
-    program, not a library.
+    A step of a small network splits hundreds of products among the threads, and each product waits
+    for the last one: where a busy program uses the core of one thread, all others wait. What is
+    idle is measured for 0.3 seconds, since the load average would still count the stage before. The
+    number holds for the whole process: call this from a program, not a library.
     """
     import psutil  # comes with DVC, which runs the stages
     from joblib import cpu_count  # respects a container's limit

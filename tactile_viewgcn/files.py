@@ -17,7 +17,8 @@ PART = ".unfinished"  # beginning of the name of a hidden folder in which files 
 LOCK = "lock"  # file in that folder, locked by the process that writes
 MOST_READ = 100_000_000  # bytes of a page or a table of ours
 _md5 = partial(hashlib.md5, usedforsecurity=False)
-LEFT_BEHIND = ("__MACOSX", "Thumbs.db", "desktop.ini")  # by programs that look into a folder or pack it
+# by programs that look into a folder or pack it
+LEFT_BEHIND = ("__MACOSX", "Thumbs.db", "desktop.ini")
 VIDEO_SUFFIX = ".jpg"  # STAG's folders hold gigabytes of video frames too, which no reader reads
 
 
@@ -34,7 +35,9 @@ def home_path(path: str | Path) -> str:
         return str(path)
 
 
-def write_file(path: str | Path, content: str | bytes, is_own: Callable[[str], bool] | None = None) -> None:
+def write_file(
+    path: str | Path, content: str | bytes, is_own: Callable[[str], bool] | None = None
+) -> None:
     """Write a file, a text as UTF-8, whole or not at all; errors as in `new_files`.
 
     Args:
@@ -43,8 +46,12 @@ def write_file(path: str | Path, content: str | bytes, is_own: Callable[[str], b
     path = Path(path)
     _check_place(path)
     size = path.stat().st_size if is_own and path.exists() else 0
-    if size > MOST_READ or (is_own and size and not is_own(path.read_text("utf-8", errors="replace"))):
-        raise UserError(f"{path}: a file that this command has not written; remove it or name another")
+    if size > MOST_READ or (
+        is_own and size and not is_own(path.read_text("utf-8", errors="replace"))
+    ):
+        raise UserError(
+            f"{path}: a file that this command has not written; remove it or name another"
+        )
     with new_files(path.parent, path.name) as part:
         (part / path.name).write_bytes(content.encode() if isinstance(content, str) else content)
 
@@ -53,8 +60,8 @@ def write_file(path: str | Path, content: str | bytes, is_own: Callable[[str], b
 def new_files(folder: str | Path, name: str = "") -> Iterator[Path]:
     """An empty folder whose files take their places in `folder` at the end of the block.
 
-    After an error none does. Otherwise as in `new_outputs`. A library that hides a full disk's error, as torch.save
-    does, has to write into memory.
+    After an error none does. Otherwise as in `new_outputs`. A library that hides a full disk's
+    error, as torch.save does, has to write into memory.
 
     Args:
         name: of the only file, which takes the old one's place at once.
@@ -73,11 +80,12 @@ def new_files(folder: str | Path, name: str = "") -> Iterator[Path]:
 def new_outputs(*places: Path) -> Iterator[list[Path]]:
     """Paths at which to write files or folders, one for each place, where they are put together at the end.
 
-    After an error nothing is put there. What is written beside one of the paths belongs beside its place.
+    After an error nothing is put there. What is written beside one of the paths belongs beside its
+    place.
 
-    The files are synced first. All old ones of the same names go before the first new one comes, so that files of two
-    runs never lie side by side; others stay. What a killed run leaves is a hidden folder, `.unfinished...`, which the
-    next run that writes there removes.
+    The files are synced first. All old ones of the same names go before the first new one comes, so
+    that files of two runs never lie side by side; others stay. What a killed run leaves is a hidden
+    folder, `.unfinished...`, which the next run that writes there removes.
 
     Raises:
         UserError: where a file belongs is a link, folder, named pipe, socket or device.
@@ -87,7 +95,9 @@ def new_outputs(*places: Path) -> Iterator[list[Path]]:
     with ExitStack() as stack:
         try:
             for place in places:
-                hidden = stack.enter_context(_hidden_folder(place if place.is_dir() else place.parent))
+                hidden = stack.enter_context(
+                    _hidden_folder(place if place.is_dir() else place.parent)
+                )
                 made.append(hidden / (place.name or "new"))
             yield made
             moves: list[tuple[Path, Path]] = []
@@ -115,7 +125,8 @@ def _hidden_folder(parent: Path) -> Iterator[Path]:
             _remove_if_abandoned(path)
     with TemporaryDirectory(prefix=PART, dir=parent) as hidden:
         lock = FileLock(Path(hidden, "locking"))
-        with suppress(NotImplementedError):  # a file system without locks; the folder is then never taken for abandoned
+        # a file system without locks; the folder is then never taken for abandoned
+        with suppress(NotImplementedError):
             lock.acquire()
             Path(lock.lock_file).rename(Path(hidden, LOCK))  # appears locked
         try:
@@ -131,7 +142,8 @@ def _remove_if_abandoned(hidden: Path) -> None:
     from filelock import FileLock
 
     lock = FileLock(hidden / LOCK)
-    with suppress(OSError, NotImplementedError):  # locked, another user's, or on a file system without locks
+    # locked, another user's, or on a file system without locks
+    with suppress(OSError, NotImplementedError):
         if (hidden / LOCK).is_file():
             lock.acquire(timeout=0)
             rmtree(hidden, ignore_errors=True)
@@ -176,7 +188,8 @@ def _place_of(name: str | None, made: list[Path], places: tuple[Path, ...]) -> s
     """The place that a file belongs to which could not be written; without a name the first one."""
     if name is None:
         return str(places[0])
-    for written, place in zip(made, places, strict=False):  # fewer are made where the first had no room
+    # fewer are made where the first had no room
+    for written, place in zip(made, places, strict=False):
         if Path(name).is_relative_to(written.parent):
             return str(place)
     return str(name)
@@ -185,7 +198,9 @@ def _place_of(name: str | None, made: list[Path], places: tuple[Path, ...]) -> s
 def _check_place(place: Path) -> None:
     """Refuse to replace anything but a plain file."""
     if place.is_symlink():
-        raise UserError(f"{place}: a link; name another file, or if DVC has made it: dvc unprotect {place}")
+        raise UserError(
+            f"{place}: a link; name another file, or if DVC has made it: dvc unprotect {place}"
+        )
     check_is_file(place)
 
 
@@ -209,7 +224,9 @@ def readable(
     except (UserError, ImportError, NameError):  # no content of a file lacks a name of our code
         raise
     except BlockingIOError as error:  # HDF5 locks a file in which it writes
-        raise OSError(f"{path}: a different program has it open; close it there and try again") from error
+        raise OSError(
+            f"{path}: a different program has it open; close it there and try again"
+        ) from error
     except MemoryError as error:
         raise MemoryError(f"{path}: {error}") from error
     except Exception as error:  # a damaged file fails in many ways
@@ -232,7 +249,10 @@ def all_below(path: Path) -> list[Path]:
     files, known = list[Path](), {path.resolve()}
     for place, folders, names in os.walk(path, onerror=fail, followlinks=True):
         files += [Path(place, name) for name in names if _is_kept(name)]
-        real = {Path(place, name).resolve(): name for name in sorted(filter(_is_kept, folders), reverse=True)}
+        real = {
+            Path(place, name).resolve(): name
+            for name in sorted(filter(_is_kept, folders), reverse=True)
+        }
         folders[:] = [name for folder, name in real.items() if folder not in known]
         known |= real.keys()
     return sorted(files)
@@ -253,8 +273,14 @@ def md5(path: str | Path) -> str:
     path = Path(path)
     if path.is_dir():
         digest = _md5()
-        for file in (file for file in all_below(path) if file.suffix != VIDEO_SUFFIX and file.is_file()):
-            digest.update(f"{file.relative_to(path).as_posix()} {md5(file)}\n".encode(errors="surrogateescape"))
+        for file in (
+            file for file in all_below(path) if file.suffix != VIDEO_SUFFIX and file.is_file()
+        ):
+            digest.update(
+                f"{file.relative_to(path).as_posix()} {md5(file)}\n".encode(
+                    errors="surrogateescape"
+                )
+            )
         return digest.hexdigest()
     check_is_file(path)
     with path.open("rb") as stream:

@@ -1,6 +1,7 @@
 """Texts for people: names from outside made harmless, the exception for a user's mistakes, notes on results.
 
-Names of objects, recordings, sessions and paths may come from anybody. Tables and model files keep them unchanged.
+Names of objects, recordings, sessions and paths may come from anybody. Tables and model files keep
+them unchanged.
 """
 
 import csv
@@ -29,13 +30,16 @@ def shown(text: object) -> str:
 
 def _shown(letter: str) -> str:
     joins = letter in "\u200c\u200d"  # used in Persian and Hindi
-    plain = letter.isprintable() or joins or unicodedata.category(letter) == "Zs"  # spaces, as the one in 47.3 %
+    # spaces, as the one in 47.3 %
+    plain = letter.isprintable() or joins or unicodedata.category(letter) == "Zs"
     return letter if plain else letter.encode("unicode_escape").decode()
 
 
 def csv_text(rows: Iterable[Iterable[Any]]) -> str:
     """Rows as CSV; a text is `shown`, with an apostrophe before it where a spreadsheet would run it."""
-    csv.writer(file := StringIO(newline="")).writerows([_cell(value) for value in row] for row in rows)
+    csv.writer(file := StringIO(newline="")).writerows(
+        [_cell(value) for value in row] for row in rows
+    )
     return file.getvalue()
 
 
@@ -46,8 +50,8 @@ def _cell(value: Any) -> Any:
 class UserError(ValueError):
     """Wrong data, parameters or surroundings: the message names what was found, what is expected and the remedy.
 
-    Commands print it in one line and exit with 1; any other exception is a fault of the program and keeps its
-    traceback. Control characters in the message are escaped, see `shown`.
+    Commands print it in one line and exit with 1; any other exception is a fault of the program and
+    keeps its traceback. Control characters in the message are escaped, see `shown`.
     """
 
     def __init__(self, message: str):
@@ -59,7 +63,10 @@ def user_message(error: Exception) -> str | None:
     text = shown(" ".join(str(error).split()))
     if isinstance(error, UserError | OSError):
         return text
-    if isinstance(error, ModuleNotFoundError) and str(error.name).partition(".")[0] in ("dvc", "mlflow"):
+    if isinstance(error, ModuleNotFoundError) and str(error.name).partition(".")[0] in (
+        "dvc",
+        "mlflow",
+    ):
         return f"{text}; pip install 'tactile-viewgcn[pipeline]'"
     torch = sys.modules.get("torch")  # a program without torch does not meet its errors
     memory = isinstance(error, MemoryError) or "DefaultCPUAllocator: can't allocate memory" in text
@@ -72,7 +79,8 @@ def user_message(error: Exception) -> str | None:
 def program(*, debug: bool = False) -> Iterator[None]:
     """Context of a whole program: an error that the user can correct ends it with exit code 1 and one line.
 
-    SIGTERM, which `dvc queue kill` sends, ends it with code 143, as an exception, so that temporary files are removed.
+    SIGTERM, which `dvc queue kill` sends, ends it with code 143, as an exception, so that temporary
+    files are removed.
 
     Args:
         debug: such an error keeps its traceback too.
@@ -84,7 +92,8 @@ def program(*, debug: bool = False) -> Iterator[None]:
         message = user_message(error)
         if debug or message is None:
             raise
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the process ends already, and has to print why
+        # the process ends already, and has to print why
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
         print(f"Error: {message}", file=sys.stderr)
         raise SystemExit(1) from None
 
@@ -97,7 +106,8 @@ class Note:
         text: a sentence for people; no program parses it.
         level: `info`, a `choice` that `auto` made, or a `warning`.
         topic: the subject in a word or two, such as `baseline`, `filter`, `split`, `leak check`.
-        key, value: a key of params.yaml with the chosen value, or the remedy of a warning; else the key is empty.
+        key, value: a key of params.yaml with the chosen value, or the remedy of a warning; else the
+            key is empty.
         stage: the stage that made the note; empty outside the stages.
     """
 
@@ -111,7 +121,11 @@ class Note:
     def __str__(self) -> str:
         """The line for a terminal; that of a choice begins with key and value."""
         if self.level == "choice":
-            value = f"{self.value:g}" if isinstance(self.value, float) else str(self.value).replace("'", "")
+            value = (
+                f"{self.value:g}"
+                if isinstance(self.value, float)
+                else str(self.value).replace("'", "")
+            )
             return shown(f"{self.key} {value}: {self.text}")
         warning = "warning: " if self.level == "warning" else ""
         return shown(f"{warning}{self.topic and f'{self.topic}: '}{self.text}")

@@ -21,12 +21,16 @@ from tactile_viewgcn.schema import SECTION, Unique, as_change, build, flatten, n
 PRESETS = Path(str(files("tactile_viewgcn"))) / "presets"
 VIRTUAL = "data/virtual/recordings"  # the `data.source` that the virtual glove writes
 CONTACT_SIGMAS = 5.0  # a pressed sensor reads more than five standard deviations above its baseline
-MAX_NUMBER = 1e30  # it and its inverse are far inside the range of single precision, in which trainings compute
+# it and its inverse are far inside the range of single precision, in which trainings compute
+MAX_NUMBER = 1e30
 MAX_SIDE = 256  # rows and columns of a frame; pressure mats have up to 160 x 64
 MOST = 1_000_000  # upper limit of counts
 COLUMN = "^(pressure|time|object|recording|session|leave_out):.+$"
-# auto; or OBJECT, SESSION, SPLIT, PART and FILE, or some of these, and text without capitals between them
-LAYOUT = "^(auto|[^A-Z]*(OBJECT|SESSION|SPLIT|PART|FILE)([^A-Z]+(OBJECT|SESSION|SPLIT|PART|FILE))*)$"
+# auto; or OBJECT, SESSION, SPLIT, PART and FILE, or some of these, and text without capitals
+# between them
+LAYOUT = (
+    "^(auto|[^A-Z]*(OBJECT|SESSION|SPLIT|PART|FILE)([^A-Z]+(OBJECT|SESSION|SPLIT|PART|FILE))*)$"
+)
 CORNERS = 8  # viewpoints of the cube
 SIDES = ("train", "validation", "test")  # of a split, by code
 TRAIN, VALIDATION, TEST = range(len(SIDES))  # codes of the sides, of a published split too
@@ -44,7 +48,8 @@ System = Literal[  # all but sensors are networks on the pretrained backbone
     "vote",
     "sensors",
 ]
-SensorMember = Literal["trees", "svm", "convolutions", "kernel", "pooled_kernel"]  # of sensors; one may be alone
+# of sensors; one may be alone
+SensorMember = Literal["trees", "svm", "convolutions", "kernel", "pooled_kernel"]
 Member = Literal[SensorMember, "network"]
 Count = Annotated[StrictInt, Interval(ge=1, le=MOST)]
 Side = Annotated[StrictInt, Interval(ge=1, le=MAX_SIDE)]  # rows or columns of a frame
@@ -56,7 +61,8 @@ Seed = Annotated[StrictInt, Interval(ge=0, le=2**32 - 1)]
 Batch = Annotated[StrictInt, Interval(ge=2, le=MOST)]  # batch normalisation needs two examples
 Members = Annotated[list[Member], Strict(), MinLen(1), Unique]
 Columns = Annotated[list[Annotated[StrictStr, StringConstraints(pattern=COLUMN)]], Strict(), Unique]
-Schedule = Literal["constant", "cosine", "compounding_cosine", "exponential"]  # see training/optim.py
+# see training/optim.py
+Schedule = Literal["constant", "cosine", "compounding_cosine", "exponential"]
 Effect = Literal[  # of the virtual glove
     "motion", "weight", "shift", "tremor", "fit",
     "bending", "saturation", "hysteresis", "crosstalk", "noise", "common_mode", "defects",
@@ -95,8 +101,12 @@ def on_sensors(name: str) -> bool:
 @dataclass(frozen=True, config=SECTION)
 class Data:
     source: Annotated[StrictStr, MinLen(1), AfterValidator(_written_out)] = VIRTUAL
-    shape: Literal["auto", "frames_last"] | Annotated[list[Side], Strict(), MinLen(2), MaxLen(2)] = "auto"
-    layout: Annotated[StrictStr, StringConstraints(pattern=LAYOUT), AfterValidator(_each_once)] = "auto"
+    shape: (
+        Literal["auto", "frames_last"] | Annotated[list[Side], Strict(), MinLen(2), MaxLen(2)]
+    ) = "auto"
+    layout: Annotated[StrictStr, StringConstraints(pattern=LAYOUT), AfterValidator(_each_once)] = (
+        "auto"
+    )
     columns: Columns = field(default_factory=list)
 
 
@@ -190,7 +200,8 @@ class Glove:
 
     sessions: Annotated[StrictInt, Interval(ge=2, le=MOST)] = 3
     grasps: Count = 10
-    grasp_frames: Annotated[StrictInt, Interval(ge=10, le=MOST)] = 10  # more than the nine that are not steady
+    # more than the nine that are not steady
+    grasp_frames: Annotated[StrictInt, Interval(ge=10, le=MOST)] = 10
     objects: Literal["all"] | Annotated[list[Grasped], Strict(), MinLen(1), Unique] = "all"
     seed: Seed = 0
     leave_out: Annotated[list[Effect], Strict(), Unique] = field(default_factory=list)
@@ -216,26 +227,41 @@ class Params:
     @model_validator(mode="after")
     def _goes_together(self) -> Self:
         """Refuse values that contradict each other, though each is allowed by itself."""
-        split, model, fewer_views, wrong = self.split, self.model, self.finetune.num_views == "random", []
+        split, model, fewer_views, wrong = (
+            self.split,
+            self.model,
+            self.finetune.num_views == "random",
+            [],
+        )
         if split.fold >= split.folds:
-            wrong.append(f"split.fold is {split.fold}; expected less than split.folds = {split.folds}")
+            wrong.append(
+                f"split.fold is {split.fold}; expected less than split.folds = {split.folds}"
+            )
         if self.evaluate.side == "validation" and not split.validation:
-            wrong.append("evaluate.side is validation, and split.validation is 0: expected a share of the groups")
+            wrong.append(
+                "evaluate.side is validation, and split.validation is 0: expected a share of the groups"
+            )
         if on_sensors(model.system) and split.validation and self.evaluate.side == "test":
             wrong.append(
                 f"split.validation is {split.validation:g}, and model.system is {model.system}, which is calibrated "
                 "without validation groups: expected 0, or evaluate.side validation"
             )
         if fewer_views and model.selector == "joint":
-            wrong.append("model.selector joint needs all views, finetune.num_views is random: expected per_view")
+            wrong.append(
+                "model.selector joint needs all views, finetune.num_views is random: expected per_view"
+            )
         if fewer_views and model.system in ("stag", "rotationnet"):
-            wrong.append(f"model.system is {model.system}, which needs all views: expected finetune.num_views full")
+            wrong.append(
+                f"model.system is {model.system}, which needs all views: expected finetune.num_views full"
+            )
         if self.viewpoints == "cube" and self.views != CORNERS:
             wrong.append(f"viewpoints is cube, which has {CORNERS} places; views is {self.views}")
         levels = sum(self.views >> level >= 2 for level in range(3))  # of the view-graph
         near = model.neighbours if isinstance(model.neighbours, list) else [0] * levels
         if model.system == "view_gcn" and len(near) < levels:
-            wrong.append(f"model.neighbours is {near}: expected one number, or one for each of {levels} levels")
+            wrong.append(
+                f"model.neighbours is {near}: expected one number, or one for each of {levels} levels"
+            )
         if self.preprocess.baseline == "none" and self.preprocess.filter == "contact":
             wrong.append(
                 "preprocess.filter is contact, which needs a baseline's noise: expected preprocess.filter auto"
@@ -254,7 +280,8 @@ def load(path: str | Path, changes: tuple[str, ...] = (), name: str = "") -> Par
         name: first word of an error, instead of the path.
 
     Raises:
-        UserError: lists every mistake, each with its key, its value and the allowed ones, or the nearest known key.
+        UserError: lists every mistake, each with its key, its value and the allowed ones, or the
+            nearest known key.
         FileNotFoundError: no such file.
     """
     return build(Params, read_yaml(Path(path)), str(name or path), changes)
@@ -285,5 +312,7 @@ def preset_changes(name: str) -> list[str]:
         UserError: there is no preset of that name; the message has the nearest name, or all.
     """
     if name not in (names := presets()):
-        raise UserError(f"preset is {name!r}; expected one of {', '.join(names)}{nearest(name, names)}")
+        raise UserError(
+            f"preset is {name!r}; expected one of {', '.join(names)}{nearest(name, names)}"
+        )
     return [as_change(key, value) for key, value in read_yaml(PRESETS / f"{name}.yaml").items()]

@@ -13,7 +13,9 @@ def confusion(counts: np.ndarray, classes: list[str]) -> Figure:
     side, names = 2 + 0.28 * len(classes), list(map(shown, classes))
     figure = Figure(figsize=(1 + side, side), layout="constrained")
     axes = figure.subplots()
-    image = axes.imshow(counts / np.maximum(counts.sum(axis=1, keepdims=True), 1), vmin=0, vmax=1, cmap="Blues")
+    image = axes.imshow(
+        counts / np.maximum(counts.sum(axis=1, keepdims=True), 1), vmin=0, vmax=1, cmap="Blues"
+    )
     axes.set_xticks(range(len(classes)), names, rotation=90, fontsize=8, parse_math=False)
     axes.set_yticks(range(len(classes)), names, fontsize=8, parse_math=False)
     axes.set(xlabel="predicted", ylabel="object")
@@ -25,7 +27,8 @@ def errors_by_frames(errors: dict[str, list[tuple[int, dict[str, Any]]]], chance
     """Errors by the number of frames, with their intervals: a line for each name.
 
     Args:
-        errors: by name, numbers of frames, and `mean`, `low` and `high` as fractions; the latter two may be None.
+        errors: by name, numbers of frames, and `mean`, `low` and `high` as fractions; the latter
+            two may be None.
         chance: error of guessing.
     """
     figure = Figure(figsize=(5.4, 3.2), layout="constrained")

@@ -1,6 +1,7 @@
 """How far a long step has come: a bar on a terminal, and elsewhere a line every ten seconds or so.
 
-Commands show it, inside `shown`. A Python program that uses the package sees nothing unless it does the same.
+Commands show it, inside `shown`. A Python program that uses the package sees nothing unless it does
+the same.
 """
 
 import sys
@@ -51,7 +52,13 @@ def progress(step: str, units: str = "", total: int | None = None, done: int = 0
         total: their number; None where it is not known, and the seconds alone are shown.
         done: units before the first update.
     """
-    settings: dict[str, Any] = {"desc": step, "unit": f" {units}", "total": total, "initial": done, "leave": False}
+    settings: dict[str, Any] = {
+        "desc": step,
+        "unit": f" {units}",
+        "total": total,
+        "initial": done,
+        "leave": False,
+    }
     if not _is_shown.get():
         return tqdm(disable=True, **settings)
     if sys.stderr.isatty():
@@ -91,7 +98,8 @@ class _Lines(tqdm):
     last = 0.0  # when the last line was printed
 
     def __init__(self, **settings: Any):
-        super().__init__(delay=EVERY, maxinterval=EVERY, **settings)  # the delay: nothing is printed here
+        # the delay: nothing is printed here
+        super().__init__(delay=EVERY, maxinterval=EVERY, **settings)
         self.begin = clock()
         if not self.under_way:
             _Lines.last = clock()
@@ -104,7 +112,8 @@ class _Lines(tqdm):
         return None
 
     def close(self) -> None:
-        _Lines.under_way = [bar for bar in self.under_way if bar is not self]  # bars are equal by their place
+        # bars are equal by their place
+        _Lines.under_way = [bar for bar in self.under_way if bar is not self]
         super().close()
 
     def display(self, msg: str | None = None, pos: int | None = None) -> None:

@@ -19,8 +19,10 @@ from tactile_viewgcn.messages import Note
 from tactile_viewgcn.schema import as_change, flatten, parse
 
 ROW = "evaluate"  # the stage whose run is the pipeline's row in MLflow
-EARLIER = "ingest", "preprocess", "cluster", "pretrain", "finetune"  # the stages whose records it reads
-WRITTEN = "params.yaml", "dvc.lock", "results/summary.json"  # no change of the code: a record has its parameters
+# the stages whose records it reads
+EARLIER = "ingest", "preprocess", "cluster", "pretrain", "finetune"
+# no change of the code: a record has its parameters
+WRITTEN = "params.yaml", "dvc.lock", "results/summary.json"
 PACKAGES = "torch", "scikit-learn", "numpy"  # a record has their versions
 
 
@@ -33,7 +35,8 @@ class Record:
         seconds: of the process, and of the training before an interruption; peak_mb: see `peak_mb`.
         inputs: `path` of each input, by its name, and its `md5` where the stage needs it.
         counts: single values; curves: a value for each epoch; both by name.
-        params: `values`, the parameters that the stage reads, and `changed`, those that differ from git; by dotted key.
+        params: `values`, the parameters that the stage reads, and `changed`, those that differ from
+            git; by dotted key.
         origin: see `origin`; and `device` and `precision` of a stage that computes with torch.
     """
 
@@ -66,13 +69,19 @@ def git_revision() -> dict[str, str]:
     excluded = [f":(top,exclude,glob)**/{name}" for name in WRITTEN]
     changed = _git("diff", "HEAD", "--name-only", "--", ":/", *excluded)
     commit = _git("rev-parse", "HEAD").strip()
-    return {"mlflow.source.git.commit": commit, "git.dirty": str(bool(changed)).lower()} if commit else {}
+    return (
+        {"mlflow.source.git.commit": commit, "git.dirty": str(bool(changed)).lower()}
+        if commit
+        else {}
+    )
 
 
 def changed_params(values: dict[str, Any], path: Path) -> dict[str, Any]:
     """The values, by dotted key, that differ from those of the same params.yaml in git's HEAD; none outside git."""
     committed = committed_params(path)
-    return {key: value for key, value in values.items() if key in committed and value != committed[key]}
+    return {
+        key: value for key, value in values.items() if key in committed and value != committed[key]
+    }
 
 
 def committed_params(path: Path) -> dict[str, Any]:
@@ -84,14 +93,16 @@ def committed_params(path: Path) -> dict[str, Any]:
 def run_name(changed: dict[str, Any], *words: str) -> str:
     """Name of a run for people, such as `views=12 pretrain.lr=0.01 mvcnn`: changed parameters, then words.
 
-    The shortest stands first: a list cuts long names, and runs with one long path differ in a short value.
+    The shortest stands first: a list cuts long names, and runs with one long path differ in a short
+    value.
     """
     return " ".join([*sorted(map(as_change, changed, changed.values()), key=len), *words])
 
 
 def origin(stage: str) -> dict[str, str]:
     """Stage, DVC experiment, git revision, time, machine, and versions of Python and of `PACKAGES`."""
-    from joblib import cpu_count  # respects a container's limit; here, since a logged model does without joblib
+    # respects a container's limit; here, since a logged model does without joblib
+    from joblib import cpu_count
 
     experiment = os.environ.get("DVC_EXP_NAME")
     return {
@@ -116,7 +127,10 @@ def processor() -> str:
 
 def peak_mb() -> float:
     """Peak memory, in MB (10^6 bytes), of this process or of a child process that has ended, whichever is larger."""
-    peak, children = (resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    peak, children = (
+        resource.getrusage(who).ru_maxrss
+        for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    )
     with suppress(OSError):  # on Linux ru_maxrss of this process also counts its parent's memory
         peak = int(re.findall(r"VmHWM:\s*(\d+)", Path("/proc/self/status").read_text())[0])
     return max(peak, children) * (1 if sys.platform == "darwin" else 1024) / 1e6

@@ -12,11 +12,13 @@ if TYPE_CHECKING:
 def stream(seed: int, purpose: str, *numbers: int) -> np.random.Generator:
     """Generator for one purpose, and with `numbers` for one trial or fold of it, independent of all others.
 
-    The purpose comes first and the numbers count from 1, because NumPy pads a list of seeds with zeros: [7], [7, 0] and
-    [7, 0, 0] give the same stream. A purpose keeps its text when the code's words change, since a different text gives
-    different numbers.
+    The purpose comes first and the numbers count from 1, because NumPy pads a list of seeds with
+    zeros: [7], [7, 0] and [7, 0, 0] give the same stream. A purpose keeps its text when the code's
+    words change, since a different text gives different numbers.
     """
-    return np.random.default_rng([crc32(purpose.encode()), seed, *(1 + number for number in numbers)])
+    return np.random.default_rng(
+        [crc32(purpose.encode()), seed, *(1 + number for number in numbers)]
+    )
 
 
 def torch_seed(seed: int, purpose: str) -> int:
@@ -24,7 +26,9 @@ def torch_seed(seed: int, purpose: str) -> int:
     return int(stream(seed, purpose).integers(2**63))
 
 
-def torch_generator(seed: int, purpose: str, device: "torch.device | str" = "cpu") -> "torch.Generator":
+def torch_generator(
+    seed: int, purpose: str, device: "torch.device | str" = "cpu"
+) -> "torch.Generator":
     """Torch generator for one purpose on a device."""
     import torch
 

@@ -32,7 +32,9 @@ class _Loader(yaml.SafeLoader):
     """YAML in which 1e-3 is a number, as DVC reads it."""
 
 
-_Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+$"), [*"-+0123456789"])
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+$"), [*"-+0123456789"]
+)
 
 
 def parse(text: str | bytes, name: object) -> Any:
@@ -48,7 +50,9 @@ def read_yaml(path: Path) -> dict[str, Any]:
     check_is_file(path)
     tree = parse(path.read_bytes(), path)
     if not isinstance(tree, dict):
-        raise UserError(f"{path}: expected keys and values, found {'nothing' if tree is None else type(tree).__name__}")
+        raise UserError(
+            f"{path}: expected keys and values, found {'nothing' if tree is None else type(tree).__name__}"
+        )
     return tree
 
 
@@ -56,8 +60,8 @@ def build(kind: Any, tree: dict[str, Any], name: str, changes: tuple[str, ...] =
     """An object of the dataclass `kind` from a mapping with `key=value` changes on top.
 
     Raises:
-        UserError: begins with `name` and lists every mistake, each with its key, pydantic's message and the value; of a
-            misspelt key or choice the nearest known one.
+        UserError: begins with `name` and lists every mistake, each with its key, pydantic's message
+            and the value; of a misspelt key or choice the nearest known one.
     """
     mistakes = []
     for change in changes:
@@ -84,7 +88,9 @@ def _mistake(keys: list[str], error: ErrorDetails) -> str:
     if not key:
         return text
     choices = re.findall("'(.*?)'", error.get("ctx", {}).get("expected", ""))
-    return f"{key}: {text} (got {repr(error['input'])[:MOST_SHOWN]}){nearest(error['input'], choices)}"
+    return (
+        f"{key}: {text} (got {repr(error['input'])[:MOST_SHOWN]}){nearest(error['input'], choices)}"
+    )
 
 
 def nearest(word: Any, words: Iterable[str]) -> str:
@@ -126,6 +132,10 @@ def set_value(tree: dict[str, Any], change: str) -> None:
 
 def as_change(key: str, value: Any) -> str:
     """`key=value` as `dvc exp run -S` and `set_value` read it, with every digit: [3,3,2], true, 0.001, "two words"."""
-    if isinstance(value, str) and re.fullmatch(r"[\w/.-]+", value, re.ASCII) and isinstance(parse(value, key), str):
+    if (
+        isinstance(value, str)
+        and re.fullmatch(r"[\w/.-]+", value, re.ASCII)
+        and isinstance(parse(value, key), str)
+    ):
         return f"{key}={value}"
     return f"{key}={json.dumps(value, ensure_ascii=False, separators=(',', ':'), default=str)}"

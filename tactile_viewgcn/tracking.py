@@ -1,9 +1,10 @@
 """The one module that knows MLflow; only functions import it, since it loads slowly.
 
-The run of `evaluate` is the pipeline's row in the experiment `tactile-viewgcn`; the runs of the other stages are in
-`tactile-viewgcn/stages`. A run begins with its stage and ends with it. The store is `mlflow.db` at the root of the
-repository, with `mlruns/` beside it; MLflow's own variables override it, and a relative `sqlite:///my.db` counts from
-the same root. With MLFLOW_TRACKING_URI=disabled nothing is logged. What the store cannot do costs the run, with one
+The run of `evaluate` is the pipeline's row in the experiment `tactile-viewgcn`; the runs of the
+other stages are in `tactile-viewgcn/stages`. A run begins with its stage and ends with it. The
+store is `mlflow.db` at the root of the repository, with `mlruns/` beside it; MLflow's own variables
+override it, and a relative `sqlite:///my.db` counts from the same root. With
+MLFLOW_TRACKING_URI=disabled nothing is logged. What the store cannot do costs the run, with one
 warning, never the stage.
 """
 
@@ -28,10 +29,14 @@ from tactile_viewgcn.provenance import ROW, Record
 
 EXPERIMENT = "tactile-viewgcn"
 DISABLED, SQLITE = "disabled", "sqlite:///"
-NEEDS = "torch", "numpy", "scipy", "h5py", "pyyaml", "filelock", "pydantic", "tqdm"  # packages of a logged model
-LOCKED = 300  # seconds to wait for other processes that make tables: a minute each on a busy machine
-SHOWN, LONGEST = 400, 5000  # letters of a warning, since a server may answer with a whole page, and of a tag
-KIND = {"mlflow.experimentKind": "custom_model_development"}  # MLflow's pages then show trainings, not chats
+# packages of a logged model
+NEEDS = "torch", "numpy", "scipy", "h5py", "pyyaml", "filelock", "pydantic", "tqdm"
+# seconds to wait for other processes that make tables: a minute each on a busy machine
+LOCKED = 300
+# letters of a warning, since a server may answer with a whole page, and of a tag
+SHOWN, LONGEST = 400, 5000
+# MLflow's pages then show trainings, not chats
+KIND = {"mlflow.experimentKind": "custom_model_development"}
 SETTINGS = {  # MLflow reads them when it is imported
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",  # by default MLflow tries a dead server for minutes
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",  # seconds
@@ -86,18 +91,22 @@ class Run:
             from mlflow.types import ColSpec, Schema, TensorSpec
 
             signature = mlflow.models.ModelSignature(
-                Schema([TensorSpec(np.dtype(object), (-1,), "recordings")]),  # of any length; no fraction is cut off
+                # of any length; no fraction is cut off
+                Schema([TensorSpec(np.dtype(object), (-1,), "recordings")]),
                 Schema([ColSpec("float", name) for name in metadata["classes"]]),
             )
             with warnings.catch_warnings():
-                warnings.filterwarnings("ignore", message=".*input example")  # that would copy frames of the data set
+                # that would copy frames of the data set
+                warnings.filterwarnings("ignore", message=".*input example")
                 return mlflow.pyfunc.log_model(
                     name="classifier",
                     loader_module="tactile_viewgcn.recognition.mlflow_model",
                     data_path=str(checkpoint),
                     code_paths=[str(Path(__file__).parent)],
                     signature=signature,
-                    pip_requirements=[f"{name}=={version(name).partition('+')[0]}" for name in NEEDS],
+                    pip_requirements=[
+                        f"{name}=={version(name).partition('+')[0]}" for name in NEEDS
+                    ],
                     metadata=metadata,
                 ).model_uri
 
@@ -105,11 +114,15 @@ class Run:
 
     def record(self, record: Record) -> None:
         """Log what a stage did: its counts and costs, md5 of inputs, and the record itself; notes as description."""
-        chosen = {name: value for name, value in record.counts.items() if name.startswith("resolved.")}
+        chosen = {
+            name: value for name, value in record.counts.items() if name.startswith("resolved.")
+        }
         numbers = {name: value for name, value in record.counts.items() if name not in chosen}
         if record.stage != ROW:  # it has the costs of all stages
             numbers |= {"seconds": record.seconds, "peak_mb": record.peak_mb}
-        digests = {f"md5.{name}": entry["md5"] for name, entry in record.inputs.items() if "md5" in entry}
+        digests = {
+            f"md5.{name}": entry["md5"] for name, entry in record.inputs.items() if "md5" in entry
+        }
         notes = "\n".join(f"- {note}" for note in record.notes)
         self.log("log_params", chosen)
         self.log("log_metrics", numbers)
@@ -153,7 +166,11 @@ def _begin(record: Record) -> Run:
 
         mlflow.set_tracking_uri(uri)
         place = (database.parent / "mlruns").as_uri() if database else None
-        lock = FileLock(database.with_name("mlflow.db.lock"), timeout=LOCKED) if database else nullcontext()
+        lock = (
+            FileLock(database.with_name("mlflow.db.lock"), timeout=LOCKED)
+            if database
+            else nullcontext()
+        )
         with lock:  # one process of this machine makes the tables
             client = mlflow.MlflowClient()
             for name in (rows, f"{rows}/stages"):
@@ -202,7 +219,8 @@ def download_model(name: str, folder: Path) -> Path:
     """The classifier's file of `runs:/ID` or `models:/NAME/VERSION`, downloaded into a folder.
 
     Raises:
-        UserError: there is no store, or it has no such model, or does not answer; or tracking is disabled.
+        UserError: there is no store, or it has no such model, or does not answer; or tracking is
+            disabled.
     """
     place = f"{name}/classifier" if name.startswith("runs:") and name.count("/") == 1 else name
     for file in _download(place, folder).rglob("*.pt"):
@@ -214,7 +232,9 @@ def _download(name: str, folder: Path) -> Path:
     uri = _address()
     database = _database(uri)
     if uri == DISABLED or (database and not database.exists()):
-        raise UserError(f"{name}: no MLflow store: {uri}; set MLFLOW_TRACKING_URI to the store that has it")
+        raise UserError(
+            f"{name}: no MLflow store: {uri}; set MLFLOW_TRACKING_URI to the store that has it"
+        )
     import mlflow
 
     try:
@@ -229,5 +249,6 @@ def bad_request(message: str) -> Exception:
     from mlflow.exceptions import MlflowException
 
     exception = MlflowException.invalid_parameter_value(message)
-    exception.json_kwargs = {"message": message}  # by default the server puts the whole input before the message
+    # by default the server puts the whole input before the message
+    exception.json_kwargs = {"message": message}
     return exception

@@ -7,7 +7,8 @@ import pytest
 
 from tests.mlflow_stores import fresh_store
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # tiny networks: more threads only wait for each other
+# tiny networks: more threads only wait for each other
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 pytest_plugins = ["tests.stability"]  # the fixture `row`
 ROOT = Path(__file__).parents[1]
 
@@ -22,7 +23,9 @@ def stag_data() -> Path:
 
 @pytest.fixture
 def store(tmp_path, monkeypatch) -> Path:
-    """A folder without an MLflow store that is the repository's root, as in a temporary workspace of DVC."""
+    """A folder without an MLflow store that is the repository's root, as in a temporary workspace
+    of DVC.
+    """
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "")  # MLflow sets it later; the fixture undoes that
     monkeypatch.setenv("DVC_ROOT", str(tmp_path))
     return tmp_path

@@ -13,7 +13,9 @@ def imported_modules(path: Path) -> frozenset[str]:
     """Dotted names of what a file imports, inside functions too, but not for its types alone."""
     names, tree = set(), ast.parse(path.read_text())
     tree.body = [
-        node for node in tree.body if not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
+        node
+        for node in tree.body
+        if not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
     ]
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -24,7 +26,8 @@ def imported_modules(path: Path) -> frozenset[str]:
 
 
 def imported_files(start: str, without: Iterable[str] = (), root: Path = ROOT) -> set[str]:
-    """The files of the project that a file imports at any depth, itself included; of a package its `__init__.py`.
+    """The files of the project that a file imports at any depth, itself included; of a package its
+    `__init__.py`.
 
     Args:
         without: files that are left out, with what they alone import.
@@ -35,7 +38,9 @@ def imported_files(start: str, without: Iterable[str] = (), root: Path = ROOT) -
         if file not in files and file not in without:
             files.add(file)
             places = [name.replace(".", "/") for name in imported_modules(root / file)]
-            waiting += [path for place in places for path in _files_of(place) if (root / path).is_file()]
+            waiting += [
+                path for place in places for path in _files_of(place) if (root / path).is_file()
+            ]
     return files
 
 

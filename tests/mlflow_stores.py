@@ -1,4 +1,6 @@
-"""Fresh MLflow stores, whose tables, which MLflow takes seconds to make, are made once a session; runs in them."""
+"""Fresh MLflow stores, whose tables, which MLflow takes seconds to make, are made once a session;
+runs in them.
+"""
 
 import tempfile
 from functools import cache

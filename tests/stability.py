@@ -1,8 +1,10 @@
-"""Rows of the stability table from tests: the fixture `row`, and where the rows are printed and written.
+"""Rows of the stability table from tests: the fixture `row`, and where the rows are printed and
+written.
 
-A test with the marker `stability("name of the check")` takes the fixture `row`: `row(quantity, error, tolerance)`
-asserts error <= tolerance and records the row, `row.refused(quantity, call, pattern)` that a call is refused. The
-fixture `subject` is the trained network of the checks: a small one, or with `--table` that of the last `dvc repro`.
+A test with the marker `stability("name of the check")` takes the fixture `row`: `row(quantity,
+error, tolerance)` asserts error <= tolerance and records the row, `row.refused(quantity, call,
+pattern)` that a call is refused. The fixture `subject` is the trained network of the checks: a
+small one, or with `--table` that of the last `dvc repro`.
 """
 
 import re
@@ -34,7 +36,9 @@ class Rows:
         self.part, self.check, self.folder, self.recorded = part, check, folder, recorded
         self.begin = time.perf_counter()
 
-    def __call__(self, quantity: str, error: float, tolerance: float = 0.0, remark: str = "") -> None:
+    def __call__(
+        self, quantity: str, error: float, tolerance: float = 0.0, remark: str = ""
+    ) -> None:
         """Assert that the error is no more than the tolerance."""
         self.record(Quantity(quantity, error, tolerance, remark))
 
@@ -44,7 +48,9 @@ class Rows:
 
     def record(self, quantity: Quantity) -> None:
         now = time.perf_counter()
-        assert quantity.holds, f"{quantity.name}: {quantity.error} > {quantity.tolerance} {quantity.remark}"
+        assert quantity.holds, (
+            f"{quantity.name}: {quantity.error} > {quantity.tolerance} {quantity.remark}"
+        )
         self.recorded.append(quantity.row(self.part, self.check, now - self.begin, self.folder))
         self.begin = now
 
@@ -62,7 +68,9 @@ def refusal(name: str, call: Callable[[], object], pattern: str) -> Quantity:
 
 @pytest.fixture
 def row(request: pytest.FixtureRequest, tmp_path: Path) -> Rows:
-    """Rows of the check that the test's marker names, of the part that is the test's folder, or its name in tests/."""
+    """Rows of the check that the test's marker names, of the part that is the test's folder, or its
+    name in tests/.
+    """
     recorded = request.config.stash.setdefault(ROWS, [])
     path, check = request.path, request.node.get_closest_marker("stability").args[0]
     part = path.stem.removeprefix("test_") if path.parent == TESTS else path.parent.name
@@ -79,7 +87,9 @@ def subject(request: pytest.FixtureRequest) -> "Subject":
     from tests.trained_network import Subject
 
     if not request.config.getoption("--table"):
-        return Subject(glove_data.trained(), glove_data.table(), glove_data.recipe(), glove_data.CPU)
+        return Subject(
+            glove_data.trained(), glove_data.table(), glove_data.recipe(), glove_data.CPU
+        )
     params = load("params.yaml")
     compute = select_device(params.device, params.precision)
     return Subject(*read_trained(FRAMES, CLASSIFIER, params), compute)
@@ -90,10 +100,17 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--table", type=Path, help=words)
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    """Print the rows where -m asks for `stability`, and write them into the folder --table if all checks hold."""
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
+    """Print the rows where -m asks for `stability`, and write them into the folder --table if all
+    checks hold.
+    """
     rows, folder = config.stash.get(ROWS, []), config.getoption("--table")
-    counts, checks = Counter(one["verdict"] for one in rows), {(one["part"], one["check"]) for one in rows}
+    counts, checks = (
+        Counter(one["verdict"] for one in rows),
+        {(one["part"], one["check"]) for one in rows},
+    )
     total = f"{len(rows)} quantities of {len(checks)} checks: {counts[RIGHT]} {RIGHT}, {counts[REFUSED]} {REFUSED}."
     if folder and not {"failed", "error"} & terminalreporter.stats.keys():
         from benchmarks.command import write_table
@@ -102,6 +119,12 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     if "stability" in config.getoption("markexpr"):
         terminalreporter.section("stability")
         for one in rows:
-            numbers = f"{one['error']:.2g} <= {one['tolerance']:.2g}" if one["error"] != "" else one["remark"]
-            terminalreporter.line(f"{one['part']}, {one['check']}, {one['quantity']}: {one['verdict']}, {numbers}")
+            numbers = (
+                f"{one['error']:.2g} <= {one['tolerance']:.2g}"
+                if one["error"] != ""
+                else one["remark"]
+            )
+            terminalreporter.line(
+                f"{one['part']}, {one['check']}, {one['quantity']}: {one['verdict']}, {numbers}"
+            )
         terminalreporter.line(total)

@@ -20,8 +20,8 @@ def metadata(
 ) -> dict[str, np.ndarray]:
     """The fields of a `classification` metadata.mat, as scipy reads them.
 
-    Class 0 is the empty hand. Each other object has 30 sensors, of which each of its recordings presses 20. The last
-    recording of every object is the published test side.
+    Class 0 is the empty hand. Each other object has 30 sensors, of which each of its recordings
+    presses 20. The last recording of every object is the published test side.
 
     Args:
         recordings: per object and session; frames: per recording.
@@ -32,7 +32,8 @@ def metadata(
     pressed = [rng.choice(places, 30, replace=False) for _ in range(objects)]
     names: list[str] = []
     blocks: list[np.ndarray] = []
-    ids: list[tuple[int, int, int, bool]] = []  # object, recording, session and side of each recording
+    # object, recording, session and side of each recording
+    ids: list[tuple[int, int, int, bool]] = []
     for session in range(sessions):
         for label in range(objects):
             for number in range(recordings):
@@ -41,12 +42,23 @@ def metadata(
                     sensors = rng.choice(pressed[label], 20, replace=False)
                     excess[blank:, sensors] = rng.uniform(15, 60, size=(frames - blank, 20))
                 counts = np.full((frames, 1024), 510, dtype=np.int16)
-                baseline = 514 + session + rng.standard_normal((frames, len(places)), dtype=np.float32)
+                baseline = (
+                    514 + session + rng.standard_normal((frames, len(places)), dtype=np.float32)
+                )
                 counts[:, places] = np.round(baseline + excess[:, places]).astype(np.int16)
                 blocks.append(counts.reshape(frames, 32, 32))
-                ids.append((label, len(names), session, session == sessions - 1 and number == recordings - 1))
+                ids.append(
+                    (
+                        label,
+                        len(names),
+                        session,
+                        session == sessions - 1 and number == recordings - 1,
+                    )
+                )
                 names.append(f"{len(names):03d}-{_name(label)}")
-    label, recording, batch, test = np.repeat(np.array(ids, dtype=np.uint8), frames, axis=0).T[..., None]
+    label, recording, batch, test = np.repeat(np.array(ids, dtype=np.uint8), frames, axis=0).T[
+        ..., None
+    ]
     frame = np.tile(np.arange(frames), len(names))[:, None]
     valid = (frame >= blank).astype(np.uint8)
     return {
@@ -83,7 +95,9 @@ def save_matlab5(path: Path, tree: dict[str, np.ndarray]) -> Path:
 
 
 def save_matlab73(path: Path, tree: dict[str, np.ndarray]) -> Path:
-    """As MATLAB re-saves it with -v7.3: HDF5 with a user block, reversed axes, references to character codes."""
+    """As MATLAB re-saves it with -v7.3: HDF5 with a user block, reversed axes, references to
+    character codes.
+    """
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, value in tree.items():
             if name not in NAMES:
@@ -91,10 +105,14 @@ def save_matlab73(path: Path, tree: dict[str, np.ndarray]) -> Path:
                 continue
             texts = [str(np.squeeze(cell)) for cell in value.ravel()]
             cells = [
-                file.create_dataset(f"#refs#/{name}{i}", data=np.array([[ord(c)] for c in text], dtype=np.uint16)).ref
+                file.create_dataset(
+                    f"#refs#/{name}{i}", data=np.array([[ord(c)] for c in text], dtype=np.uint16)
+                ).ref
                 for i, text in enumerate(texts)
             ]
-            file.create_dataset(name, data=np.array(cells, dtype=h5py.ref_dtype)[:, None], dtype=h5py.ref_dtype)
+            file.create_dataset(
+                name, data=np.array(cells, dtype=h5py.ref_dtype)[:, None], dtype=h5py.ref_dtype
+            )
     with path.open("r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124, b" ") + b"\x00\x02IM")
     return path
@@ -121,7 +139,9 @@ def save_hdf5(path: Path, tree: dict[str, np.ndarray]) -> Path:
             file["time"] = tree["ts"][of_recording].ravel()
             file["valid"] = tree["hasValidLabel"][of_recording].ravel().astype(bool)
             file.attrs["object"] = name.split("-")[1]
-            file.attrs["session"] = str(np.squeeze(tree["batches"].ravel()[int(tree["batchId"][of_recording][0, 0])]))
+            file.attrs["session"] = str(
+                np.squeeze(tree["batches"].ravel()[int(tree["batchId"][of_recording][0, 0])])
+            )
             file.attrs["split"] = ("train", "test")[int(tree["splitId"][of_recording][0, 0])]
     return path
 

@@ -17,7 +17,9 @@ ROOT = Path(__file__).parents[1]
 def call(*words, cwd=ROOT):
     command = [sys.executable, "-m", "tactile_viewgcn", *map(str, words)]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        command, cwd=cwd, env=environment, capture_output=True, text=True, check=False
+    )
 
 
 def refused(result):
@@ -34,12 +36,18 @@ def glove(folder, *names, number=2, shape=(20, 4, 4)):
     return folder
 
 
-def test_inspect_takes_the_folder_that_it_is_called_in_and_hands_the_layout_of_arrays_on_to_the_command(tmp_path):
+def test_inspect_takes_the_folder_that_it_is_called_in_and_hands_the_layout_of_arrays_on_to_the_command(
+    tmp_path,
+):
     source = glove(tmp_path / "glove", "mug", "pen", shape=(20, 16))
     for words, change in (((), "data.shape=auto"), (("--shape", 4, 4), "'data.shape=[4,4]'")):
         lines = call("inspect", ".", *words, cwd=source).stdout
-        assert {f"data.source={source}", change} <= set(lines.split()) and ("`--shape 4 4`" in lines) == (not words)
-    assert "`dvc exp run -S split.folds=2`" in refused(call("inspect", source, "--set", "split.folds=2"))
+        assert {f"data.source={source}", change} <= set(lines.split()) and (
+            "`--shape 4 4`" in lines
+        ) == (not words)
+    assert "`dvc exp run -S split.folds=2`" in refused(
+        call("inspect", source, "--set", "split.folds=2")
+    )
 
 
 @pytest.mark.parametrize(
@@ -54,7 +62,9 @@ def test_inspect_takes_the_folder_that_it_is_called_in_and_hands_the_layout_of_a
         ("split.by=grap", "did you mean grasp?"),
     ],
 )
-def test_a_misspelt_change_is_answered_by_the_nearest_key_and_not_repeated_in_another_command(tmp_path, change, remedy):
+def test_a_misspelt_change_is_answered_by_the_nearest_key_and_not_repeated_in_another_command(
+    tmp_path, change, remedy
+):
     source = glove(tmp_path / "glove", "mug", "pen")
     for command in (["inspect", source], ["predict", "model.pt", source]):
         line = refused(call(*command, "--set", change))
@@ -80,7 +90,9 @@ def test_a_command_that_needs_a_missing_library_names_the_extra_in_one_line():
         "import sys; sys.modules |= {'dvc': None, 'mlflow': None}; sys.argv = ['tactile-viewgcn', 'report', 'exp-1']\n"
         "from tactile_viewgcn.cli import main; main()"
     )
-    result = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)
+    result = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False
+    )
     assert "pip install 'tactile-viewgcn[pipeline]'" in refused(result)
 
 

@@ -65,7 +65,9 @@ def test_the_user_s_choice_is_taken_else_what_the_machine_has_and_a_missing_card
         (8, 0.0, 8, 4, 4),  # also said by a system that does not count
     ],
 )
-def test_there_is_a_thread_for_each_idle_core(monkeypatch, cores, busy, in_container, torchs, expected):
+def test_there_is_a_thread_for_each_idle_core(
+    monkeypatch, cores, busy, in_container, torchs, expected
+):
     limits, now = [], []
     monkeypatch.delenv("OMP_NUM_THREADS")
     monkeypatch.setattr(psutil, "cpu_count", lambda: cores)
@@ -86,7 +88,9 @@ def test_the_user_s_number_of_threads_stays(monkeypatch):
     assert torch.get_num_threads() == before
 
 
-@pytest.mark.parametrize(("precision", "dtype"), [("float32", torch.float32), ("bfloat16", torch.bfloat16)])
+@pytest.mark.parametrize(
+    ("precision", "dtype"), [("float32", torch.float32), ("bfloat16", torch.bfloat16)]
+)
 def test_products_are_in_the_chosen_precision(precision, dtype):
     with Compute(CPU, precision).autocast():
         assert (torch.ones(4, 4) @ torch.ones(4, 4)).dtype == dtype

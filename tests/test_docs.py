@@ -1,4 +1,6 @@
-"""Commands and programs in README.md and docs/: changes are allowed, options exist, and what is short is run."""
+"""Commands and programs in README.md and docs/: changes are allowed, options exist, and what is
+short is run.
+"""
 
 import os
 import re
@@ -38,9 +40,15 @@ def fences(language: str) -> list[tuple[str, str]]:
 
 
 def commands(start: str, without: str = "#") -> list[str]:
-    """The commands of the bash fences that begin so, once, without comments, continued lines joined."""
-    lines = [line for _, block in fences("bash") for line in block.replace("\\\n", " ").splitlines()]
-    stripped = dict.fromkeys(re.sub(r"\s+", " ", re.sub(r"\s+# .*$", "", line)).strip() for line in lines)
+    """The commands of the bash fences that begin so, once, without comments, continued lines
+    joined.
+    """
+    lines = [
+        line for _, block in fences("bash") for line in block.replace("\\\n", " ").splitlines()
+    ]
+    stripped = dict.fromkeys(
+        re.sub(r"\s+", " ", re.sub(r"\s+# .*$", "", line)).strip() for line in lines
+    )
     return [line for line in stripped if line.startswith(start) and not line.startswith(without)]
 
 
@@ -48,7 +56,12 @@ def call(*words: str, cwd: Path) -> str:
     """What `python -m` with these words prints."""
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     result = subprocess.run(
-        [sys.executable, "-m", *words], cwd=cwd, env=environment, capture_output=True, text=True, check=False
+        [sys.executable, "-m", *words],
+        cwd=cwd,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert result.returncode == 0, result.stdout + result.stderr
     return result.stdout
@@ -56,9 +69,13 @@ def call(*words: str, cwd: Path) -> str:
 
 @pytest.mark.parametrize("command", commands("dvc exp run "))
 def test_the_changes_of_an_experiment_are_allowed(command):
-    """Each `-S key=value`, each value of a sweep and each preset is a change that params.yaml takes."""
+    """Each `-S key=value`, each value of a sweep and each preset is a change that params.yaml
+    takes.
+    """
     sweeps = [
-        [change] for name in re.findall(r"tactile-viewgcn preset (\w+)", command) for change in preset_changes(name)
+        [change]
+        for name in re.findall(r"tactile-viewgcn preset (\w+)", command)
+        for change in preset_changes(name)
     ]
     words = shlex.split(command)
     for change in (change for flag, change in pairwise(words) if flag == "-S"):
@@ -79,10 +96,16 @@ def test_a_program_exists_and_takes_the_options_that_are_written(command):
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory) -> Path:
-    """A folder with what the pages take for given: recordings, params.yaml, trained classifiers, counts."""
+    """A folder with what the pages take for given: recordings, params.yaml, trained classifiers,
+    counts.
+    """
     folder = tmp_path_factory.mktemp("docs")
     shutil.copy(ROOT / "params.yaml", folder)
-    for name in ("models", "data/my_glove/mug", *(f"data/{source}/{label}" for source in SOURCES for label in LABELS)):
+    for name in (
+        "models",
+        "data/my_glove/mug",
+        *(f"data/{source}/{label}" for source in SOURCES for label in LABELS),
+    ):
         (folder / name).mkdir(parents=True)
     save_classifier(folder / "models" / "classifier.pt", trained(), recipe().model, table())
     rng = np.random.default_rng(0)
@@ -92,7 +115,9 @@ def place(tmp_path_factory) -> Path:
     glove_data.write(folder / "data" / "my_glove" / "mug" / "1.h5", recording)
     (logged,) = (text for page, text in fences("text") if page == "docs/logger.md")
     for label in LABELS:
-        np.savetxt(folder / "data" / "my_csv" / label / "1.csv", rng.random((20, 16 * 24)), delimiter=",")
+        np.savetxt(
+            folder / "data" / "my_csv" / label / "1.csv", rng.random((20, 16 * 24)), delimiter=","
+        )
         for number in range(4):
             (folder / "data" / "lab" / label / f"{number}.csv").write_text(logged)
     return folder
@@ -106,7 +131,9 @@ def test_a_command_of_the_package_runs(command, place):
 @pytest.mark.parametrize("page, program", fences("python"))
 def test_a_program_runs(page, program, place, monkeypatch, tmp_path):
     if "import mlflow" in program:
-        pytest.skip("needs a model in an MLflow store; tests/recognition/test_mlflow_model.py loads one the same way")
+        pytest.skip(
+            "needs a model in an MLflow store; tests/recognition/test_mlflow_model.py loads one the same way"
+        )
     monkeypatch.chdir(place)
     (tmp_path / "program.py").write_text(program)
     names = runpy.run_path(str(tmp_path / "program.py"))

@@ -30,7 +30,11 @@ def write_all(folder, texts):
 
 
 def texts_in(folder):
-    return {file.relative_to(folder).as_posix(): file.read_text() for file in folder.rglob("*") if file.is_file()}
+    return {
+        file.relative_to(folder).as_posix(): file.read_text()
+        for file in folder.rglob("*")
+        if file.is_file()
+    }
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
@@ -47,7 +51,9 @@ def test_files_take_their_places_when_the_block_ends_well_and_others_stay(tmp_pa
 
 
 @pytest.mark.parametrize("moment", range(6))
-def test_a_run_that_ends_between_two_files_leaves_none_of_an_earlier_run_beside_its_own(tmp_path, monkeypatch, moment):
+def test_a_run_that_ends_between_two_files_leaves_none_of_an_earlier_run_beside_its_own(
+    tmp_path, monkeypatch, moment
+):
     calls = iter(range(100))
 
     def until_then(act):
@@ -95,7 +101,9 @@ def test_without_room_there_is_one_error_and_what_was_there_stays(tmp_path, writ
 
 
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EDQUOT])
-def test_a_disk_that_turns_out_full_when_a_file_is_synced_is_the_same_error(tmp_path, monkeypatch, code):
+def test_a_disk_that_turns_out_full_when_a_file_is_synced_is_the_same_error(
+    tmp_path, monkeypatch, code
+):
     def no_room(stream):
         raise OSError(code, "no room")
 
@@ -137,7 +145,15 @@ def test_two_writers_of_one_place_do_not_meet_and_the_last_one_stays(tmp_path, b
         write_all(one, {"a": "1"})
         write_all(other, {"a": "2"})
     assert texts_in(tmp_path) == {"made/a": "1", "made.unfinished/b": "mine"}
-    assert len({stat.S_IMODE((tmp_path / folder).stat().st_mode) for folder in ("made", "made.unfinished")}) == 1
+    assert (
+        len(
+            {
+                stat.S_IMODE((tmp_path / folder).stat().st_mode)
+                for folder in ("made", "made.unfinished")
+            }
+        )
+        == 1
+    )
 
 
 WRITER = """
@@ -153,7 +169,9 @@ with new_files(*sys.argv[1:]) as part:
 
 @pytest.mark.parametrize("name", ["", "a"])
 @pytest.mark.parametrize("before", [{}, {"made/a": "0"}])
-def test_what_a_killed_run_leaves_goes_at_the_next_run_and_what_a_running_one_writes_stays(tmp_path, before, name):
+def test_what_a_killed_run_leaves_goes_at_the_next_run_and_what_a_running_one_writes_stays(
+    tmp_path, before, name
+):
     write_all(tmp_path, before | {"other/b": "mine"})
     command = [sys.executable, "-c", WRITER, str(tmp_path / "made"), *[name] * bool(name)]
     for _ in range(2):
@@ -176,7 +194,9 @@ def test_a_file_where_a_folder_belongs_costs_no_old_file(tmp_path):
     assert texts_in(tmp_path) == {"a": "1", "b": "2"}
 
 
-@pytest.fixture(params=["pipe", "socket", "device", "folder", "elsewhere/file", "nowhere", "/dev/null"])
+@pytest.fixture(
+    params=["pipe", "socket", "device", "folder", "elsewhere/file", "nowhere", "/dev/null"]
+)
 def no_file(request, tmp_path, monkeypatch):
     """A path where something else than a file is; the last three are what a link leads to."""
     monkeypatch.chdir(tmp_path)  # a socket's name has to be short
@@ -218,7 +238,10 @@ def test_a_folder_that_a_link_leads_to_takes_the_files(tmp_path):
     write_file(tmp_path / "link" / "a", "12")
     with new_files(tmp_path / "link") as part:
         write_all(part, {"b": "13"})
-    assert texts_in(tmp_path / "large_disk") == {"a": "12", "b": "13"} and (tmp_path / "link").is_symlink()
+    assert (
+        texts_in(tmp_path / "large_disk") == {"a": "12", "b": "13"}
+        and (tmp_path / "link").is_symlink()
+    )
 
 
 def test_a_file_that_is_not_the_writer_s_own_stays(tmp_path):
@@ -234,7 +257,12 @@ def test_a_file_that_is_not_the_writer_s_own_stays(tmp_path):
 
 def test_hidden_files_are_left_out(tmp_path):
     digests = set()
-    left_behind = ("mug/._1.npy", ".ipynb_checkpoints/1-checkpoint.npy", "__MACOSX/mug/2.npy", "mug/Thumbs.db")
+    left_behind = (
+        "mug/._1.npy",
+        ".ipynb_checkpoints/1-checkpoint.npy",
+        "__MACOSX/mug/2.npy",
+        "mug/Thumbs.db",
+    )
     for name in ("mug/1.npy", *left_behind):
         (tmp_path / name).parent.mkdir(exist_ok=True, parents=True)
         (tmp_path / name).touch()
@@ -256,7 +284,12 @@ def test_links_to_folders_are_followed_each_folder_once(tmp_path):
 
 
 def test_the_md5_of_a_folder_is_of_the_sorted_paths_and_contents_of_all_files_but_video(tmp_path):
-    for name, text in (("b/z.h5", b"abc"), ("a", b""), ("c\udcff", b""), ("000000.jpg", b"a frame of video")):
+    for name, text in (
+        ("b/z.h5", b"abc"),
+        ("a", b""),
+        ("c\udcff", b""),
+        ("000000.jpg", b"a frame of video"),
+    ):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(text)
     nothing = b" d41d8cd98f00b204e9800998ecf8427e\n"

@@ -29,7 +29,9 @@ ALLOWED = {
 # what may use all of the package: its commands, and what `from tactile_viewgcn import` gives
 ENTRANCES = {"tactile_viewgcn/__init__.py", "tactile_viewgcn/cli.py"}
 KNOWS_MLFLOW = "tactile_viewgcn/tracking.py"
-FILES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tactile_viewgcn").rglob("*.py"))
+FILES = sorted(
+    path.relative_to(ROOT).as_posix() for path in (ROOT / "tactile_viewgcn").rglob("*.py")
+)
 
 
 def folder_of(path):
@@ -41,7 +43,9 @@ def folder_of(path):
 def imported_paths(path):
     """The package's files that a file itself imports."""
     names = (name.replace(".", "/") for name in imported_modules(ROOT / path))
-    return {file for name in names for file in (f"{name}.py", f"{name}/__init__.py") if file in FILES} - {path}
+    return {
+        file for name in names for file in (f"{name}.py", f"{name}/__init__.py") if file in FILES
+    } - {path}
 
 
 def test_every_file_imports_only_from_folders_before_its_own():
@@ -64,14 +68,24 @@ def test_the_package_knows_no_programs_and_benchmarks_know_neither_stages_nor_st
     others = {"stages", "studies", "tests"}
     for paths, unknown in ((FILES, others | {"benchmarks"}), (benchmarks, others)):
         for path in paths:
-            assert not unknown & {name.partition(".")[0] for name in imported_modules(ROOT / path)}, path
+            assert not unknown & {
+                name.partition(".")[0] for name in imported_modules(ROOT / path)
+            }, path
 
 
 def test_only_tracking_knows_mlflow_and_imports_it_in_functions_alone():
-    know = {path for path in FILES if any(name.partition(".")[0] == "mlflow" for name in imported_modules(ROOT / path))}
+    know = {
+        path
+        for path in FILES
+        if any(name.partition(".")[0] == "mlflow" for name in imported_modules(ROOT / path))
+    }
     assert know == {KNOWS_MLFLOW}
     top = ast.parse((ROOT / KNOWS_MLFLOW).read_text()).body
-    assert not any("mlflow" in ast.unparse(node) for node in top if isinstance(node, ast.Import | ast.ImportFrom))
+    assert not any(
+        "mlflow" in ast.unparse(node)
+        for node in top
+        if isinstance(node, ast.Import | ast.ImportFrom)
+    )
 
 
 def test_the_package_its_commands_the_sensors_and_the_virtual_glove_load_neither_torch_nor_mlflow():
@@ -93,4 +107,8 @@ def test_the_package_its_commands_the_sensors_and_the_virtual_glove_load_neither
 @pytest.mark.parametrize("folder", ["nn", "sensors", "systems"])
 def test_building_blocks_know_no_file_and_no_dvc(folder):
     unknown = {"h5py", "pathlib", "dvc", "csv", "json"}
-    assert [path for path in FILES if folder_of(path) == folder and unknown & imported_modules(ROOT / path)] == []
+    assert [
+        path
+        for path in FILES
+        if folder_of(path) == folder and unknown & imported_modules(ROOT / path)
+    ] == []

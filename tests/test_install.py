@@ -1,4 +1,6 @@
-"""The install line of a notebook: a copy outside the clone has all that the class and the command need."""
+"""The install line of a notebook: a copy outside the clone has all that the class and the command
+need.
+"""
 
 import subprocess
 import sys
@@ -19,13 +21,26 @@ cli(["inspect", "glove", "--html", "page.html"])
 
 
 def test_a_copy_outside_the_clone_trains_and_inspects_without_dvc_and_mlflow(tmp_path):
-    options = ["--quiet", "--no-deps", "--no-build-isolation", "--disable-pip-version-check", "--target=site"]
+    options = [
+        "--quiet",
+        "--no-deps",
+        "--no-build-isolation",
+        "--disable-pip-version-check",
+        "--target=site",
+    ]
     address = f"tactile-viewgcn @ git+file://localhost{ROOT}"
-    subprocess.run([sys.executable, "-m", "pip", "install", *options, address], cwd=tmp_path, check=True)
+    subprocess.run(
+        [sys.executable, "-m", "pip", "install", *options, address], cwd=tmp_path, check=True
+    )
     floats(tmp_path / "glove")
     call = [sys.executable, "-c", PROGRAM]
     result = subprocess.run(
-        call, cwd=tmp_path, env={"PYTHONPATH": "site", "PATH": ""}, capture_output=True, text=True, check=False
+        call,
+        cwd=tmp_path,
+        env={"PYTHONPATH": "site", "PATH": ""},
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert result.returncode == 0, result.stderr
     place, _, answers = result.stdout.splitlines()[0].partition(" ")

@@ -21,7 +21,10 @@ SHOWN = r"m\x1b[31mu\ng\u202e\udcff\uffff"
 
 def test_what_controls_a_terminal_is_escaped_and_letters_and_spaces_are_not():
     assert shown(NAME) == SHOWN and shown(SHOWN) == SHOWN
-    assert shown("47.3\N{NO-BREAK SPACE}% Tässchen 茶 ☕ 'x' \\") == "47.3\N{NO-BREAK SPACE}% Tässchen 茶 ☕ 'x' \\"
+    assert (
+        shown("47.3\N{NO-BREAK SPACE}% Tässchen 茶 ☕ 'x' \\")
+        == "47.3\N{NO-BREAK SPACE}% Tässchen 茶 ☕ 'x' \\"
+    )
     assert shown("می\u200cخواهم") == "می\u200cخواهم"  # a letter of Persian
     assert shown("\u2066a\u2069\u200e\r\t\0\x9b") == r"\u2066a\u2069\u200e\r\t\x00\x9b"
 
@@ -35,8 +38,13 @@ def test_whatever_is_shown_can_be_printed_and_is_xml(text):
 
 def test_messages_and_notes_show_names():
     assert str(UserError(f"{NAME}: not found")) == f"{SHOWN}: not found"
-    assert str(Note(f"{NAME} dropped", level="warning", topic="filter")) == f"warning: filter: {SHOWN} dropped"
-    assert str(Note("measured", level="choice", key="preprocess.baseline", value=NAME)).isprintable()
+    assert (
+        str(Note(f"{NAME} dropped", level="warning", topic="filter"))
+        == f"warning: filter: {SHOWN} dropped"
+    )
+    assert str(
+        Note("measured", level="choice", key="preprocess.baseline", value=NAME)
+    ).isprintable()
 
 
 def test_pictures_and_pages_show_names():
@@ -54,4 +62,10 @@ FORMULAS = ["=1+1", "+1", "-1", "@SUM(A1)", "＝1"]
 def test_a_name_that_a_spreadsheet_would_run_is_a_text_in_csv_and_a_number_stays_one(name):
     text = csv_text([["object", "error"], [name, -0.5], ["mug=1", 3], [None, True], ["\t=1", NAME]])
     rows = list(csv.reader(io.StringIO(text, newline="")))
-    assert rows == [["object", "error"], [f"'{name}", "-0.5"], ["mug=1", "3"], ["", "True"], [r"\t=1", SHOWN]]
+    assert rows == [
+        ["object", "error"],
+        [f"'{name}", "-0.5"],
+        ["mug=1", "3"],
+        ["", "True"],
+        [r"\t=1", SHOWN],
+    ]

@@ -10,7 +10,14 @@ from dvc.utils.serialize import modify_yaml
 
 from tactile_viewgcn import TactileClassifier, cli
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.params import VIRTUAL, default_params, everywhere, load, preset_changes, presets
+from tactile_viewgcn.params import (
+    VIRTUAL,
+    default_params,
+    everywhere,
+    load,
+    preset_changes,
+    presets,
+)
 from tactile_viewgcn.schema import as_change, flatten, parse, set_value
 
 ROOT = Path(__file__).parents[1]
@@ -26,7 +33,11 @@ def refusal(*changes, path=FILE):
     begin = time.process_time()
     with pytest.raises(UserError, match=rf"{path.name}: ") as caught:
         load(path, changes)
-    assert time.process_time() - begin < 1 and len(str(caught.value)) < 2000 and "\n" not in str(caught.value)
+    assert (
+        time.process_time() - begin < 1
+        and len(str(caught.value)) < 2000
+        and "\n" not in str(caught.value)
+    )
     return str(caught.value)
 
 
@@ -40,7 +51,9 @@ def test_the_shipped_file_is_the_recipe_of_the_paper():
     assert params(*recipe.split()) == params()
 
 
-@pytest.mark.parametrize("key", ["data.columns", "data.shape", "model.members", "model.neighbours", "glove.objects"])
+@pytest.mark.parametrize(
+    "key", ["data.columns", "data.shape", "model.members", "model.neighbours", "glove.objects"]
+)
 def test_dvc_may_change_a_value_to_a_list_and_back(tmp_path, key):
     (path := tmp_path / "params.yaml").write_bytes(FILE.read_bytes())
     section, name = key.split(".")
@@ -48,11 +61,16 @@ def test_dvc_may_change_a_value_to_a_list_and_back(tmp_path, key):
     for value in (["a"], ["b", "c"], before[section][name], ["d"], before[section][name]):
         with modify_yaml(path) as values:
             values[section][name] = value
-        assert yaml.safe_load(path.read_text()) == before | {section: before[section] | {name: value}}
+        assert yaml.safe_load(path.read_text()) == before | {
+            section: before[section] | {name: value}
+        }
 
 
 def test_the_typed_form_has_every_value_of_the_file_and_changes_set_the_keys_they_name():
-    before, after = flatten(params()), flatten(params("views=12", "cluster.method=none", "model.neighbours=[3, 3, 2]"))
+    before, after = (
+        flatten(params()),
+        flatten(params("views=12", "cluster.method=none", "model.neighbours=[3, 3, 2]")),
+    )
     assert before == flatten(yaml.safe_load(FILE.read_text()))  # each key stands in the file
     assert before == flatten(default_params())
     changed = {key: value for key, value in after.items() if value != before[key]}
@@ -60,7 +78,9 @@ def test_the_typed_form_has_every_value_of_the_file_and_changes_set_the_keys_the
     assert params("views=12", "views=20").views == 20  # the last one counts
 
 
-@pytest.mark.parametrize("text", ["5e-4", "+5E-04", ".5", "5.", "1e400", "12", "true", "~", "1.2.3", "1e", "a b"])
+@pytest.mark.parametrize(
+    "text", ["5e-4", "+5E-04", ".5", "5.", "1e400", "12", "true", "~", "1.2.3", "1e", "a b"]
+)
 def test_values_are_read_as_dvc_reads_them(text):
     dvc = pytest.importorskip("dvc.utils.serialize")
     assert repr(parse(f"a: {text}", "text")) == repr(dvc.parse_yaml(f"a: {text}", "params.yaml"))
@@ -98,7 +118,9 @@ def test_a_mistake_names_its_key_its_value_and_what_is_allowed(change, parts):
 
 
 def test_all_mistakes_are_listed_at_once():
-    text = refusal("views=0", "cluster.scop=recording", "pretrain.lr=-1", "evaluate.trials=ten", "seed.count=3")
+    text = refusal(
+        "views=0", "cluster.scop=recording", "pretrain.lr=-1", "evaluate.trials=ten", "seed.count=3"
+    )
     for part in ("views: ", "cluster.scope?", "pretrain.lr: ", "evaluate.trials: ", "seed: "):
         assert text.count(part) == 1
 
@@ -111,8 +133,14 @@ def test_all_mistakes_are_listed_at_once():
         (("viewpoints=cube", "views=12"), "viewpoints views"),
         (("model.neighbours=[3,3]",), "model.neighbours"),
         (("preprocess.baseline=none", "preprocess.filter=contact"), "preprocess.filter"),
-        (("finetune.num_views=random", "model.selector=joint"), "model.selector finetune.num_views"),
-        (("model.system=sensors", "split.validation=0.5"), "split.validation model.system evaluate.side"),
+        (
+            ("finetune.num_views=random", "model.selector=joint"),
+            "model.selector finetune.num_views",
+        ),
+        (
+            ("model.system=sensors", "split.validation=0.5"),
+            "split.validation model.system evaluate.side",
+        ),
     ],
 )
 def test_values_that_do_not_go_together_are_refused(changes, keys):
@@ -126,10 +154,14 @@ def test_a_view_graph_has_a_level_for_each_halving_that_leaves_two_views():
         numbers = [1] * levels
         assert params(f"views={views}", f"model.neighbours={numbers}").model.neighbours == numbers
         if levels > 1:
-            assert f"{levels} levels" in refusal(f"views={views}", f"model.neighbours={numbers[1:]}")
+            assert f"{levels} levels" in refusal(
+                f"views={views}", f"model.neighbours={numbers[1:]}"
+            )
 
 
-def test_a_source_that_dvc_copies_into_its_workspaces_keeps_its_path_and_any_other_is_absolute(tmp_path, monkeypatch):
+def test_a_source_that_dvc_copies_into_its_workspaces_keeps_its_path_and_any_other_is_absolute(
+    tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     Path("tracked.dvc").touch()
     paths = {name: str(everywhere(Path(name))) for name in (VIRTUAL, "tracked", "other")}
@@ -159,7 +191,9 @@ def test_a_preset_is_allowed_and_changes_the_values_it_names(name):
     ],
 )
 def test_a_file_that_is_no_plain_yaml_is_refused_in_a_line(tmp_path, content, words):
-    (path := tmp_path / "p.yaml").write_bytes(content if isinstance(content, bytes) else content.encode())
+    (path := tmp_path / "p.yaml").write_bytes(
+        content if isinstance(content, bytes) else content.encode()
+    )
     text = refusal(path=path)
     assert [word for word in words.split("|") if word not in text] == []
 
@@ -169,10 +203,15 @@ def test_a_key_that_a_file_lacks_has_its_default(tmp_path):
     assert load(tmp_path / "p.yaml") == default_params(("views=12", "finetune.epochs=2"))
 
 
-def test_neither_the_class_nor_inspect_reads_the_params_yaml_of_the_working_folder(tmp_path, monkeypatch, capsys):
+def test_neither_the_class_nor_inspect_reads_the_params_yaml_of_the_working_folder(
+    tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     Path("params.yaml").write_text("broken: [")
-    recordings = [np.random.default_rng(i).integers(500 + 40 * (i % 2), 530 + 40 * (i % 2), (20, 4)) for i in range(8)]
+    recordings = [
+        np.random.default_rng(i).integers(500 + 40 * (i % 2), 530 + 40 * (i % 2), (20, 4))
+        for i in range(8)
+    ]
     expected = default_params(("model.system=sensors", "model.members=[kernel]"))
     assert TactileClassifier(system="kernel").fit(recordings, [0, 1] * 4).params_ == expected
     with pytest.raises(OSError, match=r"^nowhere: no such file"):
@@ -199,7 +238,9 @@ def test_batches_of_one_from_which_batch_normalisation_learns_nothing_are_refuse
     ],
 )
 def test_a_change_is_read_back_the_same_by_params_yaml_and_by_dvc_s_own_parser(value, text):
-    parser = pytest.importorskip("hydra.core.override_parser.overrides_parser").OverridesParser.create()
+    parser = pytest.importorskip(
+        "hydra.core.override_parser.overrides_parser"
+    ).OverridesParser.create()
     change, tree = as_change("key", value), {}
     set_value(tree, change)
     assert change == f"key={text}"

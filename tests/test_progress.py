@@ -11,7 +11,8 @@ def now(monkeypatch):
     """A list whose only item is the time."""
     time = [0.0]
     monkeypatch.setattr(progress, "clock", lambda: time[0])
-    monkeypatch.setattr(progress._Lines, "monitor_interval", 0)  # tqdm's thread looks at the real clock
+    # tqdm's thread looks at the real clock
+    monkeypatch.setattr(progress._Lines, "monitor_interval", 0)
     return time
 
 
@@ -25,7 +26,9 @@ def test_a_line_comes_every_ten_seconds_with_the_time_that_is_left(now, capsys):
     ]
 
 
-def test_what_takes_less_than_ten_seconds_and_a_program_that_does_not_ask_print_nothing(now, capsys):
+def test_what_takes_less_than_ten_seconds_and_a_program_that_does_not_ask_print_nothing(
+    now, capsys
+):
     with shown():
         assert list(steps(range(3), "reading", "files")) == [0, 1, 2]
     for _ in steps(range(40), "reading", "files"):

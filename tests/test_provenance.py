@@ -28,7 +28,10 @@ def git(place, *words):
 
 
 def test_changed_are_the_values_that_differ_from_those_of_head_whatever_the_file_says_now(tmp_path):
-    path, values = tmp_path / "params.yaml", {"views": 4, "lr": 5e-4, "model.backbone.width": 8, "new.key": 1}
+    path, values = (
+        tmp_path / "params.yaml",
+        {"views": 4, "lr": 5e-4, "model.backbone.width": 8, "new.key": 1},
+    )
     path.write_text("views: 8\nlr: 5e-4\nmodel:\n  backbone:\n    width: 64\n")
     assert changed_params(values, path) == {}
     git(tmp_path, "init", "-q")
@@ -38,7 +41,9 @@ def test_changed_are_the_values_that_differ_from_those_of_head_whatever_the_file
     assert changed_params(values, path) == {"views": 4, "model.backbone.width": 8}
 
 
-def test_the_revision_says_whether_the_code_differs_and_what_every_run_writes_is_no_code(tmp_path, monkeypatch):
+def test_the_revision_says_whether_the_code_differs_and_what_every_run_writes_is_no_code(
+    tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     assert git_revision() == {}
     for name in ("code -> öl", *WRITTEN):
@@ -58,7 +63,9 @@ def test_the_revision_says_whether_the_code_differs_and_what_every_run_writes_is
     assert git_revision() == clean | {"git.dirty": "true"}
 
 
-@pytest.mark.parametrize("allocate", [lambda size: len(b"\1" * size), "print(len(bytes([1]) * {}))".format])
+@pytest.mark.parametrize(
+    "allocate", [lambda size: len(b"\1" * size), "print(len(bytes([1]) * {}))".format]
+)
 def test_the_peak_of_memory_counts_what_was_freed_here_or_in_a_child(allocate):
     size = int(1e6 * (peak_mb() + 100))  # more than the peak so far
     if isinstance(code := allocate(size), str):

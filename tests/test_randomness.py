@@ -14,5 +14,7 @@ def test_a_stream_repeats_and_no_two_are_alike():
 
 
 def test_torch_s_seeds_differ_by_purpose_and_seed():
-    seeds = {torch_seed(seed, purpose) for seed in range(3) for purpose in ("order", "noise", "weights")}
+    seeds = {
+        torch_seed(seed, purpose) for seed in range(3) for purpose in ("order", "noise", "weights")
+    }
     assert len(seeds) == 9 and all(0 <= seed < 2**63 for seed in seeds)

@@ -1,9 +1,12 @@
-"""The files that a frame passes on its way from the source to the answer, as a list whose changes a reviewer sees."""
+"""The files that a frame passes on its way from the source to the answer, as a list whose changes a
+reviewer sees.
+"""
 
 from tests.imports import ROOT, imported_files
 
 STAGES = ("ingest", "preprocess", "cluster", "pretrain", "finetune", "evaluate")
-NOT_ON_THE_ROAD = {"tactile_viewgcn/__init__.py"}  # imports the estimator for users, which no stage needs
+# imports the estimator for users, which no stage needs
+NOT_ON_THE_ROAD = {"tactile_viewgcn/__init__.py"}
 
 
 def test_the_stages_import_the_listed_files():

@@ -1,4 +1,6 @@
-"""Runs in MLflow, as its own client shows them: rows and stages, their content and end, and stores that fail."""
+"""Runs in MLflow, as its own client shows them: rows and stages, their content and end, and stores
+that fail.
+"""
 
 import socket
 import sqlite3
@@ -19,10 +21,17 @@ ROOT = Path(__file__).parents[1]
 pytestmark = pytest.mark.filterwarnings("default")  # MLflow's own
 
 
-def test_a_stage_is_one_run_that_is_read_while_it_lasts_and_ends_with_its_record(store, client, monkeypatch):
+def test_a_stage_is_one_run_that_is_read_while_it_lasts_and_ends_with_its_record(
+    store, client, monkeypatch
+):
     monkeypatch.setenv("DVC_EXP_NAME", "brave-mug")
-    record = Record("pretrain", "pretrain.lr=0.01 pretrain", params={"values": {"pretrain.lr": 0.01}})
-    record.origin, record.inputs = origin("pretrain"), {"frames": {"path": "f", "md5": "ab"}, "needs": {"path": "n"}}
+    record = Record(
+        "pretrain", "pretrain.lr=0.01 pretrain", params={"values": {"pretrain.lr": 0.01}}
+    )
+    record.origin, record.inputs = (
+        origin("pretrain"),
+        {"frames": {"path": "f", "md5": "ab"}, "needs": {"path": "n"}},
+    )
     with tracking.stage_run(record) as run:
         run.log("log_metrics", {"loss": 3.0}, 1)
         running = runs_of(client)[0]
@@ -31,7 +40,9 @@ def test_a_stage_is_one_run_that_is_read_while_it_lasts_and_ends_with_its_record
         record.notes.append(Note("weak", topic="signal"))
     (entry,) = runs_of(client)
     assert entry.info.run_name == "pretrain.lr=0.01 pretrain" and entry.info.status == "FINISHED"
-    assert entry.data.tags["stage"] == "pretrain" and entry.data.tags["dvc.experiment"] == "brave-mug"
+    assert (
+        entry.data.tags["stage"] == "pretrain" and entry.data.tags["dvc.experiment"] == "brave-mug"
+    )
     assert entry.data.tags["md5.frames"] == "ab" and "md5.needs" not in entry.data.tags
     assert len(entry.data.tags["mlflow.source.git.commit"]) == 40
     assert entry.data.tags["mlflow.note.content"] == "- signal: weak"
@@ -39,7 +50,8 @@ def test_a_stage_is_one_run_that_is_read_while_it_lasts_and_ends_with_its_record
     assert entry.data.metrics == {"loss": 3.0, "weights": 7, "seconds": 9, "peak_mb": 0}
     assert entry.info.artifact_uri.startswith((store / "mlruns").as_uri())
     assert Record.read(tracking.read_artifact(entry.info.run_id, "pretrain.json")) == record
-    assert client.get_experiment_by_name(tracking.EXPERIMENT).experiment_id == "1"  # as the manual's link says
+    # as the manual's link says
+    assert client.get_experiment_by_name(tracking.EXPERIMENT).experiment_id == "1"
     assert runs_of(client, tracking.EXPERIMENT) == []
     with tracking.stage_run(Record(ROW, seconds=9.0, notes=[Note("long " * 2000)])) as run:
         run.dataset("my glove", "ab12")
@@ -50,14 +62,19 @@ def test_a_stage_is_one_run_that_is_read_while_it_lasts_and_ends_with_its_record
 
 
 @pytest.mark.parametrize(
-    ("error", "status"), [(ValueError("no such luck"), "FAILED"), (SystemExit(143), "KILLED")], ids=str
+    ("error", "status"),
+    [(ValueError("no such luck"), "FAILED"), (SystemExit(143), "KILLED")],
+    ids=str,
 )
 def test_a_stage_that_ends_early_leaves_a_run_with_its_traceback(store, client, error, status):
     with pytest.raises(type(error)), tracking.stage_run(Record("ingest")):
         raise error
     (ended,) = runs_of(client)
     assert ended.info.status == status
-    assert f"{type(error).__name__}: {error}" in tracking.read_artifact(ended.info.run_id, "traceback.txt").decode()
+    assert (
+        f"{type(error).__name__}: {error}"
+        in tracking.read_artifact(ended.info.run_id, "traceback.txt").decode()
+    )
 
 
 def begun():
@@ -80,7 +97,9 @@ def begun():
         "sqlite:////dev/null/my.db",
     ],
 )
-def test_a_store_that_does_not_open_costs_the_run_and_one_line_without_its_password(store, monkeypatch, capsys, uri):
+def test_a_store_that_does_not_open_costs_the_run_and_one_line_without_its_password(
+    store, monkeypatch, capsys, uri
+):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
     assert begun() is None
@@ -104,8 +123,13 @@ def asked(listening) -> int:
     return times
 
 
-def test_a_server_that_never_answers_is_tried_for_a_short_time_by_all_that_asks_it(store, monkeypatch, capsys):
-    for name, value in {"MLFLOW_HTTP_REQUEST_TIMEOUT": "1", "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0"}.items():
+def test_a_server_that_never_answers_is_tried_for_a_short_time_by_all_that_asks_it(
+    store, monkeypatch, capsys
+):
+    for name, value in {
+        "MLFLOW_HTTP_REQUEST_TIMEOUT": "1",
+        "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0",
+    }.items():
         assert 0 < int(tracking.SETTINGS[name]) <= 10
         monkeypatch.setenv(name, value)
     pytest.importorskip("mlflow")  # takes longer than all the rest
@@ -122,18 +146,29 @@ def test_a_server_that_never_answers_is_tried_for_a_short_time_by_all_that_asks_
 
 
 @pytest.mark.slow  # MLflow tries for 20 s
-def test_a_locked_database_and_a_deleted_experiment_cost_the_run_with_a_warning(store, client, capsys):
+def test_a_locked_database_and_a_deleted_experiment_cost_the_run_with_a_warning(
+    store, client, capsys
+):
     assert begun()
     with closing(sqlite3.connect(store / "mlflow.db")) as other:
         other.execute("BEGIN IMMEDIATE")
         assert begun() is None
     locked = capsys.readouterr().err.strip().splitlines()[-1]
-    assert "mlflow.db: " in locked and "locked" in locked and "SELECT" not in locked and "INSERT" not in locked
-    client.delete_experiment(client.get_experiment_by_name(f"{tracking.EXPERIMENT}/stages").experiment_id)
+    assert (
+        "mlflow.db: " in locked
+        and "locked" in locked
+        and "SELECT" not in locked
+        and "INSERT" not in locked
+    )
+    client.delete_experiment(
+        client.get_experiment_by_name(f"{tracking.EXPERIMENT}/stages").experiment_id
+    )
     assert begun() is None and "deleted" in capsys.readouterr().err
 
 
-def test_a_relative_store_is_kept_in_the_repository_and_not_in_a_temporary_workspace(store, monkeypatch):
+def test_a_relative_store_is_kept_in_the_repository_and_not_in_a_temporary_workspace(
+    store, monkeypatch
+):
     workspace = store / ".dvc" / "tmp" / "exps" / "tmp1"
     workspace.mkdir(parents=True)
     monkeypatch.chdir(workspace)
@@ -143,11 +178,15 @@ def test_a_relative_store_is_kept_in_the_repository_and_not_in_a_temporary_works
     from mlflow import MlflowClient
 
     (entry,) = runs_of(MlflowClient(f"sqlite:///{store / 'my.db'}"))
-    assert entry.info.status == "FINISHED" and entry.info.artifact_uri.startswith((store / "mlruns").as_uri())
+    assert entry.info.status == "FINISHED" and entry.info.artifact_uri.startswith(
+        (store / "mlruns").as_uri()
+    )
     assert not list(workspace.iterdir())
 
 
-def test_a_store_that_fails_under_way_costs_the_row_and_one_warning(store, client, monkeypatch, capsys):
+def test_a_store_that_fails_under_way_costs_the_row_and_one_warning(
+    store, client, monkeypatch, capsys
+):
     def log_metrics(*_, **__):
         raise OSError(28, "No space left on device")
 
@@ -156,7 +195,11 @@ def test_a_store_that_fails_under_way_costs_the_row_and_one_warning(store, clien
         run.log("log_metrics", {"seconds": 1})
         run.log("log_artifact", str(ROOT / "LICENSE"))
     (entry,) = runs_of(client)
-    assert run.id is None and entry.info.status == "FAILED" and client.list_artifacts(entry.info.run_id) == []
+    assert (
+        run.id is None
+        and entry.info.status == "FAILED"
+        and client.list_artifacts(entry.info.run_id) == []
+    )
     assert capsys.readouterr().err.count("No space left on device") == 1
 
 
@@ -165,7 +208,10 @@ def test_processes_that_open_a_fresh_store_at_once_do_not_race(store):
     from mlflow import MlflowClient
 
     code = "from tests.test_tracking import begun; begun()"
-    started = [subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stderr=subprocess.PIPE) for _ in range(3)]
+    started = [
+        subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stderr=subprocess.PIPE)
+        for _ in range(3)
+    ]
     errors = [process.communicate()[1].decode() for process in started]
     assert [process.returncode for process in started] == [0, 0, 0], errors
     runs = runs_of(MlflowClient(f"sqlite:///{store / 'mlflow.db'}"))

@@ -1,4 +1,6 @@
-"""Logits of a trained network in any precision, with the same views selected, for its stability checks."""
+"""Logits of a trained network in any precision, with the same views selected, for its stability
+checks.
+"""
 
 from collections.abc import Callable
 from copy import deepcopy
@@ -24,7 +26,9 @@ SINGLE = 1e-5  # of the largest logit: what single precision may cost, a hundred
 
 @dataclass(frozen=True)
 class Subject:
-    """A trained network and its surroundings. Inputs are network input (n, H, W), sets (A, V) index them."""
+    """A trained network and its surroundings. Inputs are network input (n, H, W), sets (A, V) index
+    them.
+    """
 
     classifier: Classifier  # in evaluation mode and float32; a check that changes it takes a copy
     table: Frames  # the frames it was trained and is tested on
@@ -39,34 +43,52 @@ class Subject:
     def inputs(self, most: int = 64) -> np.ndarray:
         """Network input of frames of the test side, evenly spread over it."""
         index = self.table.on(TEST)
-        return self.table.inputs(index[np.linspace(0, len(index) - 1, min(most, len(index))).astype(int)])
+        return self.table.inputs(
+            index[np.linspace(0, len(index) - 1, min(most, len(index))).astype(int)]
+        )
 
     def sets(self, inputs: np.ndarray, count: int = 32) -> np.ndarray:
         """View sets (A, V) of the inputs at random."""
         return some_sets(len(inputs), self.classifier.views, count)
 
     def features(self, inputs: np.ndarray, precision: str) -> Tensor:
-        """Features (n, ...) as the evaluation computes them in `precision`, or in `float64` for reference."""
-        compute, backbone = Compute(self.compute.device, precision), deepcopy(self.classifier.backbone)
+        """Features (n, ...) as the evaluation computes them in `precision`, or in `float64` for
+        reference.
+        """
+        compute, backbone = (
+            Compute(self.compute.device, precision),
+            deepcopy(self.classifier.backbone),
+        )
         backbone = backbone.to(compute.device, kind(precision), memory_format=torch.channels_last)
         frames = compute.frames(torch.from_numpy(np.ascontiguousarray(inputs))).to(kind(precision))
         with torch.inference_mode(), compute.autocast():
             return extract_features(backbone, [frames])
 
     @torch.inference_mode()
-    def head_logits(self, head: nn.Module, nodes: Tensor, sets: np.ndarray, precision: str) -> Tensor:
+    def head_logits(
+        self, head: nn.Module, nodes: Tensor, sets: np.ndarray, precision: str
+    ) -> Tensor:
         """Logits (A, classes) of features (n, ...), of a copy of the system."""
         copy = deepcopy(head).to(self.compute.device, kind(precision))
         return view_set_logits(copy, nodes, torch.from_numpy(sets).to(self.compute.device)).cpu()
 
     def logits(self, inputs: np.ndarray, sets: np.ndarray, precision: str) -> Tensor:
         """Logits (A, classes) of view sets."""
-        return self.head_logits(self.classifier.head, self.features(inputs, precision), sets, precision)
+        return self.head_logits(
+            self.classifier.head, self.features(inputs, precision), sets, precision
+        )
 
     def single_and_exact(self, inputs: np.ndarray, sets: np.ndarray) -> tuple[Tensor, Tensor]:
-        """Logits (A, classes) in float32, and in float64 with the same views, see `with_the_same_views`."""
+        """Logits (A, classes) in float32, and in float64 with the same views, see
+        `with_the_same_views`.
+        """
         single, exact = (
-            partial(self.head_logits, nodes=self.features(inputs, precision), sets=sets, precision=precision)
+            partial(
+                self.head_logits,
+                nodes=self.features(inputs, precision),
+                sets=sets,
+                precision=precision,
+            )
             for precision in ("float32", "float64")
         )
         return with_the_same_views(single, exact, self.classifier.head)
@@ -77,12 +99,15 @@ def kind(precision: str) -> torch.dtype:
     return torch.float64 if precision == "float64" else torch.float32
 
 
-def with_the_same_views(single: Callable, exact: Callable, head: nn.Module) -> tuple[Tensor, Tensor]:
+def with_the_same_views(
+    single: Callable, exact: Callable, head: nn.Module
+) -> tuple[Tensor, Tensor]:
     """What `single(head)` gives, and `exact(head)` with the views that the former selects.
 
-    Equation 5 selects the surest of several views, and which it is, rounding decides where two are equally sure: the
-    answers then differ, and both are right. So the exact network is made to take the same views. What it gives is not
-    a number where it is surer of others by more than rounding explains, 1e-5 of the largest logit.
+    Equation 5 selects the surest of several views, and which it is, rounding decides where two are
+    equally sure: the answers then differ, and both are right. So the exact network is made to take
+    the same views. What it gives is not a number where it is surer of others by more than rounding
+    explains, 1e-5 of the largest logit.
     """
     selected, doubt = list[Tensor](), [0.0]
 
@@ -100,7 +125,9 @@ def with_the_same_views(single: Callable, exact: Callable, head: nn.Module) -> t
         single_logits = single(deepcopy(head))
     with patch.object(SelectiveViewSampling, "most_confident", select_the_same):
         exact_logits = exact(deepcopy(head))
-    return single_logits, exact_logits if max(doubt) <= SINGLE else torch.full_like(exact_logits, torch.nan)
+    return single_logits, exact_logits if max(doubt) <= SINGLE else torch.full_like(
+        exact_logits, torch.nan
+    )
 
 
 def some_sets(frames: int, views: int, count: int = 32) -> np.ndarray:

@@ -1,7 +1,8 @@
 """Errors of the classifier on sets of labelled recordings, beside those of plain methods on the same folds.
 
-A set is a folder of OBJECT/RECORDING.npy, (T, C) or (T, H, W). Its groups.csv, if any, has columns file and group. With
-`--groups sessions` it is any source that the package reads, and its sessions, such as persons, are the groups.
+A set is a folder of OBJECT/RECORDING.npy, (T, C) or (T, H, W). Its groups.csv, if any, has columns
+file and group. With `--groups sessions` it is any source that the package reads, and its sessions,
+such as persons, are the groups.
 """
 
 from collections.abc import Callable
@@ -57,7 +58,12 @@ class LabelledSet(NamedTuple):
 
 
 @click.command()
-@click.argument("folders", nargs=-1, required=True, type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.argument(
+    "folders",
+    nargs=-1,
+    required=True,
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+)
 @click.option("--folds", default=4, show_default=True, help="Fewer where a set has fewer groups.")
 @click.option(
     "--groups",
@@ -66,15 +72,28 @@ class LabelledSet(NamedTuple):
     show_default=True,
     help="What is held out together: by groups.csv, else each recording; sessions, such as persons; each recording.",
 )
-@click.option("--layout", default="auto", show_default=True, help="With --groups sessions: data.layout of the sets.")
-@click.option("--out", type=click.Path(path_type=Path), help="CSV with a row of each set; what it has of others stays.")
+@click.option(
+    "--layout",
+    default="auto",
+    show_default=True,
+    help="With --groups sessions: data.layout of the sets.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="CSV with a row of each set; what it has of others stays.",
+)
 @click.option("--only", default=",".join(WITH_AEON), show_default=True, help="Methods to run.")
-def main(folders: tuple[Path, ...], folds: int, groups: str, layout: str, out: Path | None, only: str) -> None:
+def main(
+    folders: tuple[Path, ...], folds: int, groups: str, layout: str, out: Path | None, only: str
+) -> None:
     """Compare methods on the sets in FOLDERS. Regret: error of ours above the least of trees, svc and logistic."""
     names = only.split(",")
     wrong = sorted(set(names) - set(METHODS))
     if wrong:
-        raise click.ClickException(f"--only has {', '.join(wrong)}; expected some of {', '.join(METHODS)}")
+        raise click.ClickException(
+            f"--only has {', '.join(wrong)}; expected some of {', '.join(METHODS)}"
+        )
     if MINIROCKET in names and MINIROCKET not in WITH_AEON:
         raise click.ClickException(f"--only has {MINIROCKET}, which needs aeon: `pip install aeon`")
     rows = {}
@@ -82,15 +101,30 @@ def main(folders: tuple[Path, ...], folds: int, groups: str, layout: str, out: P
         rows = {row["set"]: row for row in pd.read_csv(out).to_dict("records")}
     for folder in folders:
         try:
-            labelled = read_sessions(folder, layout) if groups == "sessions" else read_folder(folder, groups == "file")
+            labelled = (
+                read_sessions(folder, layout)
+                if groups == "sessions"
+                else read_folder(folder, groups == "file")
+            )
         except UserError as error:
             raise click.ClickException(str(error)) from None
-        rows[folder.name] = rows.get(folder.name, {}) | {"set": folder.name} | measured(labelled, folds, names)
+        rows[folder.name] = (
+            rows.get(folder.name, {}) | {"set": folder.name} | measured(labelled, folds, names)
+        )
         if out:
-            write_file(out, pd.DataFrame(rows.values(), columns=COLUMNS).to_csv(index=False, float_format="%.2f"))
-    table = pd.DataFrame([rows[folder.name] for folder in folders], [folder.name for folder in folders], COLUMNS)
+            write_file(
+                out,
+                pd.DataFrame(rows.values(), columns=COLUMNS).to_csv(
+                    index=False, float_format="%.2f"
+                ),
+            )
+    table = pd.DataFrame(
+        [rows[folder.name] for folder in folders], [folder.name for folder in folders], COLUMNS
+    )
     click.echo(markdown(table.astype(object).where(table.notna(), "-").to_dict("records")))
-    regret = (table[ERROR.format(OURS)] - table[[ERROR.format(name) for name in SIMPLE]].min(axis=1)).dropna()
+    regret = (
+        table[ERROR.format(OURS)] - table[[ERROR.format(name) for name in SIMPLE]].min(axis=1)
+    ).dropna()
     if len(regret):
         click.echo(
             f"\nRegret: {regret.mean():.1f} points in the mean, {regret.max():.1f} at most, on {regret.idxmax()}."
@@ -126,7 +160,9 @@ def read_sessions(folder: Path, layout: str) -> LabelledSet:
             labels.append(table.objects[table.columns["object"][index[0]]])
             groups.append(table.columns["session"][index[0]])
     if len(set(groups)) < 2:
-        raise UserError(f"{folder}: one session; expected two or more, or --layout such as SESSION/OBJECT/FILE")
+        raise UserError(
+            f"{folder}: one session; expected two or more, or --layout such as SESSION/OBJECT/FILE"
+        )
     return LabelledSet(recordings, np.array(labels), np.array(groups))
 
 
@@ -147,7 +183,9 @@ def measured(labelled: LabelledSet, folds: int, names: list[str]) -> dict:
             for learnt, asked in parts.split(labels, labels, groups):
                 known = [recordings[number] for number in learnt]
                 new = [recordings[number] for number in asked]
-                wrong += sum(answers(name, known, labels[learnt], groups[learnt], new) != labels[asked])
+                wrong += sum(
+                    answers(name, known, labels[learnt], groups[learnt], new) != labels[asked]
+                )
         except Exception as error:
             click.echo(f"{name}: {type(error).__name__}: {error}", err=True)
             wrong = begin = np.nan
@@ -156,7 +194,9 @@ def measured(labelled: LabelledSet, folds: int, names: list[str]) -> dict:
     return row
 
 
-def answers(name: str, learnt: list, labels: np.ndarray, groups: np.ndarray, asked: list) -> np.ndarray:
+def answers(
+    name: str, learnt: list, labels: np.ndarray, groups: np.ndarray, asked: list
+) -> np.ndarray:
     """Labels that a method gives to recordings."""
     if name == OURS:
         return TactileClassifier().fit(learnt, labels, groups).predict(asked)
@@ -172,7 +212,9 @@ def minirocket(learnt: list, labels: np.ndarray, asked: list) -> np.ndarray:
 
     def series(recordings: list) -> list[np.ndarray]:
         """Series (C, T) of recordings (T, H, W)."""
-        return [recording.reshape(len(recording), -1).T.astype(np.float64) for recording in recordings]
+        return [
+            recording.reshape(len(recording), -1).T.astype(np.float64) for recording in recordings
+        ]
 
     length = int(np.median([len(recording) for recording in learnt]))
     resize: Callable = Resizer(max(length, LEAST_LENGTH)).fit_transform
@@ -183,7 +225,9 @@ def minirocket(learnt: list, labels: np.ndarray, asked: list) -> np.ndarray:
 def statistics(recordings: list) -> np.ndarray:
     """Mean, standard deviation, minimum, maximum and median (n, 5C) of each channel over all frames."""
     kinds = (np.mean, np.std, np.min, np.max, np.median)
-    return np.array([np.concatenate([kind(x, axis=0).ravel() for kind in kinds]) for x in recordings])
+    return np.array(
+        [np.concatenate([kind(x, axis=0).ravel() for kind in kinds]) for x in recordings]
+    )
 
 
 if __name__ == "__main__":

@@ -11,7 +11,9 @@ class IntegrationFailed(RuntimeError):
     """A method diverged, failed, or used up its evaluations."""
 
 
-def explicit_euler(mechanics: Mechanics, y: np.ndarray, frames: int, frame: float, steps: int) -> np.ndarray:
+def explicit_euler(
+    mechanics: Mechanics, y: np.ndarray, frames: int, frame: float, steps: int
+) -> np.ndarray:
     """States (B, frames, n) from y (B, n), with `steps` steps in each frame of `frame` s.
 
     Raises:
@@ -33,7 +35,8 @@ def integrate_with_scipy(
 ) -> tuple[np.ndarray, int]:  # fmt: skip
     """States (frames, n) of hand `row` from y (n,) by RK45, BDF or Radau, and the number of evaluations.
 
-    Implicit methods get the same Hessian as the glove's integrator. The absolute tolerance is rtol / 1000.
+    Implicit methods get the same Hessian as the glove's integrator. The absolute tolerance is rtol
+    / 1000.
 
     Raises:
         IntegrationFailed: it failed, diverged, or took more than `max_evaluations`.
@@ -47,7 +50,9 @@ def integrate_with_scipy(
             raise IntegrationFailed(f"spent {max_evaluations:,} evaluations")
         if not np.isfinite(y).all():
             raise IntegrationFailed("diverged")
-        return mechanics.evaluate(np.array([row]), np.array([t / frame]), y[None], palm=mechanics.motion)
+        return mechanics.evaluate(
+            np.array([row]), np.array([t / frame]), y[None], palm=mechanics.motion
+        )
 
     def slope(t: float, y: np.ndarray) -> np.ndarray:
         return -evaluate(t, y).residual[0] / mechanics.damping

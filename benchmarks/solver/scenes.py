@@ -10,7 +10,8 @@ from tactile_viewgcn.glove.simulation import Recipe, Simulation
 
 FRAMES = 22  # one grasp
 THICKNESS = 0.004  # m of skin
-SETTINGS = (  # stiffness of skin and object, Pa/m; damping of joints, N m s / rad, and object, N s / m
+# stiffness of skin and object, Pa/m; damping of joints, N m s / rad, and object, N s / m
+SETTINGS = (
     (3e4, 1e6, 0.5, 2000.0),
     (4e6, 1e7, 0.1, 300.0),
     (2.5e7, 2e7, 0.02, 60.0),
@@ -22,7 +23,9 @@ SETTINGS = (  # stiffness of skin and object, Pa/m; damping of joints, N m s / r
 )
 
 
-def ball_grasp(skin: float, surface: float, joint_damping: float, object_damping: float, *, seed: int) -> Simulation:
+def ball_grasp(
+    skin: float, surface: float, joint_damping: float, object_damping: float, *, seed: int
+) -> Simulation:
     """One grasp of a ball; the first four arguments are one of SETTINGS."""
     ball = replace(select_objects(["ball"])[1], stiffness=surface)
     layer = Layer(skin, THICKNESS, joint_damping, object_damping)
@@ -47,6 +50,11 @@ def stiffness(mechanics: Mechanics, states: np.ndarray, frame: float) -> float:
     """lambda h: largest eigenvalue of the Gauss-Newton Jacobian at states (B, T, n), times the frame interval (s)."""
     rows, root, largest = np.arange(len(states)), np.sqrt(mechanics.damping), 0.0
     for t in range(states.shape[1]):
-        balance = mechanics.evaluate(rows, np.full(len(rows), t + 1.0), states[:, t], palm=mechanics.motion)
-        largest = max(largest, float(np.linalg.eigvalsh(hessian(mechanics, balance) / root[:, None] / root).max()))
+        balance = mechanics.evaluate(
+            rows, np.full(len(rows), t + 1.0), states[:, t], palm=mechanics.motion
+        )
+        largest = max(
+            largest,
+            float(np.linalg.eigvalsh(hessian(mechanics, balance) / root[:, None] / root).max()),
+        )
     return largest * frame

@@ -1,7 +1,7 @@
 """A row of the stability table and what its error is measured with.
 
-A quantity is `right` when its error is no more than its tolerance, `refused` when the project says in one line that it
-cannot do that. Otherwise its check fails, and no table is written.
+A quantity is `right` when its error is no more than its tolerance, `refused` when the project says
+in one line that it cannot do that. Otherwise its check fails, and no table is written.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,8 @@ class Quantity:
     """One quantity of a check."""
 
     name: str  # what is compared with what
-    error: float  # see `max_rel_error` and `share_different`, or a count that should be 0; NaN holds for nothing
+    # see `max_rel_error` and `share_different`, or a count that should be 0; NaN holds for nothing
+    error: float
     tolerance: float = 0.0  # the largest error that is right
     remark: str = ""  # what the number does not say
     refused: bool = False  # by the project, as it should

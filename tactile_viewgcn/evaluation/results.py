@@ -4,7 +4,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-from tactile_viewgcn.evaluation.trials import ASKED, PROTOCOLS, WHOLE, Predictions, write_predictions
+from tactile_viewgcn.evaluation.trials import (
+    ASKED,
+    PROTOCOLS,
+    WHOLE,
+    Predictions,
+    write_predictions,
+)
 from tactile_viewgcn.files import new_files, readable
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import NEW_SESSION, csv_text, several
@@ -13,7 +19,8 @@ from tactile_viewgcn.provenance import EARLIER, Record
 from tactile_viewgcn.schema import flatten
 
 Records = dict[str, Record]  # of the earlier stages, by stage
-SCORED = {WHOLE: ASKED[WHOLE], "new_session": NEW_SESSION} | dict(reversed(ASKED.items()))  # by name in metrics.json
+# by name in metrics.json
+SCORED = {WHOLE: ASKED[WHOLE], "new_session": NEW_SESSION} | dict(reversed(ASKED.items()))
 
 
 def read_records(folder: Path) -> Records:
@@ -33,7 +40,9 @@ def simulation(records: Records) -> Records:
     return {"simulate": Record.read(path.read_text())} if simulated and path.exists() else {}
 
 
-def costs(latency_ms: dict[str, dict[str, float]], records: Records, seconds: float, peak_mb: float) -> dict[str, Any]:
+def costs(
+    latency_ms: dict[str, dict[str, float]], records: Records, seconds: float, peak_mb: float
+) -> dict[str, Any]:
     """Seconds of each stage and of all, latency in ms per answer, and the peak memory of the hungriest stage in MB.
 
     Args:
@@ -42,7 +51,9 @@ def costs(latency_ms: dict[str, dict[str, float]], records: Records, seconds: fl
     each = {name: record.seconds for name, record in records.items()} | {"evaluate": seconds}
     peak = max([peak_mb, *(record.peak_mb for record in records.values())])
     return {
-        "seconds": {name: round(value, 3) for name, value in (each | {"total": sum(each.values())}).items()},
+        "seconds": {
+            name: round(value, 3) for name, value in (each | {"total": sum(each.values())}).items()
+        },
         "latency_ms": latency_ms,
         "peak_mb": round(peak, 1),
     }
@@ -50,7 +61,12 @@ def costs(latency_ms: dict[str, dict[str, float]], records: Records, seconds: fl
 
 def new_session(records: Records) -> dict[str, Any]:
     """The score `new_session` of metrics.json, if `finetune` has measured it."""
-    notes = [note for record in records.values() for note in record.notes if note.topic == "new session" and note.value]
+    notes = [
+        note
+        for record in records.values()
+        for note in record.notes
+        if note.topic == "new session" and note.value
+    ]
     return {"new_session": {"error": notes[0].value}} if notes else {}
 
 
@@ -59,7 +75,11 @@ def summary(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]
     scores = {name: metrics[name] for name in SCORED if name in metrics}
     return {
         **{f"error.{name}": score["error"]["mean"] for name, score in scores.items()},
-        **{f"top3_error.{name}": score["top3_error"] for name, score in scores.items() if "top3_error" in score},
+        **{
+            f"top3_error.{name}": score["top3_error"]
+            for name, score in scores.items()
+            if "top3_error" in score
+        },
         "seconds.total": timing["seconds"]["total"],
         "ms_per_answer": timing["latency_ms"]["single"]["median"],
         "ms_per_recording": timing["latency_ms"][WHOLE]["median"],
@@ -73,10 +93,13 @@ def errors_by_frames(metrics: dict[str, Any]) -> dict[str, list[tuple[int, dict[
     return {name: [(int(count), error) for count, error in each] for name, each in errors.items()}
 
 
-def write_results(folder: Path, predictions: Predictions, metrics: dict[str, Any], timing: dict[str, Any]) -> None:
+def write_results(
+    folder: Path, predictions: Predictions, metrics: dict[str, Any], timing: dict[str, Any]
+) -> None:
     """Write predictions, metrics.json, tables of trials, views, confusion and classes, and the costs in timing.json.
 
-    All but the costs are equal on every run with one seed. DVC shows summary.json, which has some of both.
+    All but the costs are equal on every run with one seed. DVC shows summary.json, which has some
+    of both.
     """
     classes = predictions.classes.tolist()
     trees = {"metrics": metrics, "timing": timing, "summary": summary(metrics, timing)}
@@ -88,13 +111,16 @@ def write_results(folder: Path, predictions: Predictions, metrics: dict[str, Any
     }
     for protocol, errors in errors_by_frames(metrics).items():
         tables["views"] += [
-            [protocol, count, *(error[key] for key in ("mean", "low", "high"))] for count, error in errors
+            [protocol, count, *(error[key] for key in ("mean", "low", "high"))]
+            for count, error in errors
         ]
     for asked, trials in predictions.trials.items():
         tables["trials"] += [[asked, *row] for row in enumerate(trials.errors.tolist())]
         for label, counts in enumerate(trials.confusion(len(classes)).tolist()):
             name, answers = classes[label], sum(counts)
-            tables["confusion"] += [[asked, name, *pair] for pair in zip(classes, counts, strict=True)]
+            tables["confusion"] += [
+                [asked, name, *pair] for pair in zip(classes, counts, strict=True)
+            ]
             if answers:
                 tables["per_class"].append([asked, name, answers, 1 - counts[label] / answers])
     with new_files(folder) as part:
@@ -110,15 +136,23 @@ def row_tags_parameters_metrics(
 ) -> tuple[dict[str, str], dict[str, float], dict[str, float]]:
     """What the row has besides params.yaml.
 
-    Tags: the ids of the stages' runs, and what `auto` chose. Parameters: numbers of classes, of frames, recordings
-    and groups on a side, and of weights. Metrics: the summary, the seconds of each stage and the peak memory.
+    Tags: the ids of the stages' runs, and what `auto` chose. Parameters: numbers of classes, of
+    frames, recordings and groups on a side, and of weights. Metrics: the summary, the seconds of
+    each stage and the peak memory.
     """
     counts = {name: value for record in records.values() for name, value in record.counts.items()}
     tags = {f"stage.{name}": record.run_id for name, record in records.items() if record.run_id}
     tags |= {name: str(value) for name, value in counts.items() if name.startswith("resolved.")}
     weights = {name: value for name, value in counts.items() if name.startswith("weights.")}
-    parameters = flatten({name: metrics[name] for name in ("classes", "frames", "recordings", "groups")}) | weights
-    return tags, parameters, summary(metrics, timing) | flatten({name: timing[name] for name in ("seconds", "peak_mb")})
+    parameters = (
+        flatten({name: metrics[name] for name in ("classes", "frames", "recordings", "groups")})
+        | weights
+    )
+    return (
+        tags,
+        parameters,
+        summary(metrics, timing) | flatten({name: timing[name] for name in ("seconds", "peak_mb")}),
+    )
 
 
 def summary_lines(metrics: dict, timing: dict) -> list[str]:

@@ -19,7 +19,8 @@ WHOLE = "whole"
 #: what is answered, by its name in the results, the last one as in use
 ASKED = {"object": "object protocol", "recording": "recording protocol", WHOLE: "whole recordings"}
 TOP = 3
-OF_TRIALS = ("best", "labels", "groups", "recordings", "frames")  # attributes of `Trials` that the file has
+# attributes of `Trials` that the file has
+OF_TRIALS = ("best", "labels", "groups", "recordings", "frames")
 
 
 @dataclass(frozen=True)
@@ -27,11 +28,13 @@ class Trials:
     """Answers of T trials to A view sets, or of one trial to A whole recordings.
 
     Attributes:
-        best: int16 (T, A, 3) the three most probable classes, the first one first; ties to the lowest.
+        best: int16 (T, A, 3) the three most probable classes, the first one first; ties to the
+            lowest.
         labels, groups, recordings: (A,) true class, split group and name of the recording.
         frames: number of frames of an answer: V, or those of the median recording.
-        fewer: bool (T, A), whether the answer is right, by number of views, 1, 2, 4 and so on below V: the anchor and
-            other views of its set at random, each time those before and more. Empty if the classifier takes V alone.
+        fewer: bool (T, A), whether the answer is right, by number of views, 1, 2, 4 and so on below
+            V: the anchor and other views of its set at random, each time those before and more.
+            Empty if the classifier takes V alone.
     """
 
     best: np.ndarray
@@ -57,15 +60,26 @@ class Trials:
         return np.bincount(cells.ravel(), minlength=classes**2).reshape(classes, classes)
 
 
-def run_trials(classifier: Classifier, values: Any, table: Frames, params: Params, protocol: str) -> Trials:
+def run_trials(
+    classifier: Classifier, values: Any, table: Frames, params: Params, protocol: str
+) -> Trials:
     """Classify one view set around each anchor of the evaluated side in each trial; all classifiers get the same ones.
 
     Args:
         values: (n, ...) of the evaluated side's frames, see `recognition.model_file`.
-        protocol: `object`: a view set is of all frames of an object; `recording`: of one recording and split group.
+        protocol: `object`: a view set is of all frames of an object; `recording`: of one recording
+            and split group.
     """
-    index, cluster, views = table.on(SIDES.index(params.evaluate.side)), params.cluster, classifier.views
-    anchors, pool, points = np.flatnonzero(table.anchor[index]), pool_ids(table, index, protocol), table.points(index)
+    index, cluster, views = (
+        table.on(SIDES.index(params.evaluate.side)),
+        params.cluster,
+        classifier.views,
+    )
+    anchors, pool, points = (
+        np.flatnonzero(table.anchor[index]),
+        pool_ids(table, index, protocol),
+        table.points(index),
+    )
     labels, number = table.label[index][anchors], PROTOCOLS.index(protocol)
     scores = pool_scores(points, pool) if cluster.method == "kmeans" and views > 1 else None
     sizes = powers_of_two(views)[:-1] if classifier.takes_fewer else ()
@@ -74,7 +88,8 @@ def run_trials(classifier: Classifier, values: Any, table: Frames, params: Param
         rng = stream(params.seed, "trial", number, trial)
         sets = ViewSets(cluster_pools(points, pool, views, cluster, rng, scores), pool, views)
         drawn = sets.draw(anchors, rng, cluster.assignment)
-        columns = anchor_first(drawn, anchors, rng.spawn(1)[0])  # a separate generator: no other draw changes
+        # a separate generator: no other draw changes
+        columns = anchor_first(drawn, anchors, rng.spawn(1)[0])
         for size, correct in fewer.items():
             part = np.take_along_axis(drawn, columns[:, :size], axis=1)
             correct.append(classifier.view_sets(values, part).argmax(axis=1) == labels)
@@ -101,7 +116,11 @@ def most_probable(logits: np.ndarray) -> np.ndarray:
 
 
 def _trials(
-    best: np.ndarray, table: Frames, at: np.ndarray, frames: int, fewer: dict[int, np.ndarray] | None = None
+    best: np.ndarray,
+    table: Frames,
+    at: np.ndarray,
+    frames: int,
+    fewer: dict[int, np.ndarray] | None = None,
 ) -> Trials:
     """Trials whose labels, groups and recordings are those of the frames `at` (A,)."""
     recordings = np.array(table.recordings)[table.recording[at]]

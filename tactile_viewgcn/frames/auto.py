@@ -7,7 +7,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tactile_viewgcn.frames.baseline import Baseline, measure_baseline, session_moments, without_empty_hand
+from tactile_viewgcn.frames.baseline import (
+    Baseline,
+    measure_baseline,
+    session_moments,
+    without_empty_hand,
+)
 from tactile_viewgcn.frames.columns import column_notes
 from tactile_viewgcn.frames.filter import flagged, sensors_in_contact
 from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_note
@@ -23,7 +28,8 @@ SAMPLE = 2000  # frames whose readings are compared
 NEAR_ZERO = 0.05  # of the range of readings
 MOST_LOST = 0.05  # share of recordings without a frame in contact, above which contact is no filter
 RELEASED_SCALE = 150.0  # counts, of the released code, for STAG's glove
-HEADROOM = 10.0  # times the strongest hundredth of the readings: the released scale is kept up to there
+# times the strongest hundredth of the readings: the released scale is kept up to there
+HEADROOM = 10.0
 
 
 @dataclass(frozen=True)
@@ -35,7 +41,8 @@ class Choice:
         states: of the training side's frames, whether the hand is open or in contact.
         baseline: of these frames, the one that `params` names.
         leak: the leak check above that baseline; None where it cannot be made.
-        notes: one of level `choice` for each value that was `auto`, those of the leak check and on columns.
+        notes: one of level `choice` for each value that was `auto`, those of the leak check and on
+            columns.
     """
 
     params: PreprocessSection
@@ -45,16 +52,19 @@ class Choice:
     notes: list[Note]
 
 
-def choose(recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, group: np.ndarray) -> Choice:
+def choose(
+    recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, group: np.ndarray
+) -> Choice:
     """Decide every `auto`, and measure the baseline and the leak.
 
     Args:
-        rows: rising indices (n,) of the training side's frames and of the empty hand of its sessions; no reading of
-            other frames is looked at.
+        rows: rising indices (n,) of the training side's frames and of the empty hand of its
+            sessions; no reading of other frames is looked at.
         group: (T,) split group of each frame.
 
     Raises:
-        UserError: no sensor that varies; a baseline that the recordings cannot give; readings too small or too large.
+        UserError: no sensor that varies; a baseline that the recordings cannot give; readings too
+            small or too large.
     """
     training, live = recordings.part(rows), int(recordings.live.sum())
     if not live:
@@ -80,7 +90,9 @@ def choose(recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, g
     moments = session_moments(training)
     states = hand_states(training, sensors, moments, all_contact=as_they_are)
     if lacking and not (as_they_are or _shows_open_hand(training, states)):
-        states = replace(states, contact=np.ones_like(states.contact), open=np.zeros_like(states.open))
+        states = replace(
+            states, contact=np.ones_like(states.contact), open=np.zeros_like(states.open)
+        )
 
     kind, zero = asked.baseline, asked.zero
     if asked.baseline == "auto":
@@ -97,7 +109,10 @@ def choose(recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, g
     if asked.scale == "auto":
         chosen["scale"] = _scale(contact_readings(training, states, baseline))
     params = replace(asked, **{key: value for key, (value, _) in chosen.items()})
-    notes = [Note(text, "choice", key, f"preprocess.{key}", value) for key, (value, text) in chosen.items()]
+    notes = [
+        Note(text, "choice", key, f"preprocess.{key}", value)
+        for key, (value, text) in chosen.items()
+    ]
     if kind == "grasp" and states.all_contact:
         text = "even the quietest frames are contact, so grasp subtracts signal: set preprocess.baseline to auto"
         notes.append(Note(text, "warning", "baseline", "preprocess.baseline", "auto"))
@@ -113,13 +128,21 @@ def _shows_open_hand(recordings: Recordings, states: HandStates) -> bool:
     return bool(frames["open"] >= MIN_FRAMES and frames["contact"] > 0)
 
 
-def _baseline(training: Recordings, states: HandStates, *, empty_hand: bool, published: bool) -> tuple[Any, str]:
+def _baseline(
+    training: Recordings, states: HandStates, *, empty_hand: bool, published: bool
+) -> tuple[Any, str]:
     """The baseline and the reason: recordings like the paper's have the paper's, those without an open hand `none`."""
     array = is_array(training.live)
     if empty_hand and (published or not array):
-        return "empty_hand", "recorded in every session" + ", and the split is published" * published
+        return (
+            "empty_hand",
+            "recorded in every session" + ", and the split is published" * published,
+        )
     if not array:
-        return "none", "few sensors, which may read anything without contact: they are taken as they are"
+        return (
+            "none",
+            "few sensors, which may read anything without contact: they are taken as they are",
+        )
     if states.all_contact:
         return "none", "even the quietest frames are contact: recordings are taken as they are"
     return "grasp", "of the open hand before each grasp: it may drift"
@@ -136,7 +159,9 @@ def contact_readings(recordings: Recordings, states: HandStates, baseline: Basel
     """Counts (n,) above the baseline of the sensors in contact, in about 2,000 frames of contact."""
     sample = evenly(np.flatnonzero(states.contact & ~recordings.empty_hand), SAMPLE)
     excess = states.counts[sample] - baseline.mean[baseline.of_frame[sample]][:, recordings.live]
-    return excess[excess > CONTACT_SIGMAS * states.noise[recordings.columns["session"][sample]]].astype(np.float64)
+    return excess[
+        excess > CONTACT_SIGMAS * states.noise[recordings.columns["session"][sample]]
+    ].astype(np.float64)
 
 
 def _filter(recordings: Recordings, states: HandStates, baseline: str) -> tuple[str, str]:
@@ -150,7 +175,10 @@ def _filter(recordings: Recordings, states: HandStates, baseline: str) -> tuple[
     recorded = [index for index in frames_by_recording(recordings) if of_object[index[0]]]
     lost = sum(not states.contact[index].any() for index in recorded)
     if lost > MOST_LOST * len(recorded):
-        return "none", f"{lost} of {several(len(recorded), 'recording')} have no frame in contact: every frame is kept"
+        return (
+            "none",
+            f"{lost} of {several(len(recorded), 'recording')} have no frame in contact: every frame is kept",
+        )
     return "contact", f"{100 * states.contact.mean():.0f} % of the frames are in contact"
 
 
@@ -167,5 +195,7 @@ def _scale(in_contact: np.ndarray) -> tuple[float, str]:
     if strongest <= RELEASED_SCALE <= HEADROOM * strongest:
         return RELEASED_SCALE, f"the released code's fits: {reason}"
     if not 1 / MAX_NUMBER <= (value := float(f"{strongest:.2g}")) <= MAX_NUMBER:
-        raise UserError(f"{reason}; expected {1 / MAX_NUMBER:g} to {MAX_NUMBER:g}: rescale the readings")
+        raise UserError(
+            f"{reason}; expected {1 / MAX_NUMBER:g} to {MAX_NUMBER:g}: rescale the readings"
+        )
     return value, reason

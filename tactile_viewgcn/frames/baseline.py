@@ -15,14 +15,21 @@ from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 ROUNDING_SD = 12**-0.5  # standard deviation of rounding to whole steps, in steps
-OUTLIER_SD = 3.0  # standard deviations; frames further away are left out, since the empty hand bumps into objects
+# standard deviations; frames further away are left out, since the empty hand bumps into objects
+OUTLIER_SD = 3.0
 MAX_PASSES = 5  # over the frames, to leave out outliers
 MOST_FRAMES = 10_000  # for a mean, which then is exact to a hundredth of the noise
-CUT_OFF = 0.25  # share of the frames in which a sensor reads the smallest count, if its noise is cut off there
-HALF_SD = 0.584  # standard deviation of a normal distribution cut off at its mean, relative to that of the whole
+# share of the frames in which a sensor reads the smallest count, if its noise is cut off there
+CUT_OFF = 0.25
+# standard deviation of a normal distribution cut off at its mean, relative to that of the whole
+HALF_SD = 0.584
 SAMPLE = 2000  # frames that show the noise
 #: What gives the baseline of a recording in which the hand does not open.
-EMPTY, OPEN, TRAINED = "their session's empty hand", "their session's open hand", "the training's baseline"
+EMPTY, OPEN, TRAINED = (
+    "their session's empty hand",
+    "their session's open hand",
+    "the training's baseline",
+)
 QUIETEST = "their five quietest frames"
 
 
@@ -32,7 +39,8 @@ class Baseline:
 
     Attributes:
         mean: (R, H, W) counts; float32 if that holds the recordings' counts exactly, else float64.
-        noise: (R, H, W) standard deviation in counts, see `visible_noise`; NaN if it was not measured.
+        noise: (R, H, W) standard deviation in counts, see `visible_noise`; NaN if it was not
+            measured.
         of_frame: int (T,), index of the baseline of each frame of the recordings.
         notes: on what stands in for an open hand that was not recorded.
     """
@@ -44,17 +52,21 @@ class Baseline:
 
 
 def measure_baseline(
-    recordings: Recordings, preprocess: PreprocessSection, moments: list[Moments], states: HandStates | None = None
+    recordings: Recordings,
+    preprocess: PreprocessSection,
+    moments: list[Moments],
+    states: HandStates | None = None,
 ) -> Baseline:
     """Measure the baseline that `preprocess.baseline` names.
 
     - `empty_hand`: of each session over its frames of the empty hand, as the paper subtracts it;
-    - `grasp`: of each grasp over the open hand before it; a recording without any has its session's, see
-      `_open_hand_of_session`, else its five quietest frames;
-    - `none`: the constant `preprocess.zero` for every sensor, as the released code subtracts it, with unknown noise.
+    - `grasp`: of each grasp over the open hand before it; a recording without any has its
+      session's, see `_open_hand_of_session`, else its five quietest frames;
+    - `none`: the constant `preprocess.zero` for every sensor, as the released code subtracts it,
+      with unknown noise.
 
-    Frames of the test side's empty hand count too: it calibrates the glove, and a user records it anew in each session.
-    The accuracy of the class empty hand is too high because of that.
+    Frames of the test side's empty hand count too: it calibrates the glove, and a user records it
+    anew in each session. The accuracy of the class empty hand is too high because of that.
 
     Args:
         moments: of each session, see `session_moments`.
@@ -70,9 +82,14 @@ def measure_baseline(
     if by_grasp:
         parts = frames_by_recording(recordings)
     of_session = cache(partial(_open_hand_of_session, recordings, moments, states))
-    of_frame, means, noises = np.empty(len(session), dtype=np.int32), list[np.ndarray](), list[np.ndarray]()
+    of_frame, means, noises = (
+        np.empty(len(session), dtype=np.int32),
+        list[np.ndarray](),
+        list[np.ndarray](),
+    )
     shared: dict[int, int] = {}  # by session: the baseline that its recordings share
-    replaced: dict[str, list[str]] = {}  # by what is used instead of the baseline that was asked for: recordings
+    # by what is used instead of the baseline that was asked for: recordings
+    replaced: dict[str, list[str]] = {}
     for at, index in enumerate(parts):
         number = session[index[0]]
         if by_grasp and states and (own := _of_grasps(states, index)):
@@ -93,18 +110,23 @@ def measure_baseline(
         if by_grasp or kind == TRAINED:
             replaced.setdefault(kind, []).append(recordings.recordings[recording[index[0]]])
     maps = np.empty((2, len(means), *recordings.shape), dtype)
-    maps[0], maps[1] = recordings.counts[np.zeros(1, dtype=int)], 1.0  # cells without a sensor never change
+    # cells without a sensor never change
+    maps[0], maps[1] = recordings.counts[np.zeros(1, dtype=int)], 1.0
     maps[..., recordings.live] = means, noises
     total = several(len(np.unique(recording)), "recording")
-    texts = (f"{len(names)} of {total}: it is from {kind}: {listed(names)}" for kind, names in replaced.items())
+    texts = (
+        f"{len(names)} of {total}: it is from {kind}: {listed(names)}"
+        for kind, names in replaced.items()
+    )
     return Baseline(maps[0], maps[1], of_frame, [Note(text, topic="baseline") for text in texts])
 
 
 def _of_grasps(states: HandStates, index: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]] | None:
     """The baseline (n,) of each frame of a recording, counted from 0, and the mean (S,) of each baseline.
 
-    It is that of the open-hand frames since the grasp before, five at least. A grasp with fewer has the baseline of the
-    nearest earlier grasp, or else of the nearest later one; None if all have fewer.
+    It is that of the open-hand frames since the grasp before, five at least. A grasp with fewer has
+    the baseline of the nearest earlier grasp, or else of the nearest later one; None if all have
+    fewer.
     """
     opened = states.open[index]
     grasp = grasps(opened, states.contact[index])
@@ -122,7 +144,8 @@ def _open_hand_of_session(
 ) -> tuple[str, np.ndarray, np.ndarray] | None:
     """What stands for the open hand in all of session `number`, its mean (S,) and noise (S,); None without any.
 
-    It is the empty hand, else the open hand of the session's recordings, else what was measured in the training.
+    It is the empty hand, else the open hand of the session's recordings, else what was measured in
+    the training.
     """
     mean, noise = moments[number]
     if mean is not None and sessions_with_empty_hand(recordings)[number]:
@@ -137,7 +160,8 @@ def _open_hand_of_session(
 def grasps(opened: np.ndarray, contact: np.ndarray) -> np.ndarray:
     """Number (n,) of the grasp of each frame of a recording, from 1: the next begins when the hand opens after contact.
 
-    Frames that are neither `opened` nor in `contact`, both bool (n,), belong to the grasp before them.
+    Frames that are neither `opened` nor in `contact`, both bool (n,), belong to the grasp before
+    them.
     """
     certain = np.flatnonzero(opened | contact)
     begins = np.zeros(len(opened), dtype=np.int64)
@@ -159,7 +183,10 @@ def sessions_with_empty_hand(recordings: Recordings) -> np.ndarray:
 
 def without_empty_hand(recordings: Recordings) -> list[str]:
     """Names of the sessions that have frames, but too few of the empty hand for a baseline."""
-    enough, recorded = sessions_with_empty_hand(recordings), np.unique(recordings.columns["session"])
+    enough, recorded = (
+        sessions_with_empty_hand(recordings),
+        np.unique(recordings.columns["session"]),
+    )
     return [recordings.sessions[number] for number in recorded if not enough[number]]
 
 
@@ -168,12 +195,15 @@ def session_moments(
 ) -> list[Moments]:
     """Of each session the mean (S,) of the empty hand and the noise (S,), of the live sensors.
 
-    Without enough frames of the empty hand they are those of `trained`, mean and noise (H, W) of each session from a
-    model's training. Without both, the mean is None, and the noise that of differences of successive frames: drift adds
-    little to them, and contact changes in few of them.
+    Without enough frames of the empty hand they are those of `trained`, mean and noise (H, W) of
+    each session from a model's training. Without both, the mean is None, and the noise that of
+    differences of successive frames: drift adds little to them, and contact changes in few of them.
     """
     session, live = recordings.columns["session"], recordings.live
-    moments = [_moments(recordings, np.flatnonzero(session == number)) for number in range(len(recordings.sessions))]
+    moments = [
+        _moments(recordings, np.flatnonzero(session == number))
+        for number in range(len(recordings.sessions))
+    ]
     if not trained:
         return moments
     return [
@@ -198,10 +228,10 @@ def _moments(recordings: Recordings, index: np.ndarray) -> Moments:
 def trimmed_moments(counts: np.ndarray, visible: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Mean and standard deviation (...) of each sensor over counts (T, ...), without outliers.
 
-    Frames further than three standard deviations from the mean are left out. A median would be no finer than whole
-    counts, and the signal's median is one count. The standard deviation is divided by `visible`, see `visible_noise`,
-    and at least that of rounding, see `_step`. Differences from the first frame are summed, so that an offset costs no
-    digits.
+    Frames further than three standard deviations from the mean are left out. A median would be no
+    finer than whole counts, and the signal's median is one count. The standard deviation is divided
+    by `visible`, see `visible_noise`, and at least that of rounding, see `_step`. Differences from
+    the first frame are summed, so that an offset costs no digits.
     """
     dtype, first = np.result_type(counts.dtype, np.float32), counts[0].astype(np.float64)
     rounding = ROUNDING_SD * _step(counts)
@@ -220,7 +250,8 @@ def trimmed_moments(counts: np.ndarray, visible: float = 1.0) -> tuple[np.ndarra
 def visible_noise(counts: np.ndarray) -> float:
     """Share of the noise's standard deviation that counts (n, S) of live sensors show.
 
-    It is 1, or 0.584 where most sensors often read the smallest of all counts: half of their noise is cut off there.
+    It is 1, or 0.584 where most sensors often read the smallest of all counts: half of their noise
+    is cut off there.
     """
     return HALF_SD if np.median((counts == counts.min()).mean(axis=0)) > CUT_OFF else 1.0
 
@@ -228,7 +259,8 @@ def visible_noise(counts: np.ndarray) -> float:
 def _step(counts: np.ndarray) -> float:
     """Step that counts (T, ...) are rounded to: 1 for integers, the smallest gap between real numbers.
 
-    Gaps below eight units of the last digit are rounding errors. If all counts are equal, the step is that unit.
+    Gaps below eight units of the last digit are rounding errors. If all counts are equal, the step
+    is that unit.
     """
     if counts.dtype.kind in "iu":
         return 1.0

@@ -129,9 +129,13 @@ def _odd_columns(recordings: Recordings) -> list[Note]:
             if even[column]:
                 kind, of_several = "moves by even steps", "move by even steps"
         if error:
-            told.append(f"{names[column]} {kind} (error by its beginning alone {_of_chance(error)})")
+            told.append(
+                f"{names[column]} {kind} (error by its beginning alone {_of_chance(error)})"
+            )
         elif wide[column]:
-            told.append(f"{names[column]} {kind} (its range is {motion.wide[column]:.2g} times the others')")
+            told.append(
+                f"{names[column]} {kind} (its range is {motion.wide[column]:.2g} times the others')"
+            )
         else:
             untold.setdefault((kind, of_several), []).append(names[column])
     if not found:
@@ -153,7 +157,9 @@ def _leaving_out(recordings: Recordings, found: list[int], text: str) -> Note:
         names = recordings.sensor_names(recordings.live)
         left_out = [LEAVE_OUT + names[column] for column in found if names[column]]
         if left_out:
-            text += f"Set {quote(as_change('data.columns', left_out))}, beside what it lists already."
+            text += (
+                f"Set {quote(as_change('data.columns', left_out))}, beside what it lists already."
+            )
             return Note(text, "warning", "columns", "data.columns", left_out)
     if len(recordings.live) == 1:
         of_live = recordings.sensor_numbers[recordings.live[0]]
@@ -171,7 +177,9 @@ def _rate_notes(recordings: Recordings) -> list[Note]:
     usual = float(np.median(rates))
     if not SLOWEST <= usual <= FASTEST:
         text = f"{usual:.3g} frames a second: are times in another unit? Name their column with its unit, as `time_ms` "
-        text += "or `time_us`; or leave it out by data.columns=[leave_out:NAME]. If it is right, go on."
+        text += (
+            "or `time_us`; or leave it out by data.columns=[leave_out:NAME]. If it is right, go on."
+        )
         notes.append(Note(text, "warning", "frame rate"))
     has_all = len(rates) == len(np.unique(recordings.columns["recording"]))
     by_rate = None
@@ -224,10 +232,16 @@ def _motion_of(recordings: Recordings) -> _Motion:
         rising[columns] |= of_columns > 0
         falling[columns] |= of_columns < 0
         total += moves[row]
-        uneven[columns] += ((np.abs(steps - of_columns) > np.abs(of_columns) / 2) & (steps != 0)).sum(axis=0)
+        uneven[columns] += (
+            (np.abs(steps - of_columns) > np.abs(of_columns) / 2) & (steps != 0)
+        ).sum(axis=0)
         rises[columns] += (steps > 0).sum(axis=0)
         falls[columns] += (steps < 0).sum(axis=0)
-        readings.append(np.stack([counts[0], counts[-1], counts.mean(axis=0), counts.min(axis=0), counts.max(axis=0)]))
+        readings.append(
+            np.stack(
+                [counts[0], counts[-1], counts.mean(axis=0), counts.min(axis=0), counts.max(axis=0)]
+            )
+        )
     first, last, mean, low, high = np.stack(readings, axis=1)
     return _Motion(
         moves,

@@ -17,14 +17,17 @@ FEW_SENSORS = 16  # fewer are one or a few a finger
 def sensors_in_contact(live: int) -> int:
     """Fewest sensors that are pressed in a frame of contact: 14 of STAG's 548, a fortieth of a smaller array's.
 
-    They are two at least, since one may be faulty. Of few sensors an object may press a single one: one is enough.
+    They are two at least, since one may be faulty. Of few sensors an object may press a single one:
+    one is enough.
     """
     if live < FEW_SENSORS:
         return 1
     return min(SENSORS_IN_CONTACT, max(2, math.ceil(CONTACT_SHARE * live)))
 
 
-def passing(recordings: Recordings, baseline: Baseline, preprocess: PreprocessSection) -> tuple[np.ndarray, list[Note]]:
+def passing(
+    recordings: Recordings, baseline: Baseline, preprocess: PreprocessSection
+) -> tuple[np.ndarray, list[Note]]:
     """Frames bool (T,) that pass `preprocess.filter`, and notes on the others; `contact` passes all of the empty hand.
 
     Raises:
@@ -44,7 +47,9 @@ def passing(recordings: Recordings, baseline: Baseline, preprocess: PreprocessSe
         of_frame = recordings.columns[column]
         if len(emptied := np.setdiff1d(of_frame, of_frame[passed])):
             count = f"{len(emptied)} of {several(len(np.unique(of_frame)), column)}"
-            text = f"{count} dropped, no frame has {condition}: {listed([names[i] for i in emptied])}"
+            text = (
+                f"{count} dropped, no frame has {condition}: {listed([names[i] for i in emptied])}"
+            )
             notes.append(Note(text, "warning" if column == "object" else "info", "filter"))
     return passed, notes
 

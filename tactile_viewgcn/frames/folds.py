@@ -16,7 +16,8 @@ def in_fold(
         groups: (n,) split groups.
         labels: (n,) classes; the groups of each class are counted by themselves.
         across: groups span classes, as sessions do, and are counted once for all classes.
-        deal: 0 counts the groups in their order; any other number in a random order, the same for all folds.
+        deal: 0 counts the groups in their order; any other number in a random order, the same for
+            all folds.
     """
     inside = np.zeros(len(groups), dtype=bool)
     for label, of_class in each_class(labels, across):
@@ -46,10 +47,10 @@ def left_out(groups: np.ndarray, labels: np.ndarray, folds: int) -> list[np.ndar
 def complete_folds(groups: np.ndarray, labels: np.ndarray, folds: int) -> list[np.ndarray]:
     """Masks bool (n,), one for each fold, that together hold out every member of a class of two groups or more.
 
-    Where groups span classes, `left_out` may find all groups of a class in one fold, and never holds it out.
-    Here a group goes to the fold that has the fewest groups of its classes, the first of several.
-    A fold never gets the last group of a class whose other groups it has: that class could not be learnt.
-    Where every fold would, there is one fold more.
+    Where groups span classes, `left_out` may find all groups of a class in one fold, and never
+    holds it out. Here a group goes to the fold that has the fewest groups of its classes, the first
+    of several. A fold never gets the last group of a class whose other groups it has: that class
+    could not be learnt. Where every fold would, there is one fold more.
 
     A class of a single group is in no mask.
 
@@ -59,7 +60,9 @@ def complete_folds(groups: np.ndarray, labels: np.ndarray, folds: int) -> list[n
         folds: number of folds, at least 2; there may be more or fewer masks.
     """
     pairs = np.unique(np.stack([groups, labels]), axis=1)
-    classes, class_of_pair, groups_of_class = np.unique(pairs[1], return_inverse=True, return_counts=True)
+    classes, class_of_pair, groups_of_class = np.unique(
+        pairs[1], return_inverse=True, return_counts=True
+    )
     not_dealt = groups_of_class.copy()
     dealt = np.zeros((len(classes), folds), dtype=np.int64)  # number of groups by class and fold
     fold_of_group: dict[int, int] = {}

@@ -39,9 +39,10 @@ class QuickError:
         low, high: 95 % interval, which resamples groups.
         chance: error of always answering the object with the most groups.
         groups, frames: numbers of those that were used.
-        objects_left_out: number of objects that have usable frames in a single group, which no fold can hold out.
-        by_chance: share of random assignments of the objects to the groups that have an error as low; 0 where that was
-            not asked, as of an error far below chance.
+        objects_left_out: number of objects that have usable frames in a single group, which no fold
+            can hold out.
+        by_chance: share of random assignments of the objects to the groups that have an error as
+            low; 0 where that was not asked, as of an error far below chance.
     """
 
     error: float
@@ -69,15 +70,17 @@ def quick_error(
 ) -> QuickError | None:
     """Error of recognising the objects in about 2,000 frames; None unless two objects have two groups each.
 
-    Each mean is over frames that are spread over an object's frames in a group. About a third of the groups is held out
-    at a time, for all objects at once, such that each object of two groups or more is answered in all of them.
-    An object of a single group is left out: it is neither learnt nor answered.
+    Each mean is over frames that are spread over an object's frames in a group. About a third of
+    the groups is held out at a time, for all objects at once, such that each object of two groups
+    or more is answered in all of them. An object of a single group is left out: it is neither
+    learnt nor answered.
 
     Args:
         readings: function from frames (n,) to their readings (n, S).
         usable: bool (T,) frames to draw from.
         label, group: (T,) object and group of each frame.
-        nearest: the answer is the nearest mean's object, however objects alternate; else by ridge regression.
+        nearest: the answer is the nearest mean's object, however objects alternate; else by ridge
+            regression.
     """
     frames = np.flatnonzero(usable)
     pairs = np.stack([label, group])[:, frames].astype(np.int64)
@@ -107,22 +110,31 @@ def quick_error(
         return np.bincount(of_cell, is_wrong) / np.bincount(of_cell)
 
     wrong = wrong_by(cells[0])
-    low, high = proportion_interval(wrong, cells[1], stream(SPLIT_SEED, "quick error")) or (0.0, 1.0)
+    low, high = proportion_interval(wrong, cells[1], stream(SPLIT_SEED, "quick error")) or (
+        0.0,
+        1.0,
+    )
     chance = 1 - np.bincount(cells[0]).max() / len(cells.T)
     groups = len(np.unique(cells[1]))
-    error = QuickError(float(wrong.mean()), low, high, float(chance), groups, len(used), objects_left_out)
+    error = QuickError(
+        float(wrong.mean()), low, high, float(chance), groups, len(used), objects_left_out
+    )
     if not nearest and error.beats_chance and error.error > chance / 2:
         return replace(error, by_chance=_share_by_chance(error.error, wrong_by, cells))
     return error
 
 
-def _share_by_chance(error: float, wrong_by: Callable[[np.ndarray], np.ndarray], cells: np.ndarray) -> float:
+def _share_by_chance(
+    error: float, wrong_by: Callable[[np.ndarray], np.ndarray], cells: np.ndarray
+) -> float:
     """The share of random assignments of objects to groups whose error is as low as `error`.
 
-    An object keeps its number of groups. Where groups span objects, as sessions do, objects change places within each.
+    An object keeps its number of groups. Where groups span objects, as sessions do, objects change
+    places within each.
 
     Args:
-        wrong_by: function from the objects (n,) of the cells to the share of wrong answers (n,) in each.
+        wrong_by: function from the objects (n,) of the cells to the share of wrong answers (n,) in
+            each.
         cells: int (2, n), object and group of each cell.
     """
     rng = stream(SPLIT_SEED, "permutations")
@@ -138,14 +150,16 @@ def _share_by_chance(error: float, wrong_by: Callable[[np.ndarray], np.ndarray],
     return as_low / PERMUTATIONS
 
 
-def _answers(means: np.ndarray, label: np.ndarray, group: np.ndarray, *, nearest: bool) -> np.ndarray:
+def _answers(
+    means: np.ndarray, label: np.ndarray, group: np.ndarray, *, nearest: bool
+) -> np.ndarray:
     """Objects (n,) that a classifier of other groups assigns to mean readings (n, S).
 
     Every object has two groups or more, so that each mean is answered, see `complete_folds`.
 
-    With `nearest` the answer is the nearest mean's object.
-    Else it is the object whose ridge scores are nearest on average. The largest score alone would never name an object
-    that reads between two others, as where all sensors of an object share an offset (Hastie, Tibshirani and Friedman,
+    With `nearest` the answer is the nearest mean's object. Else it is the object whose ridge scores
+    are nearest on average. The largest score alone would never name an object that reads between
+    two others, as where all sensors of an object share an offset (Hastie, Tibshirani and Friedman,
     "The elements of statistical learning", section 4.2, masking).
     """
     from sklearn.linear_model import Ridge
@@ -154,8 +168,10 @@ def _answers(means: np.ndarray, label: np.ndarray, group: np.ndarray, *, nearest
     from threadpoolctl import threadpool_limits
 
     answer = np.full(len(label), -1)
-    with threadpool_limits(1), warnings.catch_warnings():  # no choice depends on the number of threads
-        warnings.filterwarnings("ignore", "The number of unique classes")  # many objects of two groups each
+    # no choice depends on the number of threads
+    with threadpool_limits(1), warnings.catch_warnings():
+        # many objects of two groups each
+        warnings.filterwarnings("ignore", "The number of unique classes")
         for test in complete_folds(group, label, FOLDS):
             scaler = StandardScaler().fit(means[~test])
             points = scaler.transform(means)
@@ -171,11 +187,13 @@ def _answers(means: np.ndarray, label: np.ndarray, group: np.ndarray, *, nearest
     return answer
 
 
-def check_leak(recordings: Recordings, baseline: Baseline, states: HandStates, group: np.ndarray) -> QuickError | None:
+def check_leak(
+    recordings: Recordings, baseline: Baseline, states: HandStates, group: np.ndarray
+) -> QuickError | None:
     """Error of recognising objects by open-hand frames; None unless two objects have such frames in two groups each.
 
-    The baseline of the last frame of contact before is subtracted: one of the open hand itself would hide its own
-    drift. The empty hand is no object here.
+    The baseline of the last frame of contact before is subtracted: one of the open hand itself
+    would hide its own drift. The empty hand is no object here.
 
     Args:
         group: (T,) split group of each frame.
@@ -185,7 +203,10 @@ def check_leak(recordings: Recordings, baseline: Baseline, states: HandStates, g
     before = last.fillna(frame).to_numpy(int)
 
     def excess(index: np.ndarray) -> np.ndarray:
-        return states.counts[index] - baseline.mean[baseline.of_frame[before[index]]][:, recordings.live]
+        return (
+            states.counts[index]
+            - baseline.mean[baseline.of_frame[before[index]]][:, recordings.live]
+        )
 
     untouched = states.open & ~recordings.empty_hand
     return quick_error(excess, untouched, recordings.columns["object"], group)

@@ -5,7 +5,12 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from tactile_viewgcn.frames.auto import Choice, choose
-from tactile_viewgcn.frames.baseline import Baseline, measure_baseline, session_moments, with_empty_hand
+from tactile_viewgcn.frames.baseline import (
+    Baseline,
+    measure_baseline,
+    session_moments,
+    with_empty_hand,
+)
 from tactile_viewgcn.frames.filter import passing
 from tactile_viewgcn.frames.open_hand import hand_states
 from tactile_viewgcn.frames.split import SPLIT_SEED, Sides, deal, draw_anchors, keep_testable
@@ -22,8 +27,10 @@ class Preprocessed:
 
     Attributes:
         passed: bool (T,), frames that passed the filter.
-        keep: bool (T,), frames that are in the table: they passed, and their class and their training group are used.
-        notes: on what `auto` chose, on the baseline, the leak check and what was left out, and warnings.
+        keep: bool (T,), frames that are in the table: they passed, and their class and their
+            training group are used.
+        notes: on what `auto` chose, on the baseline, the leak check and what was left out, and
+            warnings.
     """
 
     frames: Frames
@@ -35,19 +42,24 @@ class Preprocessed:
 
 
 def preprocess_recordings(
-    recordings: Recordings, asked: PreprocessSection, split: Split, *, groups: np.ndarray | None = None
+    recordings: Recordings,
+    asked: PreprocessSection,
+    split: Split,
+    *,
+    groups: np.ndarray | None = None,
 ) -> Preprocessed:
     """Deal the sides, measure the baseline, filter the frames, draw the anchors, and make the table.
 
-    What is `auto` is decided on the training side. Each side's baseline comes from that side's frames and the empty
-    hand of its sessions, whichever side those frames are on. A trained model does the same with new recordings.
+    What is `auto` is decided on the training side. Each side's baseline comes from that side's
+    frames and the empty hand of its sessions, whichever side those frames are on. A trained model
+    does the same with new recordings.
 
     Args:
         groups: see `deal`.
 
     Raises:
-        UserError: no sensor that varies; a baseline, flags or groups that the recordings cannot give; fewer than two
-            classes left; an empty side.
+        UserError: no sensor that varies; a baseline, flags or groups that the recordings cannot
+            give; fewer than two classes left; an empty side.
     """
     rng = stream(SPLIT_SEED, "preprocess")
     sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class, groups=groups)
@@ -57,17 +69,19 @@ def preprocess_recordings(
     choice, baseline = _measure(recordings, asked, sides)
 
     passed, notes = passing(recordings, baseline, choice.params)
-    keep = passed & (asked.empty_hand_class | ~recordings.empty_hand)  # the empty hand stays only as a class
+    # the empty hand stays only as a class
+    keep = passed & (asked.empty_hand_class | ~recordings.empty_hand)
     keep, of_classes = keep_testable(recordings, sides, keep, split)
 
     published = groups is None and split.by == "source" and choice.params.filter == "flags"
     anchor = draw_anchors(recordings.columns, sides.side, keep, rng, published=published)
-    # surplus: frames beyond split.train_groups and train_grasps. They go after the draw, so that the anchors of the
-    # test side do not depend on how much is trained on
+    # surplus: frames beyond split.train_groups and train_grasps. They go after the draw, so that
+    # the anchors of the test side do not depend on how much is trained on
     keep &= ~sides.surplus
 
     index = np.flatnonzero(keep)
-    used, number = np.unique(baseline.of_frame[index], return_inverse=True)  # baselines of kept frames, from 0
+    # baselines of kept frames, from 0
+    used, number = np.unique(baseline.of_frame[index], return_inverse=True)
     kept = recordings.part(index)
     columns = kept.columns
     objects, label = np.unique(columns["object"], return_inverse=True)
@@ -94,17 +108,25 @@ def preprocess_recordings(
         kept_share=float(passed[sides.training].mean()),
         channel_names=recordings.channel_names or None,
     )
-    return Preprocessed(frames, choice, sides, passed, keep, [*choice.notes, *baseline.notes, *notes, *of_classes])
+    return Preprocessed(
+        frames, choice, sides, passed, keep, [*choice.notes, *baseline.notes, *notes, *of_classes]
+    )
 
 
-def _measure(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> tuple[Choice, Baseline]:
+def _measure(
+    recordings: Recordings, asked: PreprocessSection, sides: Sides
+) -> tuple[Choice, Baseline]:
     """What is decided on the training side, and the baselines of all sides, one after another.
 
     Those of a side are measured on its frames and the empty hand of their sessions.
     """
     rows = with_empty_hand(recordings, sides.training)
     choice = choose(recordings, rows, asked, sides.group)
-    baseline, measured, of_frame = choice.baseline, list[Baseline](), np.zeros(len(recordings), dtype=np.int32)
+    baseline, measured, of_frame = (
+        choice.baseline,
+        list[Baseline](),
+        np.zeros(len(recordings), dtype=np.int32),
+    )
     for frames in (sides.training, sides.side == VALIDATION, sides.side == TEST, sides.surplus):
         if not frames.any():
             continue
@@ -115,10 +137,16 @@ def _measure(recordings: Recordings, asked: PreprocessSection, sides: Sides) -> 
             if choice.params.baseline == "grasp":
                 states = hand_states(part, int(choice.params.contact_sensors), moments)
             baseline = measure_baseline(part, choice.params, moments, states)
-        of_frame[frames] = sum(len(each.mean) for each in measured) + baseline.of_frame[frames[rows]]
+        of_frame[frames] = (
+            sum(len(each.mean) for each in measured) + baseline.of_frame[frames[rows]]
+        )
         measured.append(baseline)
-    mean, noise = (np.concatenate([getattr(each, name) for each in measured]) for name in ("mean", "noise"))
-    return choice, Baseline(mean, noise, of_frame, [note for each in measured for note in each.notes])
+    mean, noise = (
+        np.concatenate([getattr(each, name) for each in measured]) for name in ("mean", "noise")
+    )
+    return choice, Baseline(
+        mean, noise, of_frame, [note for each in measured for note in each.notes]
+    )
 
 
 def frame_counts(frames: Frames) -> dict[str, int]:
@@ -126,7 +154,10 @@ def frame_counts(frames: Frames) -> dict[str, int]:
     counts: dict[str, int] = {}
     for code, name in enumerate(SIDES):
         on = frames.side == code
-        counts |= {f"frames.{name}": int(on.sum()), f"anchors.{name}": int((on & frames.anchor).sum())}
+        counts |= {
+            f"frames.{name}": int(on.sum()),
+            f"anchors.{name}": int((on & frames.anchor).sum()),
+        }
         for each in ("group", "recording"):
             counts[f"{each}s.{name}"] = len(np.unique(getattr(frames, each)[on]))
     return counts

@@ -1,8 +1,9 @@
 """The sides of the split and the anchors on them.
 
-Frames of one recording resemble each other far more than frames of two, so all frames of a split group (a recording, a
-grasp, a session) are on one side. The published split is the exception: its sides are used as they are, and the number
-of recordings on both of them is reported. No reading is looked at.
+Frames of one recording resemble each other far more than frames of two, so all frames of a split
+group (a recording, a grasp, a session) are on one side. The published split is the exception: its
+sides are used as they are, and the number of recordings on both of them is reported. No reading is
+looked at.
 """
 
 from dataclasses import dataclass
@@ -15,7 +16,8 @@ from tactile_viewgcn.params import SIDES, TEST, TRAIN, VALIDATION, Split
 from tactile_viewgcn.tables.recordings import Recordings
 
 MINIMUM = 100  # anchors that a class keeps at least; a class with fewer frames uses all of them
-SPLIT_SEED = 0  # of anchors and validation groups, so that these are the same for every value of `seed`
+# of anchors and validation groups, so that these are the same for every value of `seed`
+SPLIT_SEED = 0
 
 
 @dataclass(frozen=True)
@@ -25,8 +27,8 @@ class Sides:
     Attributes:
         group: int64, split group.
         side: int8, TRAIN, VALIDATION or TEST.
-        surplus: bool, of training groups beyond `split.train_groups`, of a recording's grasps beyond
-            `split.train_grasps`, or of the empty hand that is no class: not used.
+        surplus: bool, of training groups beyond `split.train_groups`, of a recording's grasps
+            beyond `split.train_grasps`, or of the empty hand that is no class: not used.
     """
 
     group: np.ndarray
@@ -50,12 +52,14 @@ def deal(
     """Deal the split groups to the sides; the empty hand's frames only if it is a class.
 
     Args:
-        groups: (T,) split group of each frame, for a training without a test side; `split.validation` of the groups are
-            on the validation side. None: `split.by` names the groups and the test side.
+        groups: (T,) split group of each frame, for a training without a test side;
+            `split.validation` of the groups are on the validation side. None: `split.by` names the
+            groups and the test side.
 
     Raises:
-        UserError: there is one class; `split.by` is `grasp` or `source`, and the recordings have no such column; there
-            are `split.train_grasps`, and grasps are not numbered; a side that is needed has no frames.
+        UserError: there is one class; `split.by` is `grasp` or `source`, and the recordings have no
+            such column; there are `split.train_grasps`, and grasps are not numbered; a side that is
+            needed has no frames.
     """
     columns = recordings.columns
     surplus = recordings.empty_hand & (not empty_hand_class)
@@ -70,14 +74,20 @@ def deal(
     if by == "source":
         side[published_test(columns["split"])] = TEST
     elif by:
-        tested = in_fold(of_used, label, folds=split.folds, fold=split.fold, across=across, deal=split.deal)
+        tested = in_fold(
+            of_used, label, folds=split.folds, fold=split.fold, across=across, deal=split.deal
+        )
         side[used[tested]] = TEST
-    side[used] = validation_sides(side[used], of_used, label, share=split.validation, across=across, rng=rng)
+    side[used] = validation_sides(
+        side[used], of_used, label, share=split.validation, across=across, rng=rng
+    )
     if split.train_groups != "all":
         surplus[used] = surplus_groups(side[used], of_used, label, most=split.train_groups)
     if split.train_grasps != "all":
         grasps = split_groups(columns, "grasp")
-        surplus |= surplus_groups(side, grasps, split_groups(columns, "recording"), most=split.train_grasps)
+        surplus |= surplus_groups(
+            side, grasps, split_groups(columns, "recording"), most=split.train_grasps
+        )
     if by:
         _require_frames(side, ~surplus, split)
     return Sides(group, side, surplus)
@@ -91,8 +101,8 @@ def one_class(name: str, where: str = "the recordings have") -> str:
 def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:
     """Split group int64 (T,) of each frame from its columns (T,), numbered in the order of the recordings.
 
-    A recording of several objects is a group per object; recordings that belong together are one group. With `source`
-    the recordings are the groups.
+    A recording of several objects is a group per object; recordings that belong together are one
+    group. With `source` the recordings are the groups.
 
     Raises:
         UserError: `grasp` or `source`, and the recordings have no such column.
@@ -109,7 +119,13 @@ def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:
 
 
 def validation_sides(
-    side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, share: float, across: bool, rng: np.random.Generator
+    side: np.ndarray,
+    groups: np.ndarray,
+    labels: np.ndarray,
+    *,
+    share: float,
+    across: bool,
+    rng: np.random.Generator,
 ) -> np.ndarray:
     """Copy of `side` (T,) with a share of each class's training groups, drawn at random, as VALIDATION.
 
@@ -125,7 +141,9 @@ def validation_sides(
     return side
 
 
-def surplus_groups(side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, most: int) -> np.ndarray:
+def surplus_groups(
+    side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, most: int
+) -> np.ndarray:
     """bool (T,): training frames of a class, or of a recording in its place, outside its first `most` groups."""
     surplus = np.zeros(len(side), dtype=bool)
     for _, of_class in each_class(labels):
@@ -139,8 +157,8 @@ def keep_testable(
 ) -> tuple[np.ndarray, list[Note]]:
     """The frames of `keep` bool (T,) whose class has training frames, and notes on dropped classes and on the split.
 
-    The empty hand without test frames is dropped, too; any other class without them is kept. Without a test side all
-    frames are kept.
+    The empty hand without test frames is dropped, too; any other class without them is kept.
+    Without a test side all frames are kept.
 
     Raises:
         UserError: a side that is needed has no frames; fewer than two classes are left.
@@ -149,7 +167,9 @@ def keep_testable(
     left, tested, notes = keep.copy(), sides.side == TEST, list[Note]()
     if tested.any():
         if split.by == "source":
-            shared = np.intersect1d(recording[keep & (sides.side == TRAIN)], recording[keep & tested])
+            shared = np.intersect1d(
+                recording[keep & (sides.side == TRAIN)], recording[keep & tested]
+            )
             text = f"the published split has {several(len(shared), 'recording')} on both sides"
             if (~tested & (recordings.columns["split"] == VALIDATION)).any():
                 text += "; its validation groups are on the training side, of which split.validation sets a share apart"
@@ -168,7 +188,9 @@ def keep_testable(
     classes = np.unique(objects[left])
     if len(classes) < 2:
         names = ", ".join(recordings.objects[i] for i in classes) or "none"
-        raise UserError(f"fewer than two classes left ({names}); loosen preprocess.filter or change split.by")
+        raise UserError(
+            f"fewer than two classes left ({names}); loosen preprocess.filter or change split.by"
+        )
     return left, notes
 
 
@@ -187,12 +209,18 @@ def published_test(split: np.ndarray) -> np.ndarray:
 
 
 def draw_anchors(
-    columns: dict[str, np.ndarray], side: np.ndarray, keep: np.ndarray, rng: np.random.Generator, *, published: bool
+    columns: dict[str, np.ndarray],
+    side: np.ndarray,
+    keep: np.ndarray,
+    rng: np.random.Generator,
+    *,
+    published: bool,
 ) -> np.ndarray:
     """Anchors bool (T,) among the frames to `keep` bool (T,).
 
-    They are drawn at random, equally many of every class on a side: as many as the smallest class has frames, but at
-    least 100, so that one small class does not reduce all others to a handful. A class with fewer frames uses all.
+    They are drawn at random, equally many of every class on a side: as many as the smallest class
+    has frames, but at least 100, so that one small class does not reduce all others to a handful. A
+    class with fewer frames uses all.
 
     Args:
         published: take the source's balanced frames instead, if it names them.
@@ -202,7 +230,10 @@ def draw_anchors(
     anchor = np.zeros(len(keep), dtype=bool)
     for code in range(len(SIDES)):
         on_side = keep & (side == code)
-        of_class = [np.flatnonzero(on_side & (columns["object"] == label)) for label in np.unique(columns["object"])]
+        of_class = [
+            np.flatnonzero(on_side & (columns["object"] == label))
+            for label in np.unique(columns["object"])
+        ]
         count = max(MINIMUM, min(filter(None, map(len, of_class)), default=0))
         for index in of_class:
             anchor[rng.permutation(index)[:count]] = True

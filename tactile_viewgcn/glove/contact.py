@@ -1,14 +1,17 @@
 """Contact mechanics: an elastic skin in series with the object's surface; joints and object move overdamped.
 
-The unknowns y of a hand are ten joint coordinates (5, 2) in rad and, where the object moves, its position (3,) in m:
+The unknowns y of a hand are ten joint coordinates (5, 2) in rad and, where the object moves, its
+position (3,) in m:
 
-    D dy/dt = drive(t) - dU/dy,    U = sum_s k A_s d_s^2 / 2  +  joints  +  joint limits  +  holding.
+    D dy/dt = drive(t) - dU/dy,    U = sum_s k A_s d_s^2 / 2  +  joints  +  joint limits  +
+    holding.
 
-D is the damping, d_s the depth of sensor s inside the object, A_s its area, and k the stiffness per area of skin and
-object in series (elastic or Winkler foundation: Johnson, "Contact Mechanics" (1985), section 4.3). The force on a
-sensor is k A_s d_s along the object's normal. There is no separate friction: a spring, `holding`, pulls the object to
-the position that the scene prescribes. The Hessian of U omits the curvature of the contact (Gauss-Newton) and is
-therefore never indefinite.
+D is the damping, d_s the depth of sensor s inside the object, A_s its area, and k the stiffness per
+area of skin and object in series (elastic or Winkler foundation: Johnson, "Contact Mechanics"
+(1985), section 4.3). The force on a sensor is k A_s d_s along the object's normal. There is no
+separate friction: a spring, `holding`, pulls the object to the position that the scene prescribes.
+The Hessian of U omits the curvature of the contact (Gauss-Newton) and is therefore never
+indefinite.
 """
 
 from dataclasses import dataclass
@@ -81,9 +84,9 @@ class Drive:
 class Contacts:
     """C contacts of one sensor with one primitive, sorted by row and sensor.
 
-    Where primitives of an object overlap, a sensor has a contact with each of them, so the force on it changes
-    continuously as it slides from one into the other. A sensor pressed past the middle of a wall is pushed out on the
-    far side.
+    Where primitives of an object overlap, a sensor has a contact with each of them, so the force on
+    it changes continuously as it slides from one into the other. A sensor pressed past the middle
+    of a wall is pushed out on the far side.
 
     Attributes:
         row: (C,) index of the hand among the rows of the search.
@@ -113,8 +116,10 @@ class Balance:
         object: (R, 3, 3) its block of the object; (R, 0, 0) without motion.
         contacts: the C contacts.
         force: (C,) N along the contact's normal.
-        slope: (C, 5) derivative of the depth by the two coordinates of the sensor's finger and the object's three.
-        facing: (C,) cosine between the sensor's normal and the direction of the pressure, at least 0.
+        slope: (C, 5) derivative of the depth by the two coordinates of the sensor's finger and the
+            object's three.
+        facing: (C,) cosine between the sensor's normal and the direction of the pressure, at least
+            0.
     """
 
     residual: np.ndarray
@@ -140,14 +145,29 @@ class Mechanics:
     """
 
     def __init__(
-        self, hands: Hands, solids: Solids, stiffness: np.ndarray, drive: Drive, layer: Layer, *, motion: bool
+        self,
+        hands: Hands,
+        solids: Solids,
+        stiffness: np.ndarray,
+        drive: Drive,
+        layer: Layer,
+        *,
+        motion: bool,
     ):
-        self.hands, self.solids, self.drive, self.layer, self.motion = hands, solids, drive, layer, motion
-        self.stiffness = 1 / (1 / layer.stiffness + 1 / np.asarray(stiffness, dtype=float))  # in series
+        self.hands, self.solids, self.drive, self.layer, self.motion = (
+            hands,
+            solids,
+            drive,
+            layer,
+            motion,
+        )
+        # in series
+        self.stiffness = 1 / (1 / layer.stiffness + 1 / np.asarray(stiffness, dtype=float))
         self.size = 13 if motion else 10
         self.damping = np.full(self.size, layer.joint_damping)
         self.damping[10:] = layer.object_damping
-        self.lever = np.ones(self.size)  # makes torques on joints and forces on the object comparable
+        # makes torques on joints and forces on the object comparable
+        self.lever = np.ones(self.size)
         self.lever[10:] = LEVER
 
     def initial_state(self) -> np.ndarray:
@@ -161,7 +181,8 @@ class Mechanics:
     def evaluate(self, rows: np.ndarray, time: np.ndarray, y: np.ndarray, *, palm: bool) -> Balance:
         """Forces, energy and Hessian of rows (R,) at times (R,) in frames and states y (R, n).
 
-        `palm`: whether the palm's sensors are tested for contact; their forces matter only where the object moves.
+        `palm`: whether the palm's sensors are tested for contact; their forces matter only where
+        the object moves.
         """
         now = self.drive.at(rows, time)
         q, count = y[:, :10].reshape(-1, 5, 2), len(rows)
@@ -170,20 +191,27 @@ class Mechanics:
         sensor = rows[contacts.row], contacts.sensor
         stiffness = self.stiffness[sensor[0]] * self.hands.area[sensor]  # N/m
         force = stiffness * contacts.depth
-        # Sums by hand and by finger or palm of force * slope and of stiffness * slope slope'; contacts are sorted so.
+        # Sums by hand and by finger or palm of force * slope and of stiffness * slope slope';
+        # contacts are sorted so.
         sums, outer = np.zeros((count * 6, 5)), np.zeros((count * 6, 5, 5))
         if len(force):
             group = contacts.row * 6 + np.minimum(contacts.patch // 3, 5)
             present, starts = np.unique(group, return_index=True)
             sums[present] = np.add.reduceat(force[:, None] * slope, starts)
-            outer[present] = np.add.reduceat((stiffness[:, None] * slope)[:, :, None] * slope[:, None, :], starts)
+            outer[present] = np.add.reduceat(
+                (stiffness[:, None] * slope)[:, :, None] * slope[:, None, :], starts
+            )
         gradient, blocks = sums.reshape(count, 6, 5), outer.reshape(count, 6, 5, 5)
         residual = np.zeros((count, self.size))
         bend = q - now["posture"]
         beyond = q - np.clip(q, LIMITS[:, 0], LIMITS[:, 1])
         torque = now["squeeze"][..., None] * TENDON
-        residual[:, :10] = (JOINT * bend + LIMIT * beyond + gradient[:, :5, :2] - torque).reshape(count, 10)
-        energy = 0.5 * (JOINT * bend**2 + LIMIT * beyond**2).sum(axis=(1, 2)) - (torque * q).sum(axis=(1, 2))
+        residual[:, :10] = (JOINT * bend + LIMIT * beyond + gradient[:, :5, :2] - torque).reshape(
+            count, 10
+        )
+        energy = 0.5 * (JOINT * bend**2 + LIMIT * beyond**2).sum(axis=(1, 2)) - (torque * q).sum(
+            axis=(1, 2)
+        )
         energy += 0.5 * np.bincount(contacts.row, force * contacts.depth, count)
         fingers = blocks[:, :5, :2, :2].copy()
         fingers[..., [0, 1], [0, 1]] += JOINT + LIMIT * (beyond != 0)
@@ -193,14 +221,31 @@ class Mechanics:
             offset = position - now["position"]
             residual[:, 10:] = HOLDING * offset + gradient[:, :, 2:].sum(axis=1) - now["load"]
             energy += 0.5 * HOLDING * (offset**2).sum(axis=1) - (now["load"] * position).sum(axis=1)
-        return Balance(residual, energy, fingers, blocks[:, :5, :2, 2:], on_object, contacts, force, slope, facing)
+        return Balance(
+            residual,
+            energy,
+            fingers,
+            blocks[:, :5, :2, 2:],
+            on_object,
+            contacts,
+            force,
+            slope,
+            facing,
+        )
 
     def _contacts(
-        self, rows: np.ndarray, q: np.ndarray, position: np.ndarray, now: dict[str, np.ndarray], *, palm: bool
+        self,
+        rows: np.ndarray,
+        q: np.ndarray,
+        position: np.ndarray,
+        now: dict[str, np.ndarray],
+        *,
+        palm: bool,
     ) -> tuple[Contacts, np.ndarray, np.ndarray]:
         """Contacts, with `slope` (C, 5) and `facing` (C,) of `Balance`.
 
-        The slope by a joint's angle is hinge x arm along the normal; by the object's position it is the normal.
+        The slope by a joint's angle is hinge x arm along the normal; by the object's position it is
+        the normal.
         """
         pose = self.hands.pose(rows, q, now["opposition"])
         rotation = Rotation.from_rotvec(now["rotation"]).as_matrix()
@@ -212,8 +257,10 @@ class Mechanics:
         slope[:, 2:] = contacts.normal
         on = contacts.patch < LINK_PATCHES
         r, finger, link = contacts.row[on], contacts.patch[on] // 3, contacts.patch[on] % 3
-        spin = np.cross(pose.hinge[r, finger], contacts.normal[on])  # n . (hinge x arm) = -arm . (hinge x n)
-        arm = contacts.point[on, None] - pose.origin[r[:, None], 3 * finger[:, None] + np.arange(3)]  # (C, 3 joints, 3)
+        # n . (hinge x arm) = -arm . (hinge x n)
+        spin = np.cross(pose.hinge[r, finger], contacts.normal[on])
+        # (C, 3 joints, 3)
+        arm = contacts.point[on, None] - pose.origin[r[:, None], 3 * finger[:, None] + np.arange(3)]
         by_joint = np.einsum("nji,ni->nj", arm, spin) * (np.arange(3) <= link[:, None])
         slope[on, :2] = by_joint @ COUPLING
         return contacts, slope, facing
@@ -221,21 +268,29 @@ class Mechanics:
     def force_change(self, balance: Balance, rows: np.ndarray, dy: np.ndarray) -> np.ndarray:
         """Change (C,) N of the contacts' forces for a change dy (R, n) of the state, to first order."""
         row, finger = balance.contacts.row, np.minimum(balance.contacts.patch // 3, 4)
-        deeper = np.einsum("ni,ni->n", balance.slope[:, :2], dy[:, :10].reshape(-1, 5, 2)[row, finger])
+        deeper = np.einsum(
+            "ni,ni->n", balance.slope[:, :2], dy[:, :10].reshape(-1, 5, 2)[row, finger]
+        )
         if self.motion:
             deeper += np.einsum("ni,ni->n", balance.slope[:, 2:], dy[row, 10:])
-        return self.stiffness[rows[row]] * self.hands.area[rows[row], balance.contacts.sensor] * deeper
+        return (
+            self.stiffness[rows[row]] * self.hands.area[rows[row], balance.contacts.sensor] * deeper
+        )
 
     def solve(self, balance: Balance, shift: np.ndarray, residual: np.ndarray) -> np.ndarray:
         """Solution x (R, n) of (Hessian + diag(shift)) x = residual, for shift and residual (R, n).
 
-        The fingers are coupled only through the object, so a 3 x 3 Schur complement is solved, then each finger.
+        The fingers are coupled only through the object, so a 3 x 3 Schur complement is solved, then
+        each finger.
         """
         count = len(residual)
         block = balance.fingers.copy()
         block[..., [0, 1], [0, 1]] += shift[:, :10].reshape(count, 5, 2)
         a, b, c, d = block[..., 0, 0], block[..., 0, 1], block[..., 1, 0], block[..., 1, 1]
-        inverse = np.stack([d, -b, -c, a], axis=-1).reshape(block.shape) / (a * d - b * c)[..., None, None]
+        inverse = (
+            np.stack([d, -b, -c, a], axis=-1).reshape(block.shape)
+            / (a * d - b * c)[..., None, None]
+        )
         on_fingers = residual[:, :10].reshape(count, 5, 2)
         if not self.motion:
             return np.einsum("rfij,rfj->rfi", inverse, on_fingers).reshape(count, 10)
@@ -267,8 +322,11 @@ def collisions(
     patches = len(hands.start) if palm else LINK_PATCHES
     # Centres of the bounding spheres of primitives (R, P, 3) and patches (R, N, 3).
     primitive = position[:, None] + np.einsum("rij,rpj->rpi", rotation, solids.centre[rows])
-    patch = pose.origin[:, :patches] + np.einsum("rnij,rnj->rni", pose.axes[:, :patches], hands.centre[rows, :patches])
-    squared = sum((patch[:, :, None, axis] - primitive[:, None, :, axis]) ** 2 for axis in range(3))  # (R, N, P)
+    patch = pose.origin[:, :patches] + np.einsum(
+        "rnij,rnj->rni", pose.axes[:, :patches], hands.centre[rows, :patches]
+    )
+    # (R, N, P)
+    squared = sum((patch[:, :, None, axis] - primitive[:, None, :, axis]) ** 2 for axis in range(3))
     radii = hands.bounding_radius[:patches, None] + solids.bounding_radius[rows][:, None]
     r, n, p = np.nonzero(squared < np.maximum(radii, 0) ** 2)
     axes = rotation[r] @ solids.rotation[rows[r], p]

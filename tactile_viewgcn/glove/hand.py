@@ -1,12 +1,13 @@
 """The hand: a palm and five jointed fingers that carry STAG's 548 sensors.
 
-Axes of the palm: x towards the fingertips, y from the little finger to the thumb, z out of the palm towards the
-object. Lengths are in m, and the wrist is at x = 0. Each finger has three flexion joints and two coordinates: the base
-joint bends by q[0], the middle one by q[1] and the last one by 2/3 q[1], as the tendons of a human finger couple them.
-The opposition angle rotates the thumb's plane of flexion about x.
+Axes of the palm: x towards the fingertips, y from the little finger to the thumb, z out of the palm
+towards the object. Lengths are in m, and the wrist is at x = 0. Each finger has three flexion
+joints and two coordinates: the base joint bends by q[0], the middle one by q[1] and the last one by
+2/3 q[1], as the tendons of a human finger couple them. The opposition angle rotates the thumb's
+plane of flexion about x.
 
-Where the sensors sit in the 32 x 32 frame follows the description of STAG (Sundaram et al., Nature 569, 698-702
-(2019)); lengths are those of an adult hand.
+Where the sensors sit in the 32 x 32 frame follows the description of STAG (Sundaram et al., Nature
+569, 698-702 (2019)); lengths are those of an adult hand.
 """
 
 from dataclasses import dataclass
@@ -14,22 +15,39 @@ from dataclasses import dataclass
 import numpy as np
 
 SHAPE = (32, 32)
-COUPLING = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 2 / 3]])  # a finger's joint angles (3) from its unknowns (2)
-LINKS = np.array(  # m: proximal, middle and distal link of little to index finger; metacarpal to distal of the thumb
-    [[0.033, 0.020, 0.018], [0.043, 0.026, 0.020], [0.046, 0.029, 0.021], [0.041, 0.025, 0.020], [0.044, 0.032, 0.026]]
+# a finger's joint angles (3) from its unknowns (2)
+COUPLING = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 2 / 3]])
+# m: proximal, middle and distal link of little to index finger; metacarpal to distal of the thumb
+LINKS = np.array(
+    [
+        [0.033, 0.020, 0.018],
+        [0.043, 0.026, 0.020],
+        [0.046, 0.029, 0.021],
+        [0.041, 0.025, 0.020],
+        [0.044, 0.032, 0.026],
+    ]
 )
 BASES = np.array(  # m: the base joint of each finger
-    [[0.082, -0.032, 0], [0.088, -0.011, 0], [0.090, 0.010, 0], [0.087, 0.031, 0], [0.026, 0.036, 0.004]]
+    [
+        [0.082, -0.032, 0],
+        [0.088, -0.011, 0],
+        [0.090, 0.010, 0],
+        [0.087, 0.031, 0],
+        [0.026, 0.036, 0.004],
+    ]
 )
-FINGER_SPREAD = np.array([-0.16, -0.06, 0.02, 0.10])  # rad about z, of the little to the index finger
+# rad about z, of the little to the index finger
+FINGER_SPREAD = np.array([-0.16, -0.06, 0.02, 0.10])
 THUMB_ANGLE = 0.98  # rad between x and the straight, unopposed thumb
 RADIUS = 0.008  # m from a finger's bone to its skin
 SIDE_TILT = 0.45  # rad by which a finger's outer rows of sensors are tilted aside
 PALM = (0.090, 0.084)  # m: length and width that the sensors cover
 PALM_CUP = 0.007  # m by which the palm's edges are higher than its middle
 TILE = 6  # a patch of the palm has TILE x TILE sensors
-LINK_PATCHES = 15  # the first patches are the fingers' links, three each; the others belong to the palm
-#: of a hand: its size relative to the usual one, and m along and aside by which its glove is shifted
+# the first patches are the fingers' links, three each; the others belong to the palm
+LINK_PATCHES = 15
+#: of a hand: its size relative to the usual one, and m along and aside by which its glove is
+#: shifted
 Fit = tuple[float, tuple[float, float]]
 USUAL: Fit = (1.0, (0.0, 0.0))
 
@@ -58,12 +76,13 @@ class Hands:
     Attributes:
         row, column: (S,) cell in the frame.
         patch: (S,) 3 x finger + link, or LINK_PATCHES and above on the palm.
-        local: (B, S, 3) m, position; normal: (B, S, 3). The axes of a link point along it from its joint, aside, and
-            out of the skin; on the palm they are the palm's.
+        local: (B, S, 3) m, position; normal: (B, S, 3). The axes of a link point along it from its
+            joint, aside, and out of the skin; on the palm they are the palm's.
         area: (B, S) m^2 of skin under each sensor.
         bases: (B, 5, 3) m, the fingers' base joints; links: (B, 5, 3) m, lengths.
         start, count: (N,) first sensor of each patch, and number of its sensors.
-        centre: (B, N, 3) m in the patch's axes, and bounding_radius: (N,) m, of a sphere around each patch's sensors.
+        centre: (B, N, 3) m in the patch's axes, and bounding_radius: (N,) m, of a sphere around
+            each patch's sensors.
     """
 
     row: np.ndarray
@@ -79,12 +98,17 @@ class Hands:
         patches = np.arange(max(self.patch.max() + 1, LINK_PATCHES))
         self.start = np.searchsorted(self.patch, patches)
         self.count = np.searchsorted(self.patch, patches, side="right") - self.start
-        self.centre, self.bounding_radius = np.zeros((len(self.local), len(patches), 3)), np.zeros(len(patches))
+        self.centre, self.bounding_radius = (
+            np.zeros((len(self.local), len(patches), 3)),
+            np.zeros(len(patches)),
+        )
         for n, (first, count) in enumerate(zip(self.start, self.count, strict=True)):
             if count:
                 local = self.local[:, first : first + count]
                 self.centre[:, n] = local.mean(axis=1)
-                self.bounding_radius[n] = np.linalg.norm(local - self.centre[:, n, None], axis=-1).max()
+                self.bounding_radius[n] = np.linalg.norm(
+                    local - self.centre[:, n, None], axis=-1
+                ).max()
 
     def pose(self, rows: np.ndarray, q: np.ndarray, opposition: np.ndarray) -> "Pose":
         """Forward kinematics of hands `rows` (R,) at joint coordinates q (R, 5, 2) rad and opposition (R,) rad."""
@@ -99,7 +123,9 @@ class Hands:
         joint = self.bases[rows][:, :, None] + np.cumsum(steps, axis=2) - steps
         origin[:, :LINK_PATCHES] = joint.reshape(len(rows), LINK_PATCHES, 3)
         sides = np.broadcast_to(aside[:, :, None], ahead.shape)
-        axes[:, :LINK_PATCHES] = np.stack([ahead, sides, out], axis=-1).reshape(len(rows), LINK_PATCHES, 3, 3)
+        axes[:, :LINK_PATCHES] = np.stack([ahead, sides, out], axis=-1).reshape(
+            len(rows), LINK_PATCHES, 3, 3
+        )
         axes[:, LINK_PATCHES:] = np.eye(3)
         return Pose(origin, axes, -aside)
 
@@ -108,7 +134,9 @@ def stag_hands(*fits: Fit) -> Hands:
     """STAG's sensors on one hand of the usual size, or on a hand for each of the fits."""
     fits = fits or (USUAL,)
     each = [_stag_sensors(*fit) for fit in fits]
-    row, column, patch, local, normal, area = (np.stack(values) for values in zip(*each, strict=True))
+    row, column, patch, local, normal, area = (
+        np.stack(values) for values in zip(*each, strict=True)
+    )
     scale = np.array([scale for scale, _ in fits])[:, None, None]
     return Hands(row[0], column[0], patch[0], local, normal, area, BASES * scale, LINKS * scale)
 
@@ -118,7 +146,13 @@ def _stag_sensors(scale: float, slip: tuple[float, float]) -> list[np.ndarray]:
     parts = []
     for finger, first in enumerate((0, 6, 10, 15)):
         row, column = np.mgrid[first : first + 3, 0:14].reshape(2, -1)
-        parts.append((row, column, *_on_finger(finger, (13.5 - column) / 14, row - first - 1.0, 3, scale, slip)))
+        parts.append(
+            (
+                row,
+                column,
+                *_on_finger(finger, (13.5 - column) / 14, row - first - 1.0, 3, scale, slip),
+            )
+        )
     row, column = np.mgrid[18:32, 25:29].reshape(2, -1)
     parts.append((row, column, *_on_finger(4, (row - 17.5) / 14, 26.5 - column, 4, scale, slip)))
     row, column = np.mgrid[0:18, 14:32].reshape(2, -1)
@@ -129,12 +163,17 @@ def _stag_sensors(scale: float, slip: tuple[float, float]) -> list[np.ndarray]:
 
 
 def _on_finger(
-    finger: int, along: np.ndarray, aside: np.ndarray, across: int, scale: float, slip: tuple[float, float]
+    finger: int,
+    along: np.ndarray,
+    aside: np.ndarray,
+    across: int,
+    scale: float,
+    slip: tuple[float, float],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Patch, local, normal and area of a finger's n sensors.
 
-    `along` (n,) goes from 0 at the base to 1 at the tip; `aside` (n,) counts rows from the middle one; `across` is the
-    number of rows.
+    `along` (n,) goes from 0 at the base to 1 at the tip; `aside` (n,) counts rows from the middle
+    one; `across` is the number of rows.
     """
     ends = np.cumsum(LINKS[finger]) * scale
     distance = along * ends[-1]
@@ -142,7 +181,9 @@ def _on_finger(
     step = 2 * SIDE_TILT / (across - 1)
     tilt, radius = aside * step, RADIUS * scale
     start, zero = np.concatenate([[0], ends[:2]])[link], np.zeros(len(link))
-    local = np.stack([distance - start + slip[0], radius * np.sin(tilt) + slip[1], radius * np.cos(tilt)], axis=1)
+    local = np.stack(
+        [distance - start + slip[0], radius * np.sin(tilt) + slip[1], radius * np.cos(tilt)], axis=1
+    )
     normal = np.stack([zero, np.sin(tilt), np.cos(tilt)], axis=1)
     return 3 * finger + link, local, normal, np.full(len(link), ends[-1] / 14 * radius * step)
 

@@ -1,8 +1,8 @@
 """The 26 objects of STAG as solids: plausible sizes (m), STAG's weights, and a stiffness from plush to steel.
 
-Names, their order and the weights in grams are those of the data set of Sundaram et al., Nature 569, 698-702 (2019);
-shapes and materials are ours. The z axis of an object is its long or round axis; `orientation` rotates it into the
-palm's axes, see `hand.py`.
+Names, their order and the weights in grams are those of the data set of Sundaram et al., Nature
+569, 698-702 (2019); shapes and materials are ours. The z axis of an object is its long or round
+axis; `orientation` rotates it into the palm's axes, see `hand.py`.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,16 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.glove.shapes import Primitive, Vector, box, capsule, cylinder, sphere, torus, tube
+from tactile_viewgcn.glove.shapes import (
+    Primitive,
+    Vector,
+    box,
+    capsule,
+    cylinder,
+    sphere,
+    torus,
+    tube,
+)
 from tactile_viewgcn.messages import EMPTY_HAND
 
 # Stiffness of surfaces, Pa/m: pressure per depth.
@@ -51,12 +60,17 @@ class GraspObject:
             if len(part.half) == 3:
                 size = np.abs(below) @ np.array(part.half)
             else:
-                size = np.hypot(below[0], below[1]) * (part.offset + part.half[0]) + abs(below[2]) * part.half[1]
+                size = (
+                    np.hypot(below[0], below[1]) * (part.offset + part.half[0])
+                    + abs(below[2]) * part.half[1]
+                )
             reaches.append(-rotation[2] @ np.array(part.centre) + size + part.round)
         return float(max(reaches, default=0.0))
 
 
-def _at(x: float = 0.0, y: float = 0.0, z: float = 0.0, rotation: Vector = FACING) -> dict[str, Any]:
+def _at(
+    x: float = 0.0, y: float = 0.0, z: float = 0.0, rotation: Vector = FACING
+) -> dict[str, Any]:
     """Placement of a primitive in its object."""
     return {"centre": (x, y, z), "rotation": rotation}
 

@@ -1,9 +1,9 @@
 """Scenes: the prescribed motion of a recording, from the object and the hand to every squeeze, shift and release.
 
-A recording is one long manipulation. It begins with the open hand; then the object is grasped again and again. In each
-grasp the object arrives, the fingers close until they touch it, squeeze it more the heavier it is, hold it while it
-moves a little, and let go without opening wholly. The numbers below belong to the calibrated constants, see VERSION in
-`simulation.py`.
+A recording is one long manipulation. It begins with the open hand; then the object is grasped again
+and again. In each grasp the object arrives, the fingers close until they touch it, squeeze it more
+the heavier it is, hold it while it moves a little, and let go without opening wholly. The numbers
+below belong to the calibrated constants, see VERSION in `simulation.py`.
 """
 
 import numpy as np
@@ -15,26 +15,32 @@ from tactile_viewgcn.glove.hand import Hands
 from tactile_viewgcn.glove.objects import GraspObject
 from tactile_viewgcn.glove.shapes import Solids
 
-OPEN, CLOSED = np.array([0.15, 0.15]), np.array([1.35, 1.45])  # rad: posture of an open and of a closed finger
-RELAXED, IDLE = 0.4, 0.2  # closure, 0 open to 1 closed: of a finger that touches nothing; of an empty hand
+# rad: posture of an open and of a closed finger
+OPEN, CLOSED = np.array([0.15, 0.15]), np.array([1.35, 1.45])
+# closure, 0 open to 1 closed: of a finger that touches nothing; of an empty hand
+RELAXED, IDLE = 0.4, 0.2
 ASIDE = 0.3  # rad: the thumb's opposition while the hand is open
 AWAY = 0.03  # m above its position in the grasp: the object before and after a grasp
-POWER = np.array([0.080, 0.002, 0.001])  # m: where an object lies against the palm, its lower side at z
+# m: where an object lies against the palm, its lower side at z
+POWER = np.array([0.080, 0.002, 0.001])
 PINCH = np.array([0.080, 0.018, 0.070])  # m: where the fingertips meet the thumb's
 DIP = 0.001  # m by which the prescribed position may press an object into the palm
 CORRELATION = 0.7  # of a drifting grip, from frame to frame
 CLOSURES = 28  # closures at which a finger is tested for contact
 #: standard deviations: of an object from the next, of a recording, of a grasp, and within a grasp
-POSITION = {"object": 0.008, "recording": 0.001, "grasp": 0.010, "within": 0.005}  # m, of the object
+# m, of the object
+POSITION = {"object": 0.008, "recording": 0.001, "grasp": 0.010, "within": 0.005}
 ROTATION = {"object": 0.35, "recording": 0.05, "grasp": 0.6, "within": 0.25}  # rad, of the object
-FINGER = {"object": 0.6, "recording": 0.08, "grasp": 0.8, "within": 0.45}  # of the logarithm of a finger's squeeze
+# of the logarithm of a finger's squeeze
+FINGER = {"object": 0.6, "recording": 0.08, "grasp": 0.8, "within": 0.45}
 THUMB = {"object": 0.12, "recording": 0.05, "grasp": 0.2}  # rad, of the opposition
 OPPOSITION = 0.95  # rad
 ROLL = 0.6  # rad, of a grasp, about the object's axis, beside half a turn in every second one
 PINCHED = 0.3  # share of these deviations that an object between the fingertips has
 SQUEEZE = (0.04, 0.60)  # N m of a weightless object, and N m per kg of weight
 OPENING = 8  # frames of the open hand before the first grasp
-PHASES = {"arrive": 1, "close": 4, "squeeze": 2, "hold": 0, "release": 2}  # frames; `hold` fills the grasp
+# frames; `hold` fills the grasp
+PHASES = {"arrive": 1, "close": 4, "squeeze": 2, "hold": 0, "release": 2}
 HOLD = list(PHASES).index("hold")  # number of the steady phase
 LOOSE = 0.4  # share of the next grasp's closure that a hand keeps between two grasps
 
@@ -47,17 +53,22 @@ def plan(
     phase, progress, grasp = schedule(frames, grasps)
     drawn = [_draw(*each, grasps) for each in zip(grasp_objects, habits, rngs, strict=True)]
     grips = [np.stack(values) for values in zip(*drawn, strict=True)]  # (B, G, ...) each
-    closed = np.stack([closure(hands, solids, *(one[:, g] for one in grips[:3])) for g in range(grasps)], axis=1)
+    closed = np.stack(
+        [closure(hands, solids, *(one[:, g] for one in grips[:3])) for g in range(grasps)], axis=1
+    )
     position, rotation, opposition, squeeze = (one[:, grasp] for one in grips)
     # (T,) each, 0 to 1: the object has arrived, the fingers have closed, they squeeze.
     arrive, close, squeezing, hold, release = (phase == number for number in range(len(PHASES)))
     near = np.select([phase < 0, arrive, release], [0, progress, 1 - progress], 1.0)
     tightening = np.select([phase <= 0, close, release], [0, progress, 1 - progress], 1.0)
     closing = np.where(phase < 0, 0, LOOSE + (1 - LOOSE) * tightening)
-    loaded = np.select([squeezing, hold, release], [progress, 1, np.maximum(1 - 2 * progress, 0)], 0.0)
+    loaded = np.select(
+        [squeezing, hold, release], [progress, 1, np.maximum(1 - 2 * progress, 0)], 0.0
+    )
     noise = np.stack([rng.normal(size=(frames, 11)) for rng in rngs])
     noise[:, 1:] *= np.sqrt(1 - CORRELATION**2)
-    drift = lfilter([1.0], [1.0, -CORRELATION], noise, axis=1)  # autoregressive, of order 1 and unit variance
+    # autoregressive, of order 1 and unit variance
+    drift = lfilter([1.0], [1.0, -CORRELATION], noise, axis=1)
     squeeze *= loaded[:, None]
     if "shift" in effects:
         moved = loaded[:, None] * np.array([_freedom(one) for one in grasp_objects])[:, None, None]
@@ -78,7 +89,8 @@ def plan(
 def schedule(frames: int, grasps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Number of the phase, progress of the phase at the frame's end (0 to 1), and number of the grasp, (T,) each.
 
-    The open hand before the first grasp is phase -1. A grasp has more frames than the phases but `hold` need.
+    The open hand before the first grasp is phase -1. A grasp has more frames than the phases but
+    `hold` need.
     """
     each, fixed = (frames - OPENING) // grasps, sum(PHASES.values())
     lengths = np.array([length or each - fixed for length in PHASES.values()])
@@ -118,17 +130,27 @@ def _draw(
     """Position (G, 3) m, rotation vector (G, 3) rad, opposition (G,) rad and squeeze (G, 5) N m of G grasps.
 
     Args:
-        habit: draws the usual grasp of the object; rng: draws the deviations of a recording and of its grasps.
+        habit: draws the usual grasp of the object; rng: draws the deviations of a recording and of
+            its grasps.
     """
 
     def spread(std: dict[str, float], size: int) -> np.ndarray:
         """Deviations (G, size) from what all objects have in common."""
-        of_object, of_recording = habit.normal(0, std["object"], size), rng.normal(0, std["recording"], size)
-        return _freedom(grasp_object) * (of_object + of_recording + rng.normal(0, std["grasp"], (grasps, size)))
+        of_object, of_recording = (
+            habit.normal(0, std["object"], size),
+            rng.normal(0, std["recording"], size),
+        )
+        return _freedom(grasp_object) * (
+            of_object + of_recording + rng.normal(0, std["grasp"], (grasps, size))
+        )
 
     roll = rng.normal(0, ROLL, grasps) + np.pi * rng.integers(2, size=grasps)
     usual = Rotation.from_rotvec(grasp_object.orientation)
-    rotation = Rotation.from_rotvec(spread(ROTATION, 3)) * usual * Rotation.from_rotvec(roll[:, None] * [0, 0, 1])
+    rotation = (
+        Rotation.from_rotvec(spread(ROTATION, 3))
+        * usual
+        * Rotation.from_rotvec(roll[:, None] * [0, 0, 1])
+    )
     below = np.array([grasp_object.lowest(matrix) for matrix in rotation.as_matrix()])
     position = np.tile(PINCH if grasp_object.pinch else POWER, (grasps, 1))
     if not grasp_object.pinch:

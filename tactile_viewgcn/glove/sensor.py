@@ -1,7 +1,7 @@
 """From pressure to counts: a piezoresistive matrix of 32 x 32 wires, read with 10 bits.
 
-Each effect is a separate step, skipped where a recipe does not name it. The constants are set against STAG's frames
-(baseline, noise, percentiles of the excess), see VERSION in `simulation.py`.
+Each effect is a separate step, skipped where a recipe does not name it. The constants are set
+against STAG's frames (baseline, noise, percentiles of the excess), see VERSION in `simulation.py`.
 """
 
 import numpy as np
@@ -15,10 +15,13 @@ SATURATION = 1.5e4  # Pa at which a sensor reads half of a linear sensor's count
 SENSITIVITY = 1.4e-3  # counts per Pa of a sensor of gain 1, at low pressure
 HYSTERESIS = 0.25  # share of a reading that follows its recent peak
 RECOVERY = 0.6  # share of the peak that is left a frame later
-CROSSTALK = (0.3, 0.3)  # shares of its row's and its column's mean that a sensor adds to its reading
+# shares of its row's and its column's mean that a sensor adds to its reading
+CROSSTALK = (0.3, 0.3)
 DRIFT = 0.95  # correlation of the common mode from frame to frame
-GAIN, GAIN_OF_SESSION = 0.75, 0.1  # standard deviation of the logarithm of a sensor's gain; from session to session
-DEAD, STUCK = 0.02, 0.004  # shares of sensors that read no pressure, and of those that always read the same
+# standard deviation of the logarithm of a sensor's gain; from session to session
+GAIN, GAIN_OF_SESSION = 0.75, 0.1
+# shares of sensors that read no pressure, and of those that always read the same
+DEAD, STUCK = 0.02, 0.004
 BASELINE = (515.0, 1.2)  # counts, mean and standard deviation of a session's baseline
 ROW, SENSOR = 0.6, 0.3  # counts, standard deviation from it of a row and of a sensor
 NOISE = (0.89, 0.09)  # counts, median of a sensor's noise, and standard deviation of its logarithm
@@ -33,30 +36,43 @@ class Sensors:
     Args:
         hands: with the cells of the S sensors.
         seed: seed of the glove and its sessions.
-        sessions: (B,) session of each recording; gain, baseline and common mode differ between sessions.
+        sessions: (B,) session of each recording; gain, baseline and common mode differ between
+            sessions.
         rngs: B generators of the noise.
         effects: those of `simulation.EFFECTS` that are simulated.
 
     Attributes:
         gain: (B, S) relative to SENSITIVITY; 0 for a dead sensor.
-        stuck: (B, S) counts above the baseline that a stuck sensor always reads; NaN for all others.
+        stuck: (B, S) counts above the baseline that a stuck sensor always reads; NaN for all
+            others.
         bend: (B, S) counts per rad of flexion of the joint under the sensor.
         baseline: (B, S) counts; noise: (B, S) counts, standard deviation.
         common: (B,) counts, standard deviation of the noise that all sensors share.
     """
 
     def __init__(
-        self, hands: Hands, seed: int, sessions: list[int], rngs: list[np.random.Generator], effects: frozenset[str]
+        self,
+        hands: Hands,
+        seed: int,
+        sessions: list[int],
+        rngs: list[np.random.Generator],
+        effects: frozenset[str],
     ):
         self.hands, self.effects = hands, effects
-        self.rngs = [(rng, *rng.spawn(1)) for rng in rngs]  # for the sensors' noise, and for the common mode
-        electronics = [self._electronics(stream(seed, "glove"), stream(seed, "glove session", n)) for n in sessions]
+        # for the sensors' noise, and for the common mode
+        self.rngs = [(rng, *rng.spawn(1)) for rng in rngs]
+        electronics = [
+            self._electronics(stream(seed, "glove"), stream(seed, "glove session", n))
+            for n in sessions
+        ]
         self.gain, self.stuck, self.bend, self.baseline, self.noise, self.common = (
             np.stack(values) for values in zip(*electronics, strict=True)
         )
         self.peak, self.drift = np.zeros_like(self.gain), np.zeros(len(sessions))
 
-    def _electronics(self, glove: np.random.Generator, session: np.random.Generator) -> tuple[np.ndarray | float, ...]:
+    def _electronics(
+        self, glove: np.random.Generator, session: np.random.Generator
+    ) -> tuple[np.ndarray | float, ...]:
         """Gain, stuck, bend, baseline, noise (S,) and common mode, drawn for a glove in a session."""
         count = len(self.hands.row)
         gain = np.exp(glove.normal(0, GAIN, count) - GAIN**2 / 2)
@@ -106,7 +122,9 @@ class Sensors:
                 counts[b] += self.noise[b] * of_sensors + ROW_NOISE * of_rows[:, self.hands.row]
             if "common_mode" in self.effects:
                 for t, draw in enumerate(common_rng.standard_normal((frames,))):
-                    self.drift[b] = DRIFT * self.drift[b] + np.sqrt(1 - DRIFT**2) * self.common[b] * draw
+                    self.drift[b] = (
+                        DRIFT * self.drift[b] + np.sqrt(1 - DRIFT**2) * self.common[b] * draw
+                    )
                     counts[b, t] += self.drift[b]
 
     def _crosstalk(self, excess: np.ndarray) -> np.ndarray:

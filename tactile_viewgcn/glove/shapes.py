@@ -1,11 +1,12 @@
 """Solids as signed distance functions: primitives, plane cuts, and unions of primitives, evaluated in batches.
 
-There are two families of primitives. A solid of revolution about z is a rounded rectangle in the half-plane (rho, z):
-its centre is `offset` from the axis, its half sizes are `half`, its corners are rounded by `round`. A sphere has
-half = (0, 0), a capsule half = (0, c), a torus offset > 0, a tube half = (wall / 2, c) and offset > 0. A box is
-rounded in the same way and has three half sizes. Outside a primitive the distance is exact; inside it is the distance
-to the nearest face. A cut takes the larger of two distances and a union the smaller, which bounds the true distance
-(Hart, "Sphere tracing", The Visual Computer 12 (1996)).
+There are two families of primitives. A solid of revolution about z is a rounded rectangle in the
+half-plane (rho, z): its centre is `offset` from the axis, its half sizes are `half`, its corners
+are rounded by `round`. A sphere has half = (0, 0), a capsule half = (0, c), a torus offset > 0, a
+tube half = (wall / 2, c) and offset > 0. A box is rounded in the same way and has three half sizes.
+Outside a primitive the distance is exact; inside it is the distance to the nearest face. A cut
+takes the larger of two distances and a union the smaller, which bounds the true distance (Hart,
+"Sphere tracing", The Visual Computer 12 (1996)).
 """
 
 from dataclasses import dataclass
@@ -24,12 +25,14 @@ class Primitive:
     """One primitive and its place in the object. Lengths are in m.
 
     Args:
-        half: half sizes without the rounding: two, (rho, z), make a solid of revolution, three, (x, y, z), a box.
+        half: half sizes without the rounding: two, (rho, z), make a solid of revolution, three, (x,
+            y, z), a box.
         round: radius of the rounding.
         offset: distance of a solid of revolution's section from its axis.
         centre: (3,) in the object's axes.
         rotation: (3,) rotation vector from the primitive's axes to the object's, rad.
-        cut: (nx, ny, nz, c), in the primitive's axes: keeps the points x with n . x <= c; n has length 1.
+        cut: (nx, ny, nz, c), in the primitive's axes: keeps the points x with n . x <= c; n has
+            length 1.
     """
 
     half: tuple[float, ...]
@@ -78,7 +81,9 @@ def torus(ring: float, tube: float, **placement: Any) -> Primitive:
     return Primitive((0, 0), tube, ring, **placement)
 
 
-def tube(inner: float, outer: float, length: float, round: float = 0.0, **placement: Any) -> Primitive:
+def tube(
+    inner: float, outer: float, length: float, round: float = 0.0, **placement: Any
+) -> Primitive:
     """A hollow cylinder about z of radii `inner` and `outer` m, its edges rounded."""
     half = _inner_half(outer - inner, round), _inner_half(length, round)
     return Primitive(half, round, (inner + outer) / 2, **placement)
@@ -114,7 +119,9 @@ class Solids:
         _, q, _ = self._section(b, p, x)
         out = np.maximum(q, 0)
         nearest = np.maximum(np.maximum(q[:, 0], q[:, 1]), q[:, 2])
-        distance = np.sqrt(np.einsum("ni,ni->n", out, out)) + np.minimum(nearest, 0) - self.round[b, p]
+        distance = (
+            np.sqrt(np.einsum("ni,ni->n", out, out)) + np.minimum(nearest, 0) - self.round[b, p]
+        )
         cut = self.cut[b, p]
         return np.maximum(distance, np.einsum("ni,ni->n", cut[:, :3], x) - cut[:, 3])
 
@@ -136,10 +143,13 @@ class Solids:
         uncut = length + np.minimum(q.max(axis=1), 0) - self.round[b, p]
         return np.where((flat > uncut)[:, None], cut[:, :3], gradient)
 
-    def _section(self, b: np.ndarray, p: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _section(
+        self, b: np.ndarray, p: np.ndarray, x: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points (n, 3) where both families are boxes, how far they are from its faces (n, 3), and which is revolved.
 
-        A solid of revolution's point is (rho - offset, z, .), and its third face infinitely far inside.
+        A solid of revolution's point is (rho - offset, z, .), and its third face infinitely far
+        inside.
         """
         revolved, folded = self.revolved[b, p], x.copy()
         rho = np.sqrt(x[:, 0] ** 2 + x[:, 1] ** 2)

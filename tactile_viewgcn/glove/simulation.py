@@ -22,8 +22,9 @@ from tactile_viewgcn.params import Effect
 from tactile_viewgcn.progress import is_shown, progress, shown
 from tactile_viewgcn.randomness import stream
 
-#: Version of the constants in this folder, an attribute of every file. They are set against published and measured
-#: facts of STAG alone, on glove seed 7, and frozen: a changed constant needs a new version.
+#: Version of the constants in this folder, an attribute of every file. They are set against
+#: published and measured facts of STAG alone, on glove seed 7, and frozen: a changed constant needs
+#: a new version.
 VERSION = 2
 LAYER = Layer(stiffness=1e7, thickness=4e-3, joint_damping=0.02, object_damping=60.0)
 RATE = 7.35  # frames a second, STAG's
@@ -32,7 +33,8 @@ EFFECTS = get_args(Effect)
 TRAINING_SESSIONS = 2  # as in STAG; the others are the test side
 BLOCK = 96  # frames that are solved and read together
 MIN_RECORDINGS_PER_WORKER = 20  # with fewer, starting a process takes longer than it saves
-SLIP_STD, SCALE_STD = 0.002, 0.02  # m, and share: the glove's shift and the hand's size from session to session
+# m, and share: the glove's shift and the hand's size from session to session
+SLIP_STD, SCALE_STD = 0.002, 0.02
 
 SessionObject = tuple[int, int]  # the recording of a session's and an object's number
 
@@ -43,12 +45,14 @@ class Recipe:
 
     Args:
         objects: the objects, with the empty hand.
-        sessions: number of sessions; the first TRAINING_SESSIONS are the training side, but never all.
+        sessions: number of sessions; the first TRAINING_SESSIONS are the training side, but never
+            all.
         frames, grasps: number of them in each recording.
         seed: seed of every random draw.
         layer: skin, glove and damping.
-        effects: those of EFFECTS that are simulated; the others are not computed. Without `weight` nothing pulls on the
-            object, but the squeeze still follows its weight. `weight` needs `motion`.
+        effects: those of EFFECTS that are simulated; the others are not computed. Without `weight`
+            nothing pulls on the object, but the squeeze still follows its weight. `weight` needs
+            `motion`.
     """
 
     objects: tuple[GraspObject, ...]
@@ -66,7 +70,11 @@ class Recipe:
     @property
     def recordings(self) -> list[SessionObject]:
         """Every recording, session by session."""
-        return [(session, number) for session in range(self.sessions) for number in range(len(self.objects))]
+        return [
+            (session, number)
+            for session in range(self.sessions)
+            for number in range(len(self.objects))
+        ]
 
 
 def recipe_from_params(glove: Any) -> Recipe:
@@ -85,7 +93,10 @@ class Simulation:
     """
 
     def __init__(self, recipe: Recipe, recordings: list[SessionObject] | None = None):
-        self.recipe, self.recordings = recipe, recipe.recordings if recordings is None else recordings
+        self.recipe, self.recordings = (
+            recipe,
+            recipe.recordings if recordings is None else recordings,
+        )
         sessions = [session for session, _ in self.recordings]
         self.hands = stag_hands(*map(self._fit, sessions))
         objects = [recipe.objects[number] for _, number in self.recordings]
@@ -97,13 +108,16 @@ class Simulation:
             [stream(recipe.seed, f"glove habit {name}") for name in self.names], self._streams("scene"),
             frames=recipe.frames, grasps=recipe.grasps, effects=recipe.effects,
         )  # fmt: skip
-        self.sensors = Sensors(self.hands, recipe.seed, sessions, self._streams("noise"), recipe.effects)
+        self.sensors = Sensors(
+            self.hands, recipe.seed, sessions, self._streams("noise"), recipe.effects
+        )
         self.statistics: Counter[str] = Counter()
 
     def blocks(self, on_frames: Callable[[int], object] | None = None) -> Iterator[np.ndarray]:
         """Counts (B, T, 32, 32) int16 of all B recordings, at most BLOCK frames at a time.
 
-        `on_frames` is called with the number of frames, of all recordings together, that were solved in a step.
+        `on_frames` is called with the number of frames, of all recordings together, that were
+        solved in a step.
         """
         recipe, y = self.recipe, None
         for start in range(0, recipe.frames, BLOCK):
@@ -119,23 +133,35 @@ class Simulation:
 
     def mechanics(self, start: int, stop: int) -> Mechanics:
         """The equation of frames `start` to `stop`; its first knot is one frame before `start`."""
-        drive = Drive(**{name: values[:, start : stop + 1] for name, values in vars(self.drive).items()})
+        drive = Drive(
+            **{name: values[:, start : stop + 1] for name, values in vars(self.drive).items()}
+        )
         return Mechanics(
-            self.hands, self.solids, self.stiffness, drive, self.recipe.layer, motion="motion" in self.recipe.effects
+            self.hands,
+            self.solids,
+            self.stiffness,
+            drive,
+            self.recipe.layer,
+            motion="motion" in self.recipe.effects,
         )
 
-    def sensor_inputs(self, mechanics: Mechanics, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def sensor_inputs(
+        self, mechanics: Mechanics, states: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Pressure (B, T, S) Pa on the sensors and flexion (B, T, S) rad under them, for states (B, T, n)."""
         hands, frames, _ = states.shape
         pressure, rows = np.zeros((hands, frames, len(self.hands.patch))), np.arange(hands)
         for t in range(frames):
             balance = mechanics.evaluate(rows, np.full(hands, t + 1.0), states[:, t], palm=True)
             sensor = balance.contacts.row, balance.contacts.sensor
-            np.add.at(pressure[:, t], sensor, balance.force * balance.facing / self.hands.area[sensor])
+            np.add.at(
+                pressure[:, t], sensor, balance.force * balance.facing / self.hands.area[sensor]
+            )
         bend = np.maximum(states[:, :, :10].reshape(hands, frames, 5, 2) - OPEN, 0)
         patch = self.hands.patch
         on_link = patch < LINK_PATCHES
-        flexion = np.repeat(bend[..., 0].mean(axis=-1, keepdims=True), len(patch), axis=-1)  # the palm's folds
+        # the palm's folds
+        flexion = np.repeat(bend[..., 0].mean(axis=-1, keepdims=True), len(patch), axis=-1)
         flexion[..., on_link] = (bend @ COUPLING.T)[:, :, patch[on_link] // 3, patch[on_link] % 3]
         return pressure, flexion
 
@@ -157,8 +183,8 @@ class Simulation:
 def simulate(recipe: Recipe, folder: Path, *, workers: int = 1) -> Counter[str]:
     """Write a recipe's recordings to `folder`/SESSION/NUMBER-OBJECT.h5.
 
-    The recordings do not depend on the number of worker processes. Memory holds a block of pressures, and all counts.
-    The first process shows its progress, where the caller shows any.
+    The recordings do not depend on the number of worker processes. Memory holds a block of
+    pressures, and all counts. The first process shows its progress, where the caller shows any.
 
     Returns:
         The cost, see `Simulation.statistics`.
@@ -167,19 +193,32 @@ def simulate(recipe: Recipe, folder: Path, *, workers: int = 1) -> Counter[str]:
     shares = (recipe.recordings[worker::workers] for worker in range(workers))
     write = delayed(_write)
     bar = is_shown()
-    costs = Parallel(n_jobs=workers)(write(recipe, part, folder, bar=bar and not n) for n, part in enumerate(shares))
+    costs = Parallel(n_jobs=workers)(
+        write(recipe, part, folder, bar=bar and not n) for n, part in enumerate(shares)
+    )
     return sum(costs, Counter())
 
 
-def _write(recipe: Recipe, recordings: list[SessionObject], folder: Path, *, bar: bool) -> Counter[str]:
+def _write(
+    recipe: Recipe, recordings: list[SessionObject], folder: Path, *, bar: bool
+) -> Counter[str]:
     """Simulate the recordings of one process into a folder of sessions; `bar`: this process shows the progress."""
-    simulation, (phase, _, grasp) = Simulation(recipe, recordings), schedule(recipe.frames, recipe.grasps)
-    with shown(bar), progress("frames of this process", "frames", len(recordings) * recipe.frames) as frames:
+    simulation, (phase, _, grasp) = (
+        Simulation(recipe, recordings),
+        schedule(recipe.frames, recipe.grasps),
+    )
+    with (
+        shown(bar),
+        progress("frames of this process", "frames", len(recordings) * recipe.frames) as frames,
+    ):
         blocks = list(simulation.blocks(on_frames=frames.update))
     for (session, number), counts in zip(recordings, np.concatenate(blocks, axis=1), strict=True):
-        grasp_object, content = recipe.objects[number], BytesIO()  # HDF5 may say nothing where a disk is full
+        # HDF5 may say nothing where a disk is full
+        grasp_object, content = recipe.objects[number], BytesIO()
         with h5py.File(content, "w") as file:
-            file.create_dataset("pressure", data=counts, compression="gzip", compression_opts=1, shuffle=True)
+            file.create_dataset(
+                "pressure", data=counts, compression="gzip", compression_opts=1, shuffle=True
+            )
             file["time"] = np.arange(recipe.frames) / RATE
             file["valid"], file["grasp"] = phase == HOLD, grasp.astype(np.int16)
             file.attrs.update({

@@ -1,8 +1,8 @@
 """The modified ResNet-18: a tactile frame to a feature of 128.
 
-He et al., "Deep residual learning for image recognition" (arXiv 1512.03385), with one input channel, two of its four
-stages and dropout between them, as in the network of Sundaram et al. 2019, which Tactile-ViewGCN takes over. It has
-674,240 weights and is trained from scratch.
+He et al., "Deep residual learning for image recognition" (arXiv 1512.03385), with one input
+channel, two of its four stages and dropout between them, as in the network of Sundaram et al. 2019,
+which Tactile-ViewGCN takes over. It has 674,240 weights and is trained from scratch.
 """
 
 import math
@@ -30,7 +30,9 @@ class BasicBlock(nn.Module):
         self.norm2 = nn.BatchNorm2d(outputs)
         self.shortcut: nn.Module = nn.Identity()
         if stride != 1 or inputs != outputs:
-            self.shortcut = nn.Sequential(nn.Conv2d(inputs, outputs, 1, stride, bias=False), nn.BatchNorm2d(outputs))
+            self.shortcut = nn.Sequential(
+                nn.Conv2d(inputs, outputs, 1, stride, bias=False), nn.BatchNorm2d(outputs)
+            )
 
     def forward(self, x: Tensor) -> Tensor:
         out = torch.relu(self.norm1(self.conv1(x)))
@@ -40,20 +42,24 @@ class BasicBlock(nn.Module):
 class Stem(nn.Module):
     """3x3 convolution, batch normalisation, ReLU and maximum pooling: (B, 1, H, W) -> (B, C, H / 2, W / 2).
 
-    Equivalent to these four layers, in fewer passes over its maps, the largest of the network. A frame has one
-    channel, so the mean and variance of every map follow exactly from those of the frame's 3x3 patches, and the
-    normalisation becomes part of the convolution's nine weights. ReLU comes after the pooling, with which it commutes.
+    Equivalent to these four layers, in fewer passes over its maps, the largest of the network. A
+    frame has one channel, so the mean and variance of every map follow exactly from those of the
+    frame's 3x3 patches, and the normalisation becomes part of the convolution's nine weights. ReLU
+    comes after the pooling, with which it commutes.
     """
 
     def __init__(self, outputs: int):
         super().__init__()
         self.conv = nn.Conv2d(1, outputs, 3, padding=1, bias=False)
-        self.norm: Any = nn.BatchNorm2d(outputs)  # torch's types say that its running moments may be missing
+        # torch's types say that its running moments may be missing
+        self.norm: Any = nn.BatchNorm2d(outputs)
 
     def forward(self, frames: Tensor) -> Tensor:
         norm = self.norm
         with torch.autocast(frames.device.type, enabled=False):
-            mean, variance = self._moments(frames) if self.training else (norm.running_mean, norm.running_var)
+            mean, variance = (
+                self._moments(frames) if self.training else (norm.running_mean, norm.running_var)
+            )
             scale = norm.weight * (variance + norm.eps).rsqrt()
             weight, bias = self.conv.weight * scale[:, None, None, None], norm.bias - mean * scale
         maps = functional.conv2d(frames, weight, bias, padding=1)
@@ -61,7 +67,8 @@ class Stem(nn.Module):
 
     def _moments(self, frames: Tensor) -> tuple[Tensor, Tensor]:
         """Mean and variance (C,) of the convolution's maps over the batch; the running ones are updated."""
-        patches = functional.pad(frames, (1, 1, 1, 1)).squeeze(1).unfold(1, 3, 1).unfold(2, 3, 1)  # (B, H, W, 3, 3)
+        # (B, H, W, 3, 3)
+        patches = functional.pad(frames, (1, 1, 1, 1)).squeeze(1).unfold(1, 3, 1).unfold(2, 3, 1)
         patches = patches.permute(3, 4, 0, 1, 2).flatten(2).flatten(0, 1)  # (9, B * H * W)
         count, centre = patches.shape[1], patches.mean(dim=1, keepdim=True)
         patches = patches - centre
@@ -81,10 +88,12 @@ class Backbone(nn.Module):
     Its weights are drawn from torch's default generator.
 
     Args:
-        options: `width`, channels of stage 1, half of stage 2's; `dropout`, share of stage 1's channels dropped in
-            training; `readout`: `average` of each map as in the paper, or `grid`: averages of 4 x 4 parts of each map,
-            which keep where on the hand a feature is, and a linear layer to as many features.
-        maps: return the maps themselves, (B, 2 * width, H / 4, W / 4), in the precision of their computation.
+        options: `width`, channels of stage 1, half of stage 2's; `dropout`, share of stage 1's
+            channels dropped in training; `readout`: `average` of each map as in the paper, or
+            `grid`: averages of 4 x 4 parts of each map, which keep where on the hand a feature is,
+            and a linear layer to as many features.
+        maps: return the maps themselves, (B, 2 * width, H / 4, W / 4), in the precision of their
+            computation.
 
     Attributes:
         features: C, 2 * width.
@@ -97,7 +106,9 @@ class Backbone(nn.Module):
         self.stem = Stem(width)
         self.stage1 = nn.Sequential(BasicBlock(width, width), BasicBlock(width, width))
         self.dropout = nn.Dropout2d(options.dropout)
-        self.stage2 = nn.Sequential(BasicBlock(width, 2 * width, stride=2), BasicBlock(2 * width, 2 * width))
+        self.stage2 = nn.Sequential(
+            BasicBlock(width, 2 * width, stride=2), BasicBlock(2 * width, 2 * width)
+        )
         self.grid = None
         if options.readout == "grid" and not maps:
             join = nn.Linear(GRID**2 * self.features, self.features, bias=False)

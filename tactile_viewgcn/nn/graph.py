@@ -1,10 +1,10 @@
 """The geometry of the view-graph: distances, nearest neighbours, furthest points, edges.
 
-Positions are (..., N, 3). Squared distances are sums of squared differences, never the expansion of the
-square, so that coincident points are at exactly zero. Ties go to the lowest index: distances that differ by less
-than the largest one's 65,536th part are ties, since on a circle equal ones differ by rounding.
-Nodes are compared in float64, so that a graph is the same in every precision of the network and the squares of very
-small and very large coordinates stay finite.
+Positions are (..., N, 3). Squared distances are sums of squared differences, never the expansion of
+the square, so that coincident points are at exactly zero. Ties go to the lowest index: distances
+that differ by less than the largest one's 65,536th part are ties, since on a circle equal ones
+differ by rounding. Nodes are compared in float64, so that a graph is the same in every precision of
+the network and the squares of very small and very large coordinates stay finite.
 """
 
 import torch
@@ -43,20 +43,26 @@ def furthest_points(positions: Tensor, count: int) -> Tensor:
     for _ in range(count - 1):
         chosen = to_chosen.argmax(dim=-1)
         picks.append(chosen)
-        row = distances.gather(-2, chosen[..., None, None].expand(*chosen.shape, 1, distances.shape[-1]))
+        row = distances.gather(
+            -2, chosen[..., None, None].expand(*chosen.shape, 1, distances.shape[-1])
+        )
         to_chosen = torch.minimum(to_chosen, row.squeeze(-2))
     return torch.stack(picks, dim=-1)
 
 
 def first_places(viewpoints: Tensor, count: int) -> Tensor:
     """All viewpoints (V, 3) in their order, or the `count` that furthest point sampling chooses first, (count, 3)."""
-    return viewpoints if count == len(viewpoints) else viewpoints[furthest_points(viewpoints, count)]
+    return (
+        viewpoints if count == len(viewpoints) else viewpoints[furthest_points(viewpoints, count)]
+    )
 
 
 def gather_nodes(values: Tensor, index: Tensor) -> Tensor:
     """values (B, N, C), index (B, ...) -> (B, ..., C)."""
     batch, nodes, features = values.shape
-    first = torch.arange(0, batch * nodes, nodes, device=index.device).view(-1, *[1] * (index.ndim - 1))
+    first = torch.arange(0, batch * nodes, nodes, device=index.device).view(
+        -1, *[1] * (index.ndim - 1)
+    )
     rows = values.reshape(-1, features).index_select(0, (index + first).flatten())
     return rows.view(*index.shape, features)
 
@@ -76,4 +82,6 @@ def edge_geometry(positions: Tensor, neighbours: Tensor, distance: str = "square
     here = positions.unsqueeze(2).expand_as(there)
     difference = here - there
     length = difference.square().sum(dim=-1, keepdim=True)
-    return torch.cat([here, there, difference, length.sqrt() if distance == "plain" else length], dim=-1)
+    return torch.cat(
+        [here, there, difference, length.sqrt() if distance == "plain" else length], dim=-1
+    )

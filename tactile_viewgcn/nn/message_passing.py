@@ -12,8 +12,9 @@ MAX_MESSAGES = 1 << 22  # numbers in the largest array of messages; a larger one
 class NonLocalMessagePassing(nn.Module):
     """Equations 3 and 4: r_i = sum_j m_ji, m_ji = LeakyReLU(Linear([F_j, F_i])); f_i = fusion([F_i, r_i]).
 
-    The linear layer of a pair is the sum of two projections, one per node, so no pair is ever concatenated.
-    (The released code sums m_ij instead: the same network with the two projections exchanged.)
+    The linear layer of a pair is the sum of two projections, one per node, so no pair is ever
+    concatenated. (The released code sums m_ij instead: the same network with the two projections
+    exchanged.)
     """
 
     def __init__(self, features: int):
@@ -25,11 +26,14 @@ class NonLocalMessagePassing(nn.Module):
     def received(self, nodes: Tensor) -> Tensor:
         """Sums r (B, N, C) of the messages from all nodes (B, N, C) to each, itself included.
 
-        At most `MAX_MESSAGES` numbers, or the messages of one sender, are in memory at once. Where that takes several
-        parts, the backward pass computes the messages again instead of keeping them.
+        At most `MAX_MESSAGES` numbers, or the messages of one sender, are in memory at once. Where
+        that takes several parts, the backward pass computes the messages again instead of keeping
+        them.
         """
         sender, receiver = self.message.weight.chunk(2, dim=1)
-        parts = functional.linear(nodes, sender).split(max(1, MAX_MESSAGES // max(1, nodes.numel())), dim=1)
+        parts = functional.linear(nodes, sender).split(
+            max(1, MAX_MESSAGES // max(1, nodes.numel())), dim=1
+        )
         receivers = functional.linear(nodes, receiver, self.message.bias)
         if len(parts) == 1:
             return _sum_over(parts[0], receivers)

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from tactile_viewgcn.tables.counts import Counts
     from tactile_viewgcn.views.recording_clusters import RecordingClusters
 
-MAX_NODE_VALUES = 1 << 20  # numbers in the nodes of a batch of view sets; a larger batch gains no speed
+# numbers in the nodes of a batch of view sets; a larger batch gains no speed
+MAX_NODE_VALUES = 1 << 20
 
 
 class ViewNetwork(nn.Module):
@@ -39,20 +40,30 @@ class ViewNetwork(nn.Module):
     viewpoints: Tensor
 
     def __init__(
-        self, system: type[ViewSystem], viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int]
+        self,
+        system: type[ViewSystem],
+        viewpoints: Tensor,
+        classes: int,
+        model: Model,
+        shape: tuple[int, int],
     ):
         super().__init__()
         self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
         maps = system.takes == "maps"
         self.backbone = Backbone(model.backbone, maps=maps)
         self.feature_shape = self.backbone.map_shape(shape) if maps else (self.backbone.features,)
-        self.head, self.views = system(viewpoints, self.feature_shape, classes, model), len(viewpoints)
-        self.takes_fewer = self.head.takes_fewer and not maps  # on maps the head costs more than the backbone
+        self.head, self.views = (
+            system(viewpoints, self.feature_shape, classes, model),
+            len(viewpoints),
+        )
+        # on maps the head costs more than the backbone
+        self.takes_fewer = self.head.takes_fewer and not maps
 
     def prepare(self, compute: Compute) -> None:
         """Prepare for answers: evaluation mode, on the device of `compute`."""
         self._compute = compute
-        self.eval().to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
+        # type: ignore[call-overload]  # torch's types lack it
+        self.eval().to(compute.device, memory_format=torch.channels_last)
 
     @torch.inference_mode()
     def frame_values(self, inputs: "Counts") -> Tensor:
@@ -65,18 +76,24 @@ class ViewNetwork(nn.Module):
     @torch.inference_mode()
     def view_sets(self, values: Tensor, sets: np.ndarray) -> np.ndarray:
         """Logits (A, classes) of view sets (A, k) of indices into `frame_values` (n, ...)."""
-        return view_set_logits(self.head, values, torch.from_numpy(sets).to(values.device)).cpu().numpy()
+        return (
+            view_set_logits(self.head, values, torch.from_numpy(sets).to(values.device))
+            .cpu()
+            .numpy()
+        )
 
     def recording(self, values: Tensor, points: "Counts | None" = None) -> np.ndarray:
         """Return the logits (classes,) of a whole recording.
 
-        A system that `takes_more` takes all frames at once. Any other answers view sets like those of its training,
-        and the mean of its log-probabilities is taken. If it was trained on clusters, the sets are drawn from the
-        recording's own clusters; else they are the `recording_sets`, spread over the recording.
+        A system that `takes_more` takes all frames at once. Any other answers view sets like those
+        of its training, and the mean of its log-probabilities is taken. If it was trained on
+        clusters, the sets are drawn from the recording's own clusters; else they are the
+        `recording_sets`, spread over the recording.
 
         Args:
             values: (T, ...) `frame_values` of the recording's frames in the order of time.
-            points: (T, S) network input of these frames at the live sensors, by which they are clustered.
+            points: (T, S) network input of these frames at the live sensors, by which they are
+                clustered.
         """
         if self.head.takes_more:
             return self.view_sets(values, np.arange(len(values))[None])[0]
@@ -84,7 +101,9 @@ class ViewNetwork(nn.Module):
             sets = recording_sets(len(values), self.views)
         else:
             if points is None:
-                raise TypeError("a network that was trained on clusters needs the points of a recording's frames")
+                raise TypeError(
+                    "a network that was trained on clusters needs the points of a recording's frames"
+                )
             sets = self.clusters.view_sets(points, self.views)
         return log_softmax(self.view_sets(values, sets), axis=1).mean(axis=0)
 
@@ -92,8 +111,8 @@ class ViewNetwork(nn.Module):
 def recording_sets(count: int, views: int) -> np.ndarray:
     """The fewest view sets (S, V) of indices that use each of a recording's `count` frames.
 
-    Each is spread over the recording, in the order of time. Where V does not divide the frames, some are used twice: of
-    three frames two sets of two views are 0, 1 and 1, 2.
+    Each is spread over the recording, in the order of time. Where V does not divide the frames,
+    some are used twice: of three frames two sets of two views are 0, 1 and 1, 2.
     """
     number = -(-count // views)
     return spread_frames(count, number * views).reshape(views, number).T

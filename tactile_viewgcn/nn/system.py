@@ -1,6 +1,7 @@
 """The interface of every network on the backbone: several views of one object to class logits, and its loss.
 
-A system is one file of systems/, named as `model.system` names it, with one subclass of `ViewSystem`.
+A system is one file of systems/, named as `model.system` names it, with one subclass of
+`ViewSystem`.
 """
 
 import torch.nn.functional as functional
@@ -12,16 +13,20 @@ DROPOUT = 0.5  # ours: on the shape descriptor
 class ViewSystem(nn.Module):
     """Views (B, k, ...) to logits (B, classes); k is V, or what else the system takes.
 
-    A subclass is built from `viewpoints` (V, 3), the `shape` of a view's features, (C,), or of its maps, (C, H, W), the
-    number of `classes`, and the section `model` of params.yaml.
+    A subclass is built from `viewpoints` (V, 3), the `shape` of a view's features, (C,), or of its
+    maps, (C, H, W), the number of `classes`, and the section `model` of params.yaml.
 
     Attributes:
-        takes: what the system reads: the backbone's `features` (B, k, C), or its `maps` (B, k, C, H, W).
-        in_time_order: whether views come sorted from the earliest frame to the latest; viewpoints then play no part.
+        takes: what the system reads: the backbone's `features` (B, k, C), or its `maps` (B, k, C,
+            H, W).
+        in_time_order: whether views come sorted from the earliest frame to the latest; viewpoints
+            then play no part.
         takes_fewer: whether a system built for V views also answers fewer, k from 1 to V - 1.
-        takes_more: whether it also answers more than V views, such as all frames of a recording at once.
+        takes_more: whether it also answers more than V views, such as all frames of a recording at
+            once.
         trainable: whether it has weights to fine-tune.
-        capturable: whether a GPU can record its loss; False where a part of the loss is computed on the CPU.
+        capturable: whether a GPU can record its loss; False where a part of the loss is computed on
+            the CPU.
     """
 
     takes = "features"
@@ -46,5 +51,8 @@ class ViewSystem(nn.Module):
 def shape_classifier(inputs: int, features: int, classes: int) -> nn.Sequential:
     """The paper's classifier of a shape descriptor, (B, inputs) -> (B, classes)."""
     return nn.Sequential(
-        nn.Linear(inputs, features), nn.Dropout(DROPOUT), nn.LeakyReLU(0.2), nn.Linear(features, classes)
+        nn.Linear(inputs, features),
+        nn.Dropout(DROPOUT),
+        nn.LeakyReLU(0.2),
+        nn.Linear(features, classes),
     )

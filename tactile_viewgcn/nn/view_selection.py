@@ -13,13 +13,21 @@ class SelectiveViewSampling(nn.Module):
         features, classes: C and the number of classes.
         samples: M, the nodes of the next level.
         neighbours: K, the nodes that a sampled view chooses from, itself included.
-        joint: one linear layer sees the q-th neighbours of all sampled views at once and its softmax runs over
-            the sampled views, as in the released code, instead of a classifier per sampled view.
+        joint: one linear layer sees the q-th neighbours of all sampled views at once and its
+            softmax runs over the sampled views, as in the released code, instead of a classifier
+            per sampled view.
     """
 
-    def __init__(self, features: int, classes: int, samples: int, *, neighbours: int, joint: bool = False):
+    def __init__(
+        self, features: int, classes: int, samples: int, *, neighbours: int, joint: bool = False
+    ):
         super().__init__()
-        self.samples, self.classes, self.neighbours, self.joint = samples, classes, neighbours, joint
+        self.samples, self.classes, self.neighbours, self.joint = (
+            samples,
+            classes,
+            neighbours,
+            joint,
+        )
         if joint:
             self.classifier: nn.Module = nn.Linear(features * samples, classes * samples)
         else:
@@ -33,7 +41,9 @@ class SelectiveViewSampling(nn.Module):
         out = self.classifier(candidates.transpose(1, 2).reshape(batch, near, -1))
         return out.view(batch, near, samples, self.classes).transpose(1, 2)
 
-    def forward(self, nodes: Tensor, positions: Tensor, samples: int) -> tuple[Tensor, Tensor, Tensor]:
+    def forward(
+        self, nodes: Tensor, positions: Tensor, samples: int
+    ) -> tuple[Tensor, Tensor, Tensor]:
         """nodes (B, N, C), positions (B or 1, N, 3) -> nodes (B, m, C), positions (B, m, 3), logits (B, m, K, Y).
 
         m is `samples`: M, or fewer in a graph of fewer nodes.
@@ -43,7 +53,11 @@ class SelectiveViewSampling(nn.Module):
         near = near.expand(len(nodes), -1, -1)
         logits = self.logits(gather_nodes(nodes, near))
         chosen = near.gather(-1, self.most_confident(logits).unsqueeze(-1)).squeeze(-1)
-        return gather_nodes(nodes, chosen), gather_nodes(positions.expand(len(nodes), -1, -1), chosen), logits
+        return (
+            gather_nodes(nodes, chosen),
+            gather_nodes(positions.expand(len(nodes), -1, -1), chosen),
+            logits,
+        )
 
     def most_confident(self, logits: Tensor) -> Tensor:
         """Index (B, m) of the candidate with the highest confidence, of logits (B, m, K, Y); ties to the nearest."""
@@ -61,7 +75,8 @@ def log_odds(logits: Tensor, dim: int) -> Tensor:
     """
     p, top = logits.softmax(dim), logits.argmax(dim, keepdim=True)
     others = logits.scatter(dim, top, -torch.inf).logsumexp(dim, keepdim=True)
-    all_odds = logits.log_softmax(dim) - torch.log1p(-p.scatter(dim, top, 0.0))  # exact where p is at most 1 / 2
+    # exact where p is at most 1 / 2
+    all_odds = logits.log_softmax(dim) - torch.log1p(-p.scatter(dim, top, 0.0))
     return all_odds.scatter(dim, top, logits.gather(dim, top) - others)
 
 

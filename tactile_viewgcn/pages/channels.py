@@ -30,10 +30,14 @@ def channel_curves(recordings: Recordings) -> list[Curves]:
     of_object = dict[int, list[np.ndarray]]()
     for index in frames_by_recording(recordings):
         of_object.setdefault(int(columns["object"][index[0]]), []).append(index)
-    chosen = {label: parts[len(parts) // 2] for label, parts in sorted(of_object.items())[:MOST_OBJECTS]}
+    chosen = {
+        label: parts[len(parts) // 2] for label, parts in sorted(of_object.items())[:MOST_OBJECTS]
+    }
     live = recordings.live_counts()
     channels = evenly(np.arange(live.shape[1]), MOST_CHANNELS)
-    readings = {label: live[evenly(index, MOST_POINTS)][:, channels] for label, index in chosen.items()}
+    readings = {
+        label: live[evenly(index, MOST_POINTS)][:, channels] for label, index in chosen.items()
+    }
     everything = np.concatenate([*readings.values()]).astype(np.float64)
     low, high = everything.min(axis=0), everything.max(axis=0)
     every_name = recordings.sensor_names(recordings.live)
@@ -62,9 +66,17 @@ def _picture(readings: np.ndarray, low: np.ndarray, high: np.ndarray, names: lis
     span = np.where(high > low, high - low, 1.0)
     heights = 0.8 * (readings - low) / span
     for row in range(len(names)):
-        axes.plot(heights[:, row] - row, linewidth=0.8, color="#0b5c7d", marker="." if len(readings) == 1 else "")
+        axes.plot(
+            heights[:, row] - row,
+            linewidth=0.8,
+            color="#0b5c7d",
+            marker="." if len(readings) == 1 else "",
+        )
         axes.axhline(-row - 0.1, color="#d5dde1", linewidth=0.5)
-    labels = [shown(name if len(name) <= NAME_LETTERS else f"{name[: NAME_LETTERS - 1]}…") for name in names]
+    labels = [
+        shown(name if len(name) <= NAME_LETTERS else f"{name[: NAME_LETTERS - 1]}…")
+        for name in names
+    ]
     axes.set_yticks(0.4 - np.arange(len(names)), labels, fontsize=7, parse_math=False)
     axes.set_ylim(-len(names) + 0.8, 0.95)
     axes.set_xticks([])

@@ -71,6 +71,11 @@ def way_to_the_clone() -> tuple[str, str]:
         return "", ""
     for folder in (root(), *Path.cwd().parents):
         if all((folder / name).exists() for name in MAKES):
-            return "First go to the root of your clone of Tactile-ViewGCN.", f"cd {quote(str(folder))}"
-    sentence = "First go to the root of a clone of Tactile-ViewGCN: dvc.yaml and params.yaml lie there."
+            return (
+                "First go to the root of your clone of Tactile-ViewGCN.",
+                f"cd {quote(str(folder))}",
+            )
+    sentence = (
+        "First go to the root of a clone of Tactile-ViewGCN: dvc.yaml and params.yaml lie there."
+    )
     return sentence, ""

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 MEGABYTE = 1_000_000  # bytes
 GLOSSARY = "words.md"
-GENERATOR = '<meta name="generator" content="tactile-viewgcn" />'  # marks the pages that may be replaced
+# marks the pages that may be replaced
+GENERATOR = '<meta name="generator" content="tactile-viewgcn" />'
 
 
 class Verdict(NamedTuple):
@@ -50,8 +51,18 @@ def environment() -> Environment:
     )
     glossary = loader.get_source(templates, GLOSSARY)[0]
     templates.globals["words"] = re.findall(r"^\| (.+) \| (.+) \|$", glossary, re.MULTILINE)[1:]
-    templates.globals |= {"as_change": as_change, "new_session": NEW_SESSION, "generator": Markup(GENERATOR)}
-    templates.filters |= {"several": several, "percent": percent, "svg": svg, "duration": duration, "prose": prose}
+    templates.globals |= {
+        "as_change": as_change,
+        "new_session": NEW_SESSION,
+        "generator": Markup(GENERATOR),
+    }
+    templates.filters |= {
+        "several": several,
+        "percent": percent,
+        "svg": svg,
+        "duration": duration,
+        "prose": prose,
+    }
     return templates
 
 
@@ -75,8 +86,11 @@ def svg(figure: "Figure") -> str:
 
     buffer = BytesIO()
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "page"}), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph")  # the browser has the letters that matplotlib's font lacks
-        figure.savefig(buffer, format="svg", bbox_inches="tight", pad_inches=0.05, metadata={"Date": None})
+        # the browser has the letters that matplotlib's font lacks
+        warnings.filterwarnings("ignore", "Glyph")
+        figure.savefig(
+            buffer, format="svg", bbox_inches="tight", pad_inches=0.05, metadata={"Date": None}
+        )
     return f"data:image/svg+xml;base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 

@@ -24,21 +24,31 @@ from tactile_viewgcn.tables.counts import evenly
 WIDTH = 80
 NAME = 24  # letters of an object's or session's name
 TWICE = "Record each object at least twice, better five times in two sessions."
-FIRMLY = "Record more of each, held firmly; or are sessions taken for objects? See the table of objects."
+FIRMLY = (
+    "Record more of each, held firmly; or are sessions taken for objects? See the table of objects."
+)
 
 
 def inspection_lines(overview: Overview) -> list[str]:
     """The inspection, the command to use, and the reason of each setting."""
-    lines = [str(overview.recordings.path), *_wrapped(f"{figure} {text}" for figure, text in facts(overview))]
+    lines = [
+        str(overview.recordings.path),
+        *_wrapped(f"{figure} {text}" for figure, text in facts(overview)),
+    ]
     lines += _wrapped(note.text for note in overview.remarks if note.level == "info")
     for title, table in tables(overview).items():
-        rows = table.rename(index=lambda name: name if len(name) <= NAME else f"{name[: NAME - 1]}…").to_string()
+        rows = table.rename(
+            index=lambda name: name if len(name) <= NAME else f"{name[: NAME - 1]}…"
+        ).to_string()
         lines += [title, *textwrap.indent(rows, "  ").splitlines()]
     warned = warnings(overview)
     judged = verdict(overview, warned)
     lines += ["Can they be used?", *_wrapped([" ".join([judged.answer, *judged.reasons])])]
     lines += _wrapped(note.text for note in warned)
-    lines += ["What was checked", *_wrapped(f"{check.what}: {check.outcome}" for check in checks(overview, warned))]
+    lines += [
+        "What was checked",
+        *_wrapped(f"{check.what}: {check.outcome}" for check in checks(overview, warned)),
+    ]
     lines += ["What the files cannot tell", *_wrapped(unknown(overview))]
     command = command_lines(overview)
     if not command:
@@ -118,17 +128,28 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
         alike = rates[-1] < rates[0] * ALIKE
         rate = f"{np.median(rates):.4g}" if alike else f"{rates[0]:.4g} to {rates[-1]:.4g}"
         rows.append((f"{rate} Hz", "is the frame rate"))
-    rows += _error(overview.error, "is a first guess of the error on a new recording, by one quick classifier")
+    rows += _error(
+        overview.error, "is a first guess of the error on a new recording, by one quick classifier"
+    )
     rows += _error(overview.session_error, f"is that guess for {NEW_SESSION}")
-    return rows + _error(overview.choice.leak, "is its error without contact: the nearer to guessing, the better")
+    return rows + _error(
+        overview.choice.leak, "is its error without contact: the nearer to guessing, the better"
+    )
 
 
 def tables(overview: Overview) -> dict[str, pd.DataFrame]:
     """Numbers of recordings and of frames of each kind, as texts: a row for each object, and for each session."""
-    recordings, counts, tables = overview.recordings, pd.DataFrame(overview.counts), dict[str, pd.DataFrame]()
+    recordings, counts, tables = (
+        overview.recordings,
+        pd.DataFrame(overview.counts),
+        dict[str, pd.DataFrame](),
+    )
     if not overview.finds_contact:
         counts = counts.drop(columns=["in contact", "open hand"])
-    of = {"Objects": (recordings.objects, overview.label), "Sessions": (recordings.sessions, overview.session)}
+    of = {
+        "Objects": (recordings.objects, overview.label),
+        "Sessions": (recordings.sessions, overview.session),
+    }
     for title, (names, index) in of.items():
         table = counts.groupby(index).sum().map("{:,}".format)
         tables[title] = table.set_axis([names[one] for one in table.index])
@@ -139,20 +160,27 @@ def _error(error: QuickError | None, text: str) -> list[tuple[str, str]]:
     """A pair for `facts`, where that error was measured."""
     if not error:
         return []
-    interval, chance = f"{100 * error.low:.1f} to {100 * error.high:.1f}", f"{100 * error.chance:.1f}"
+    interval, chance = (
+        f"{100 * error.low:.1f} to {100 * error.high:.1f}",
+        f"{100 * error.chance:.1f}",
+    )
     return [(f"{100 * error.error:.1f} %", f"{text} ({interval}; guessing: {chance})")]
 
 
 def warnings(overview: Overview) -> list[Note]:
     """What may spoil a result with the recommended settings, each with a remedy."""
     by = overview.setting("split.by")
-    contact = np.bincount(overview.label, overview.counts["in contact"], len(overview.recordings.objects))
+    contact = np.bincount(
+        overview.label, overview.counts["in contact"], len(overview.recordings.objects)
+    )
     untouched, single = _names(overview, contact == 0), _names(overview, overview.groups[by] == 1)
     error, session = overview.error, overview.session_error
     guessing = error and not error.beats_chance
     texts = {
-        "contact": untouched and f"Never in contact: {untouched}. Record these objects again, held firmly.",
-        "error": guessing and f"The error of a quick classifier cannot be told from guessing. {FIRMLY}",
+        "contact": untouched
+        and f"Never in contact: {untouched}. Record these objects again, held firmly.",
+        "error": guessing
+        and f"The error of a quick classifier cannot be told from guessing. {FIRMLY}",
         "session": error
         and session
         and error.high < min(session.error, error.chance)
@@ -160,7 +188,9 @@ def warnings(overview: Overview) -> list[Note]:
         f"{100 * error.error:.1f} %. Test both, and record more sessions.",
         "split": single and f"One {by} alone: {single}. Nothing is left to test with. {TWICE}",
     }
-    return warnings_of(overview.remarks) + [Note(text, "warning", topic) for topic, text in texts.items() if text]
+    return warnings_of(overview.remarks) + [
+        Note(text, "warning", topic) for topic, text in texts.items() if text
+    ]
 
 
 def verdict(overview: Overview, warned: list[Note]) -> html.Verdict:
@@ -170,7 +200,9 @@ def verdict(overview: Overview, warned: list[Note]) -> html.Verdict:
     if len(left := _kept(overview)) < 2:
         return html.Verdict("bad", f"Not yet: {one_class(', '.join(left) or 'none')}.", [])
     if (groups > 1).sum() < 2:
-        return html.Verdict("bad", f"Not yet: there are no two objects with two recordings each. {TWICE}", [])
+        return html.Verdict(
+            "bad", f"Not yet: there are no two objects with two recordings each. {TWICE}", []
+        )
     reason = "Each object is on both published sides."
     if by != "source":
         fewest = several(int(groups[groups > 0].min()), by)
@@ -209,19 +241,32 @@ def command_lines(overview: Overview, *, new_sessions: bool = False) -> list[str
     Args:
         new_sessions: hold out sessions in place of recordings; none where these cannot be.
 
-    None where `preprocess` would keep one class, or nothing can be held out: no setting makes these usable. Every
-    `auto` of `preprocess` stays `auto`: unlike an inspection, `preprocess` does not look at the test side. What a line
-    for other recordings has set in params.yaml is named too.
+    None where `preprocess` would keep one class, or nothing can be held out: no setting makes these
+    usable. Every `auto` of `preprocess` stays `auto`: unlike an inspection, `preprocess` does not
+    look at the test side. What a line for other recordings has set in params.yaml is named too.
     """
     if verdict(overview, []).kind == "bad" or (new_sessions and not overview.session_error):
         return []
-    form, settings, defaults = overview.form, [*overview.remarks, *overview.settings], flatten(default_params())
-    advised = {note.key: note.value for note in settings if note.key and not note.key.startswith("preprocess.")}
+    form, settings, defaults = (
+        overview.form,
+        [*overview.remarks, *overview.settings],
+        flatten(default_params()),
+    )
+    advised = {
+        note.key: note.value
+        for note in settings
+        if note.key and not note.key.startswith("preprocess.")
+    }
     preset, left_out = advised.pop("preset"), advised.pop("data.columns", [])
     if new_sessions:
-        advised |= {"split.by": "session", "split.folds": min(MOST_FOLDS, len(np.unique(overview.session)))}
+        advised |= {
+            "split.by": "session",
+            "split.folds": min(MOST_FOLDS, len(np.unique(overview.session))),
+        }
     always = ["split.by", "split.folds", "split.fold", "views"]
-    values = unlike_the_file({key: defaults[key] for key in defaults if key.startswith(("split.", "preprocess."))})
+    values = unlike_the_file(
+        {key: defaults[key] for key in defaults if key.startswith(("split.", "preprocess."))}
+    )
     asked = {f"preprocess.{key}": value for key, value in asdict(overview.asked).items()}
     values |= {key: value for key, value in asked.items() if value != defaults[key]}
     values |= {key: defaults[key] for key in always} | {
@@ -231,24 +276,35 @@ def command_lines(overview: Overview, *, new_sessions: bool = False) -> list[str
         "data.columns": [*form.columns, *left_out],
     }
     values |= advised
-    sections = groupby(sorted(values), lambda key: key if key == "data.source" else key.partition(".")[0])
-    options = [" ".join(f"-S {shlex.quote(as_change(key, values[key]))}" for key in keys) for _, keys in sections]
+    sections = groupby(
+        sorted(values), lambda key: key if key == "data.source" else key.partition(".")[0]
+    )
+    options = [
+        " ".join(f"-S {shlex.quote(as_change(key, values[key]))}" for key in keys)
+        for _, keys in sections
+    ]
     lines = [f"dvc exp run $(tactile-viewgcn preset {preset})", *options]
     return " \\\n  ".join(lines).split("\n")
 
 
 def _kept(overview: Overview) -> list[str]:
     """Names of the objects of which `preprocess` keeps frames; it keeps those of the empty hand too."""
-    kind = {"flags": "flagged", "contact": "in contact"}.get(overview.choice.params.filter, "frames")
+    kind = {"flags": "flagged", "contact": "in contact"}.get(
+        overview.choice.params.filter, "frames"
+    )
     kept, objects = overview.label[overview.counts[kind] > 0], overview.recordings.objects
     return [
-        name for label, name in enumerate(objects) if label in kept or (name == EMPTY_HAND and label in overview.label)
+        name
+        for label, name in enumerate(objects)
+        if label in kept or (name == EMPTY_HAND and label in overview.label)
     ]
 
 
 def _names(overview: Overview, chosen: np.ndarray) -> str:
     """Names of the recorded objects among bool (O,), the empty hand left out; "" without any."""
-    names = [overview.recordings.objects[label] for label in np.unique(overview.label) if chosen[label]]
+    names = [
+        overview.recordings.objects[label] for label in np.unique(overview.label) if chosen[label]
+    ]
     return listed([name for name in names if name != EMPTY_HAND])
 
 
@@ -259,7 +315,11 @@ def _wrapped(texts: Iterable[str]) -> list[str]:
 
 def _mean_frames(overview: Overview) -> dict[str, str]:
     """By object with frames in contact, the picture of their mean; one scale for all, sensors that do not vary grey."""
-    recordings, label, means = overview.recordings, overview.recordings.columns["object"], dict[str, np.ndarray]()
+    recordings, label, means = (
+        overview.recordings,
+        overview.recordings.columns["object"],
+        dict[str, np.ndarray](),
+    )
     for one in np.unique(label[overview.in_contact]):
         sample = evenly(np.flatnonzero(overview.in_contact & (label == one)), SAMPLE)
         means[recordings.objects[one]] = frame = np.full(recordings.shape, np.nan)

@@ -48,17 +48,18 @@ class FinishedRun:
 
     Attributes:
         params: every parameter, by dotted key; changed: those that differ from the committed ones.
-        score: numbers of whole recordings in metrics.json; ends: of the error's 95 % interval, None with one split
-            group.
+        score: numbers of whole recordings in metrics.json; ends: of the error's 95 % interval, None
+            with one split group.
         counts: int64 (C, C), row the true class, column the answer.
         chance: error of always naming the object that most recordings are of.
         guesses: whether the interval reaches that error.
         uncertain: whether the test is too small for a reliable error.
         side, groups: test or validation, and its number of split groups.
-        objects: of each tested object name, number of recordings, share of wrong answers, and the object that it is
-            most often taken for, with that share; the highest error first.
+        objects: of each tested object name, number of recordings, share of wrong answers, and the
+            object that it is most often taken for, with that share; the highest error first.
         tested: their recordings, in words.
-        weights: member, weight and error alone, where `model.members` is auto; the largest weight first.
+        weights: member, weight and error alone, where `model.members` is auto; the largest weight
+            first.
         members: of `sensors`, as asked for or as chosen.
         warnings: notes of the stages.
     """
@@ -70,7 +71,9 @@ class FinishedRun:
     records: dict[str, Record]
 
     def __post_init__(self) -> None:
-        self.params, self.changed = (self.records["evaluate"].params[kind] for kind in ("values", "changed"))
+        self.params, self.changed = (
+            self.records["evaluate"].params[kind] for kind in ("values", "changed")
+        )
         self.score: dict[str, Any] = self.metrics[WHOLE]
         error = self.score["error"]
         self.ends = (error["low"], error["high"]) if error["low"] is not None else None
@@ -82,7 +85,11 @@ class FinishedRun:
         rows = [self._object(label) for label in np.flatnonzero(self.counts.any(axis=1)).tolist()]
         self.objects = sorted(rows, key=lambda row: -row[2])
         recordings = [row[1] for row in rows]
-        each = f"{min(recordings)} to {max(recordings)}" if min(recordings) < max(recordings) else recordings[0]
+        each = (
+            f"{min(recordings)} to {max(recordings)}"
+            if min(recordings) < max(recordings)
+            else recordings[0]
+        )
         self.tested = f"{several(sum(recordings), 'recording')}, {each} of each object"
         self.weights = [note.value for note in self.notes("info") if note.topic == "members"]
         choices = {note.key: note.value for note in self.notes("choice")}
@@ -97,14 +104,18 @@ class FinishedRun:
 
     def notes(self, level: str) -> list[Note]:
         """The stages' notes of that level, in the order of the stages."""
-        return [note for record in self.records.values() for note in record.notes if note.level == level]
+        return [
+            note for record in self.records.values() for note in record.notes if note.level == level
+        ]
 
     def _object(self, label: int) -> tuple[str, int, float, str]:
         """See `objects`."""
         classes, wrong = self.predictions.classes, self.counts[label].copy()
         recordings, wrong[label] = int(wrong.sum()), 0
         other = int(wrong.argmax())
-        taken_for = f"{classes[other]} ({percent(wrong[other] / recordings)})" if wrong[other] else ""
+        taken_for = (
+            f"{classes[other]} ({percent(wrong[other] / recordings)})" if wrong[other] else ""
+        )
         return str(classes[label]), recordings, float(wrong.sum() / recordings), taken_for
 
     def verdict(self) -> Verdict:
@@ -116,7 +127,9 @@ class FinishedRun:
         if self.uncertain:
             reasons.append(f"Little was tested: {self.tested}.")
         if warned:
-            reasons.append(f"{several(warned, 'warning')} below {'puts' if warned == 1 else 'put'} it in doubt.")
+            reasons.append(
+                f"{several(warned, 'warning')} below {'puts' if warned == 1 else 'put'} it in doubt."
+            )
         if not self.ends:
             alone = "All test frames are of one split group, which says nothing about others."
             return Verdict("bad", "This result cannot be judged.", [alone, *reasons])
@@ -125,7 +138,9 @@ class FinishedRun:
             return Verdict("bad", answer, ["The interval reaches the error of guessing.", *reasons])
         below = "The whole interval lies below the error of guessing."
         if reasons:
-            return Verdict("unsure", "It is better than guessing, but not yet reliable.", [below, *reasons])
+            return Verdict(
+                "unsure", "It is better than guessing, but not yet reliable.", [below, *reasons]
+            )
         return Verdict("open", "It is better than guessing, and no stage gave a warning.", [below])
 
 
@@ -147,7 +162,9 @@ def next_steps(run: FinishedRun) -> list[tuple[str, str]]:
     params, changed, steps = run.params, run.repeated, list[tuple[str, str]]()
     if run.warnings:
         unheeded = (note for note in run.warnings if note.key in params)
-        remedies = {note.key: note.value for note in unheeded if note.value not in (None, params[note.key])}
+        remedies = {
+            note.key: note.value for note in unheeded if note.value not in (None, params[note.key])
+        }
         if columns := remedies.get("data.columns"):
             remedies["data.columns"] = [*params["data.columns"], *columns]
         command = again(changed | remedies) if remedies else ""
@@ -156,8 +173,17 @@ def next_steps(run: FinishedRun) -> list[tuple[str, str]]:
         others = {key: value for key, value in changed.items() if key != "split.fold"}
         folds = ",".join(map(str, range(params["split.folds"])))
         sweep = again(others, f"dvc exp run --queue -S split.fold={folds}")
-        command = "" if params["split.by"] == "source" else f"{sweep}\ndvc queue start\ndvc exp show --only-changed"
-        steps.append((f"Record more of each object in more sessions, and test every fold once. {FOLDS}", command))
+        command = (
+            ""
+            if params["split.by"] == "source"
+            else f"{sweep}\ndvc queue start\ndvc exp show --only-changed"
+        )
+        steps.append(
+            (
+                f"Record more of each object in more sessions, and test every fold once. {FOLDS}",
+                command,
+            )
+        )
     if any(note.topic == "new session" for note in run.notes("info")):
         folds = min(params["split.folds"], run.records["ingest"].counts["sessions"])
         command = again({**changed, "split.by": "session", "split.folds": folds, "split.fold": 0})
@@ -165,10 +191,18 @@ def next_steps(run: FinishedRun) -> list[tuple[str, str]]:
     form = {key: params[key] for key in ("data.shape", "data.layout", "data.columns")}
     form = {key: value for key, value in form.items() if value not in ("auto", [])}
     if run.guesses:
-        command = again(form, f"tactile-viewgcn inspect {shlex.quote(params['data.source'])}", "--set")
-        steps.append(("See whether the recordings tell the objects apart.", f"{command} --html inspection.html"))
+        command = again(
+            form, f"tactile-viewgcn inspect {shlex.quote(params['data.source'])}", "--set"
+        )
+        steps.append(
+            (
+                "See whether the recordings tell the objects apart.",
+                f"{command} --html inspection.html",
+            )
+        )
     else:
-        run_id = run.records["evaluate"].run_id if run.name else ""  # its model is in MLflow, or in the workspace
+        # its model is in MLflow, or in the workspace
+        run_id = run.records["evaluate"].run_id if run.name else ""
         fetch = f"dvc exp apply {shlex.quote(run.name)}\n" if run.name and not run_id else ""
         line = f"{fetch}tactile-viewgcn predict {run_id or 'models/classifier.pt'} NEW_RECORDINGS"
         what = "Ask the classifier about new recordings of the same glove, which need no label."
@@ -178,15 +212,25 @@ def next_steps(run: FinishedRun) -> list[tuple[str, str]]:
 
 def again(changes: dict[str, Any], command: str = "dvc exp run", option: str = "-S") -> str:
     """A command with changed parameters, by dotted key, each after an option such as `-S` of `dvc exp run`."""
-    return " ".join([command, *(f"{option} {shlex.quote(change)}" for change in starmap(as_change, changes.items()))])
+    return " ".join(
+        [
+            command,
+            *(f"{option} {shlex.quote(change)}" for change in starmap(as_change, changes.items())),
+        ]
+    )
 
 
 def report_lines(run: FinishedRun, page: str) -> list[str]:
     """Lines for a terminal: the errors with their intervals, whether that is good, the page, and what to do first."""
     metrics = run.metrics
-    errors = {NEW_SESSION if metrics["new_sessions"] else "a new recording": metrics[WHOLE]["error"]}
+    errors = {
+        NEW_SESSION if metrics["new_sessions"] else "a new recording": metrics[WHOLE]["error"]
+    }
     errors |= {NEW_SESSION: metrics["new_session"]["error"]} if "new_session" in metrics else {}
-    lines = [f"error for {each}: {percent_interval(e['mean'], e['low'], e['high'])} %" for each, e in errors.items()]
+    lines = [
+        f"error for {each}: {percent_interval(e['mean'], e['low'], e['high'])} %"
+        for each, e in errors.items()
+    ]
     what, command = next(step for step in next_steps(run) if step[1])
     lines[0] += f"; guessing: {percent(run.chance)}"
     return [*lines, run.verdict().answer, page, f"next: {what}", *command.split("\n")]
@@ -216,7 +260,9 @@ def run_page(run: FinishedRun) -> str:
         remarks=[note for note in run.notes("info") if note.topic != "members"],
         again=again(run.repeated),
         changed=list(starmap(as_change, run.changed.items())),
-        versions=[f"{name} {text}" for name, text in origin.items() if name in ("python", *PACKAGES)],
+        versions=[
+            f"{name} {text}" for name, text in origin.items() if name in ("python", *PACKAGES)
+        ],
     )
 
 
@@ -224,8 +270,8 @@ def read_run(name: str = "") -> FinishedRun:
     """The run of that name.
 
     Args:
-        name: of a DVC experiment, or another revision that DVC knows; the id of an MLflow run of `evaluate`; empty for
-            the workspace.
+        name: of a DVC experiment, or another revision that DVC knows; the id of an MLflow run of
+            `evaluate`; empty for the workspace.
 
     Raises:
         UserError: no such run; its files are missing, or do not belong together.
@@ -243,14 +289,27 @@ def read_run(name: str = "") -> FinishedRun:
             raise UserError(f"{where}: no {path}; {REMEDY}") from None
 
     contents = {stage: read(f"runs/{stage}.json") for stage in EARLIER}
-    contents[ROW], metrics, timing = (read(f"results/{file}.json") for file in (ROW, "metrics", "timing"))
+    contents[ROW], metrics, timing = (
+        read(f"results/{file}.json") for file in (ROW, "metrics", "timing")
+    )
     predictions = read("results/predictions.npz")
     records = {stage: Record.read(content) for stage, content in contents.items()}
     evaluated = records["evaluate"].inputs
     for stage, content in contents.items():
-        if stage in evaluated and evaluated[stage]["md5"] != md5(content, usedforsecurity=False).hexdigest():
-            raise UserError(f"{where}: `{stage}` ran again after `evaluate`: results are of an earlier run; {REMEDY}")
-    return FinishedRun(name, json.loads(metrics), json.loads(timing), read_predictions(BytesIO(predictions)), records)
+        if (
+            stage in evaluated
+            and evaluated[stage]["md5"] != md5(content, usedforsecurity=False).hexdigest()
+        ):
+            raise UserError(
+                f"{where}: `{stage}` ran again after `evaluate`: results are of an earlier run; {REMEDY}"
+            )
+    return FinishedRun(
+        name,
+        json.loads(metrics),
+        json.loads(timing),
+        read_predictions(BytesIO(predictions)),
+        records,
+    )
 
 
 def _reader(name: str) -> Callable[[str], bytes]:

@@ -40,17 +40,22 @@ class Overview:
     Args:
         recordings: the table of raw counts; its frames stay mapped after its file is gone.
         form: as which the source was read.
-        asked: settings of `preprocess`, kept; `auto` where the inspection chooses as `preprocess` does.
+        asked: settings of `preprocess`, kept; `auto` where the inspection chooses as `preprocess`
+            does.
 
     Attributes:
-        remarks: notes on the source and its table, see `tables.remarks`, and the warnings of `choice`.
-        groups: by `split.by`, each object's number of groups (O,), 0 for the empty hand; copies of a recording are one.
-        choice: what `auto` becomes on all recordings, where `preprocess` looks at the training side alone.
+        remarks: notes on the source and its table, see `tables.remarks`, and the warnings of
+            `choice`.
+        groups: by `split.by`, each object's number of groups (O,), 0 for the empty hand; copies of
+            a recording are one.
+        choice: what `auto` becomes on all recordings, where `preprocess` looks at the training side
+            alone.
         states: of the hand, in all frames.
         in_contact: bool (T,), frames of contact with an object.
         rates: see `frame_rates`.
-        settings: recommended values with reasons, of level `choice`: what `auto` becomes, but for the scale, which
-            networks alone read, and for the sensors of a contact that is not looked for; the preset; and the split.
+        settings: recommended values with reasons, of level `choice`: what `auto` becomes, but for
+            the scale, which networks alone read, and for the sensors of a contact that is not
+            looked for; the preset; and the split.
         label, session: (R,) index of each recording's object and session.
     """
 
@@ -71,7 +76,9 @@ class Overview:
         unseen = {"preprocess.scale"}
         if not self.finds_contact:
             unseen.add("preprocess.contact_sensors")
-        settings = [note for note in self.choice.notes if note.level == "choice" and note.key not in unseen]
+        settings = [
+            note for note in self.choice.notes if note.level == "choice" and note.key not in unseen
+        ]
         if len(np.unique(columns["recording"])) == len(recordings):
             settings.append(_choice("views", 1, "every recording is one frame"))
         best = _choice("preset", "best", "it weighs classifiers on your training recordings")
@@ -96,7 +103,10 @@ class Overview:
     def excess(self, index: np.ndarray) -> np.ndarray:
         """Counts (n, S) above the chosen baseline, of the sensors that vary, for frames (n,)."""
         baseline = self.choice.baseline
-        return self.states.counts[index] - baseline.mean[baseline.of_frame[index]][:, self.recordings.live]
+        return (
+            self.states.counts[index]
+            - baseline.mean[baseline.of_frame[index]][:, self.recordings.live]
+        )
 
     @cached_property
     def error(self) -> QuickError | None:
@@ -113,16 +123,22 @@ class Overview:
     def quick_error(self, of: str = "object", group: np.ndarray | None = None) -> QuickError | None:
         """Error of telling objects apart, or sessions, by whole recordings' frames in contact.
 
-        A member of `sensors` answers them, a fifth of the groups left out at a time. None unless recordings of two
-        objects can be left out.
+        A member of `sensors` answers them, a fifth of the groups left out at a time. None unless
+        recordings of two objects can be left out.
 
         Args:
             of: the column with what is told apart.
             group: (T,) what is left out; None for the groups of the recommended split.
         """
-        columns, live, contact = self.recordings.columns, self.recordings.live, np.flatnonzero(self.in_contact)
+        columns, live, contact = (
+            self.recordings.columns,
+            self.recordings.live,
+            np.flatnonzero(self.in_contact),
+        )
         group = self._group if group is None else group
-        keys = pd.DataFrame({"label": columns[of], "group": group, "recording": columns["recording"]}).iloc[contact]
+        keys = pd.DataFrame(
+            {"label": columns[of], "group": group, "recording": columns["recording"]}
+        ).iloc[contact]
         parts = keys.groupby(list(keys)).indices
         if not parts:
             return None
@@ -130,7 +146,9 @@ class Overview:
         sample, noise = self.excess(evenly(contact, SAMPLE)), float(np.median(self.states.noise))
         read = Representation.of(live, sample, contact_unit(sample, noise))
         counts = (self.excess(every_few(contact[at])) for at in parts.values())
-        points = np.concatenate([read.of_recordings(MEMBER, read.scaled(each)[None]) for each in counts])
+        points = np.concatenate(
+            [read.of_recordings(MEMBER, read.scaled(each)[None]) for each in counts]
+        )
         answers = np.full(len(labels), -1)
         for left in complete_folds(groups, labels, FOLDS):
             fitted = read.estimator(MEMBER).fit(points[~left], labels[~left], SPLIT_SEED)
@@ -139,29 +157,49 @@ class Overview:
         if len(np.unique(labels[answered])) < 2:
             return None
         wrong = pd.Series(answers != labels)[answered].groupby(groups[answered]).mean().to_numpy()
-        low, high = proportion_interval(wrong, np.arange(len(wrong)), stream(SPLIT_SEED, "quick error")) or (0.0, 1.0)
+        low, high = proportion_interval(
+            wrong, np.arange(len(wrong)), stream(SPLIT_SEED, "quick error")
+        ) or (0.0, 1.0)
         chance = 1 - np.bincount(labels[answered]).max() / answered.sum()
         objects_left_out = len(np.unique(labels)) - len(np.unique(labels[answered]))
-        return QuickError(float(wrong.mean()), low, high, float(chance), len(wrong), len(contact), objects_left_out)
+        return QuickError(
+            float(wrong.mean()),
+            low,
+            high,
+            float(chance),
+            len(wrong),
+            len(contact),
+            objects_left_out,
+        )
 
     @cached_property
     def counts(self) -> dict[str, np.ndarray]:
         """Number of each recording's frames (R,) by kind; `recordings` are ones.
 
-        The kinds are `frames`, `in contact`, `open hand` and, where the source flags that an object is held, `flagged`.
+        The kinds are `frames`, `in contact`, `open hand` and, where the source flags that an object
+        is held, `flagged`.
         """
         states, columns = self.states, self.recordings.columns
-        kinds = {"frames": np.ones_like(states.open), "in contact": states.contact, "open hand": states.open}
+        kinds = {
+            "frames": np.ones_like(states.open),
+            "in contact": states.contact,
+            "open hand": states.open,
+        }
         if flags := [columns[name] for name in ("grasp_valid", "valid") if name in columns]:
             kinds["flagged"] = flags[0]
         counts = pd.DataFrame(kinds).groupby(columns["recording"]).sum()
-        return {"recordings": np.ones(len(counts), dtype=np.int64)} | {name: counts[name].to_numpy() for name in counts}
+        return {"recordings": np.ones(len(counts), dtype=np.int64)} | {
+            name: counts[name].to_numpy() for name in counts
+        }
 
 
-def inspect_source(path: str | Path, form: Form = AUTO, asked: PreprocessSection = ASKED) -> Overview:
+def inspect_source(
+    path: str | Path, form: Form = AUTO, asked: PreprocessSection = ASKED
+) -> Overview:
     """Inspect a source in any form that `ingest` reads, see `open_source`.
 
-    Folders that may be in two orders are read in the other one if readings tell sessions apart and not objects.
+    Folders that may be in two orders are read in the other one if readings tell sessions apart and
+    not objects.
 
     Raises:
         UserError: lists the mistakes of the source.
@@ -172,7 +210,10 @@ def inspect_source(path: str | Path, form: Form = AUTO, asked: PreprocessSection
     note = next((note for note in overview.remarks if note.key == "data.layout"), None)
     if not note:
         return overview
-    predicted = [bool(each and each.beats_chance) for each in (overview.error, overview.quick_error("session"))]
+    predicted = [
+        bool(each and each.beats_chance)
+        for each in (overview.error, overview.quick_error("session"))
+    ]
     if predicted == [True, False]:
         overview.remarks[overview.remarks.index(note)] = replace(note, level="info")
     elif predicted == [False, True]:
@@ -205,7 +246,9 @@ def grid_notes(shape: tuple[int, int], form: Form) -> list[Note]:
     text = f"{shape[1]} sensors in one row: if they are a grid, row after row, add "
     text += f"`--shape {f'{side} {side}' if side**2 == shape[1] else 'ROWS COLUMNS'}`"
     return (
-        [Note(text, topic="shape")] if shape[0] == 1 and shape[1] >= GRID and divisible and form.shape == "auto" else []
+        [Note(text, topic="shape")]
+        if shape[0] == 1 and shape[1] >= GRID and divisible and form.shape == "auto"
+        else []
     )
 
 
@@ -221,10 +264,17 @@ def split_settings(groups: dict[str, np.ndarray]) -> list[Note]:
     by = "grasp" if "grasp" in groups and repeated.sum() < 0.5 * recorded.sum() else "recording"
     repeated = groups[by] >= 2
     if repeated.sum() < 2:
-        return [_choice("split.by", by, "no whole recording can be held out: record each object twice")]
+        return [
+            _choice("split.by", by, "no whole recording can be held out: record each object twice")
+        ]
     fewest = int(groups[by][repeated].min())
-    folds = max(2, min(MOST_FOLDS, fewest // 2, int(groups[by].sum()) // FEW))  # each tests FEW in all, if there are
+    # each tests FEW in all, if there are
+    folds = max(2, min(MOST_FOLDS, fewest // 2, int(groups[by].sum()) // FEW))
     return [
-        _choice("split.by", by, f"an object has {fewest} {by}s or more, of which whole ones are held out"),
+        _choice(
+            "split.by",
+            by,
+            f"an object has {fewest} {by}s or more, of which whole ones are held out",
+        ),
         _choice("split.folds", folds, f"{by}s in {folds} parts; split.fold says which is tested"),
     ]

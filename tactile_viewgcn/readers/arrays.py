@@ -1,20 +1,21 @@
 """Reading arrays: .npy, .npz, MATLAB and HDF5, each as a mapping of arrays by their names; and STAG's files.
 
-An array is (frames, rows, columns), or (frames, cells) with the cells row after row. With a shape (rows and
-columns of a frame) it may also be one frame; without one, (frames, cells) are frames of one row.
+An array is (frames, rows, columns), or (frames, cells) with the cells row after row. With a shape
+(rows and columns of a frame) it may also be one frame; without one, (frames, cells) are frames of
+one row.
 
 HDF5 holds one recording:
 
-/pressure     (T, H, W)  integer counts or real numbers, up to 256 x 256
-/time         (T,)       seconds, optional
-/valid        (T,)       whether the object is held, optional
-/grasp        (T,)       number of the grasp, optional
-/grasp_valid  (T,)       whether the frame is in the steady part of its grasp, optional
-attributes    object, session; optional: recording (else the file's path in the folder), split ("train" or "test")
+/pressure     (T, H, W)  integer counts or real numbers, up to 256 x 256 /time         (T,)
+seconds, optional /valid        (T,)       whether the object is held, optional /grasp        (T,)
+number of the grasp, optional /grasp_valid  (T,)       whether the frame is in the steady part of
+its grasp, optional attributes    object, session; optional: recording (else the file's path in the
+folder), split ("train" or "test")
 
-The fields of STAG's files follow the descriptions that come with the data set of Sundaram et al., "Learning the
-signatures of the human grasp using a scalable tactile glove", Nature 569, 698-702 (2019). All indices are zero-based,
-per-frame fields are column vectors (T, 1), names are cell arrays (1, K).
+The fields of STAG's files follow the descriptions that come with the data set of Sundaram et al.,
+"Learning the signatures of the human grasp using a scalable tactile glove", Nature 569, 698-702
+(2019). All indices are zero-based, per-frame fields are column vectors (T, 1), names are cell
+arrays (1, K).
 """
 
 import re
@@ -51,7 +52,8 @@ from tactile_viewgcn.readers.text import LABELS, label_kind, recordings_in
 
 DATASETS = ("pressure", "time", "valid", "grasp", "grasp_valid")
 ATTRIBUTES = ("object", "session", "recording", "split")
-OVERLAP_CHANGES = 3  # fewest readings that change from a frame to the next, in the frames that two windows share
+# fewest readings that change from a frame to the next, in the frames that two windows share
+OVERLAP_CHANGES = 3
 CACHE = 64 * 2**20  # bytes of a chunk that is kept for the next block
 IN_A_GROUP = "one in a group as GROUP/ARRAY"
 MATLAB5_HEADER, MATLAB5_TAG = 128, 8  # bytes
@@ -83,7 +85,8 @@ def recordings_of_arrays(file: Path, form: Form) -> list[Recording]:
     Datasets of HDF5, which are read when they are sliced, keep their file open.
 
     Raises:
-        UserError: the file is damaged, unpacks to more than a file of its size may, or lacks what the form names.
+        UserError: the file is damaged, unpacks to more than a file of its size may, or lacks what
+            the form names.
     """
     match file.suffix.lower():
         case ".npy":
@@ -105,7 +108,9 @@ def _mapped(file: Path) -> np.ndarray:
     with library(file):
         array = np.load(file, mmap_mode="r", allow_pickle=False)
     if not isinstance(array, np.memmap) or array.offset + array.nbytes != file.stat().st_size:
-        raise UserError(f"{file}: there are more bytes after the array; save it again, alone in its file")
+        raise UserError(
+            f"{file}: there are more bytes after the array; save it again, alone in its file"
+        )
     return array
 
 
@@ -126,12 +131,15 @@ class Hdf5Array:
         dataset: of h5py.
 
     Raises:
-        UserError: `dataset` is a group or empty, or declares far more than its file stores; later, where it is damaged.
+        UserError: `dataset` is a group or empty, or declares far more than its file stores; later,
+            where it is damaged.
     """
 
     def __init__(self, file: Path, dataset: Any):
         if not isinstance(dataset, h5py.Dataset):
-            raise UserError(f"{file}: {shown_path(dataset)} is of another form; expected an array, {IN_A_GROUP}")
+            raise UserError(
+                f"{file}: {shown_path(dataset)} is of another form; expected an array, {IN_A_GROUP}"
+            )
         with library(file):
             self.name, shape, self.dtype = dataset.name, dataset.shape, dataset.dtype
             chunk = dataset.chunks
@@ -155,7 +163,8 @@ class Hdf5Array:
         if not self._is_one_chunk:
             with library(self._file):
                 return self._dataset[index]
-        if self._whole is None:  # a chunk beyond HDF5's cache would be unpacked again for each block of frames
+        # a chunk beyond HDF5's cache would be unpacked again for each block of frames
+        if self._whole is None:
             with library(self._file):
                 self._whole = self._dataset[()]
         return self._whole[index]
@@ -199,7 +208,8 @@ class Hdf5File(Mapping[str, Hdf5Array]):
 
     def __contains__(self, name: object) -> bool:
         with library(self.path):
-            return bool(name) and self.file.get(name) is not None  # a dead link is there, and leads to nothing
+            # a dead link is there, and leads to nothing
+            return bool(name) and self.file.get(name) is not None
 
     @property
     def attributes(self) -> list[str]:
@@ -217,7 +227,9 @@ class Hdf5File(Mapping[str, Hdf5Array]):
         """The paths of all datasets, those in groups too."""
         paths = list[str]()
         with library(self.path):
-            self.file.visititems(lambda name, item: paths.append(name) if isinstance(item, h5py.Dataset) else None)
+            self.file.visititems(
+                lambda name, item: paths.append(name) if isinstance(item, h5py.Dataset) else None
+            )
         return paths
 
 
@@ -234,13 +246,18 @@ def _attributes(arrays: Mapping[str, Any]) -> list[str]:
 def recording_of(file: Path, arrays: Mapping[str, Any], form: Form) -> Recording:
     """The recording in arrays: `pressure` or the only array, and what the form names; all datasets of HDF5.
 
-    Frames that read NaN are dropped if `valid` says that nothing is held. A UserError names what the file lacks.
+    Frames that read NaN are dropped if `valid` says that nothing is held. A UserError names what
+    the file lacks.
     """
     is_hdf5 = isinstance(arrays, Hdf5File)
     attributes = _attributes(arrays)
     kinds = {*(DATASETS if is_hdf5 else DATASETS[:1]), *ATTRIBUTES}.difference(form.left_out)
     in_file = {kind: kind for kind in kinds} | form.names
-    large = [] if is_hdf5 else [name for name in arrays if sum(size > 1 for size in np.shape(arrays[name])) > 1]
+    large = (
+        []
+        if is_hdf5
+        else [name for name in arrays if sum(size > 1 for size in np.shape(arrays[name])) > 1]
+    )
     large = [name for name in large if name not in form.left_out]
     if "pressure" not in form.names and len(large) == 1:
         in_file["pressure"] = large[0]
@@ -307,13 +324,15 @@ def as_files(file: Path) -> str:
 def windows_in(file: Path, arrays: Mapping[str, Any], form: Form) -> list[Recording]:
     """The windows X (n, T, C) or (n, T, H, W) among arrays with labels y (n,), a recording each; none without labels.
 
-    A window that overlaps the one before is of the same take, see `overlapping`. An array (n,) that is called as a
-    session names the sessions.
+    A window that overlaps the one before is of the same take, see `overlapping`. An array (n,) that
+    is called as a session names the sessions.
 
     Raises:
         UserError: there are other numbers of windows and labels.
     """
-    name = form.names.get("object") or next((each for each in arrays if each.lower() in ("y", "label", "labels")), "")
+    name = form.names.get("object") or next(
+        (each for each in arrays if each.lower() in ("y", "label", "labels")), ""
+    )
     if "pressure" in arrays or name not in arrays:
         return []
     labels = [label_text(label) for label in np.ravel(arrays[name]).tolist()]
@@ -323,7 +342,9 @@ def windows_in(file: Path, arrays: Mapping[str, Any], form: Form) -> list[Record
         is_label = len(labels) > 1 and np.ndim(arrays[name]) == 1
         if is_label and not large and len(arrays_of_windows) == 1:
             windows = f"{arrays_of_windows[0]} has {len(arrays[arrays_of_windows[0]]):,} windows"
-            raise UserError(f"{file}: {windows} and {name} {len(labels):,} labels; save a label for each window")
+            raise UserError(
+                f"{file}: {windows} and {name} {len(labels):,} labels; save a label for each window"
+            )
         return []
     X = arrays[large[0]][()]
     sessions = _sessions_of_windows(arrays, len(X))
@@ -344,7 +365,11 @@ def windows_in(file: Path, arrays: Mapping[str, Any], form: Form) -> list[Record
 def _sessions_of_windows(arrays: Mapping[str, Any], count: int) -> list[str]:
     """The session of each of `count` windows by the first array (n,) that is called as one; none without any."""
     for name in arrays:
-        if label_kind(name) == "session" and np.shape(arrays[name]) in ((count,), (count, 1), (1, count)):
+        if label_kind(name) == "session" and np.shape(arrays[name]) in (
+            (count,),
+            (count, 1),
+            (1, count),
+        ):
             return [label_text(label) for label in np.ravel(arrays[name]).tolist()]
     return []
 
@@ -352,51 +377,71 @@ def _sessions_of_windows(arrays: Mapping[str, Any], count: int) -> list[str]:
 def labelled_frames(file: Path, arrays: Mapping[str, Any], form: Form) -> list[Recording]:
     """The recordings in one array X (T, C) with a label y (T,) for each frame, see `recordings_in`; none without both.
 
-    Arrays (T,) that are called as a session or a recording part the frames too, and a `time` is kept.
+    Arrays (T,) that are called as a session or a recording part the frames too, and a `time` is
+    kept.
     """
     kinds = {name: label_kind(name) or OF_LABELS.get(name.lower(), "") for name in arrays}
     if form.names.get("object", "") in arrays:
-        kinds = {name: kind for name, kind in kinds.items() if kind != "object"} | {form.names["object"]: "object"}
-    large = [name for name in arrays if np.ndim(arrays[name]) == 2 and min(np.shape(arrays[name])) > 1]
+        kinds = {name: kind for name, kind in kinds.items() if kind != "object"} | {
+            form.names["object"]: "object"
+        }
+    large = [
+        name for name in arrays if np.ndim(arrays[name]) == 2 and min(np.shape(arrays[name])) > 1
+    ]
     if len(large) != 1 or "object" not in kinds.values() or "pressure" in arrays:
         return []
     frames = len(arrays[large[0]])
-    columns = {name: np.ravel(arrays[name]) for name in arrays if np.size(arrays[name]) == frames > 1}
+    columns = {
+        name: np.ravel(arrays[name]) for name in arrays if np.size(arrays[name]) == frames > 1
+    }
     labels = dict[str, np.ndarray]()
     for name, column in columns.items():
         if kinds[name] in LABELS:
-            labels.setdefault(kinds[name], np.array([label_text(label) for label in column.tolist()], dtype=object))
+            labels.setdefault(
+                kinds[name],
+                np.array([label_text(label) for label in column.tolist()], dtype=object),
+            )
     if "object" not in labels or len(set(labels["object"])) < 2:
         return []
     values = {"pressure": arrays[large[0]][()]}
     if "time" in columns:
         values["time"] = columns["time"]
-    note = Note(f"{large[0]} holds {several(frames, 'frame')}, each with its label", topic="labels of frames")
+    note = Note(
+        f"{large[0]} holds {several(frames, 'frame')}, each with its label",
+        topic="labels of frames",
+    )
     return recordings_in(Recording({}, values, notes=[note]), labels, file.stem)
 
 
 def overlapping(X: np.ndarray) -> np.ndarray:
     """Whether each window (n, T, ...) but the first overlaps the one before: bool (n - 1,).
 
-    The last frames of the one before are its first frames, two at least, and three readings change in them. Frames at
-    rest and padding are alike in all windows: equal frames that do not change are no overlap.
+    The last frames of the one before are its first frames, two at least, and three readings change
+    in them. Frames at rest and padding are alike in all windows: equal frames that do not change
+    are no overlap.
     """
     from pandas import DataFrame  # here, since it loads slowly
     from pandas.util import hash_pandas_object
 
     count, length = X.shape[:2]
     frames = X.reshape(count, length, -1)
-    numbers = hash_pandas_object(DataFrame(frames.reshape(count * length, -1)), index=False)  # equal of equal frames
+    # equal of equal frames
+    numbers = hash_pandas_object(DataFrame(frames.reshape(count * length, -1)), index=False)
     numbers = numbers.to_numpy().reshape(count, length)
     before, after = numbers[:-1], numbers[1:]
     changed = np.count_nonzero(frames[1:, 1:] != frames[1:, :-1], axis=2)
     changes = np.cumsum(changed, axis=1)  # up to the second frame, the third and so on
-    least = max(1, min(OVERLAP_CHANGES, (length - 2) * frames.shape[2]))  # of short windows all but one frame's
+    # of short windows all but one frame's
+    least = max(1, min(OVERLAP_CHANGES, (length - 2) * frames.shape[2]))
     is_first = before == after[:, :1]  # frames of the one before that are the first of the next
     is_last = after == before[:, -1:]  # frames of the next that are the last of the one before
     overlaps = np.zeros(len(after), dtype=bool)
     for shared in range(2, length + 1):
-        may_overlap = is_first[:, length - shared] & is_last[:, shared - 1] & (changes[:, shared - 2] >= least)
+        may_overlap = (
+            is_first[:, length - shared]
+            & is_last[:, shared - 1]
+            & (changes[:, shared - 2] >= least)
+        )
         rows = np.flatnonzero(may_overlap & ~overlaps)
         overlaps[rows] = (before[rows, length - shared :] == after[rows, :shared]).all(axis=1)
     return overlaps
@@ -409,7 +454,9 @@ def matlab_fields(path: Path) -> dict[str, Any]:
     """
     if h5py.is_hdf5(path):
         file = Hdf5File(path)
-        check_unpacked(path, sum(prod(file[name].shape) * file[name].dtype.itemsize for name in file))
+        check_unpacked(
+            path, sum(prod(file[name].shape) * file[name].dtype.itemsize for name in file)
+        )
         fields = {name: _of_matlab73(file, name) for name in file}
     else:
         from scipy import io  # here, since it loads slowly
@@ -424,7 +471,8 @@ def matlab_fields(path: Path) -> dict[str, Any]:
 def _declared_by_matlab5(path: Path) -> int:
     """Bytes of all elements of a MAT-file 5, of compressed ones what they declare inside; 0 of other files.
 
-    See MathWorks' "MAT-File Format": a header, then elements of a tag, kind and length, and their bytes.
+    See MathWorks' "MAT-File Format": a header, then elements of a tag, kind and length, and their
+    bytes.
     """
     size = 0
     with path.open("rb") as stream:
@@ -473,8 +521,11 @@ def _of_matlab73(file: Hdf5File, name: str) -> Any:
         are_texts = all(getattr(cell, "dtype", None) == np.uint16 for cell in cells)
     if not are_texts:
         return None
-    if any(_leads_out(file.path, cell) for cell in cells):  # where no name leads to it, `Hdf5File` does not visit it
-        raise UserError(f"{file.path}: a cell of {name} leads out of the file; expected it in the file")
+    # where no name leads to it, `Hdf5File` does not visit it
+    if any(_leads_out(file.path, cell) for cell in cells):
+        raise UserError(
+            f"{file.path}: a cell of {name} leads out of the file; expected it in the file"
+        )
     check_unpacked(file.path, sum(prod(cell.shape or ()) for cell in cells) * 2)
     with library(file.path):
         return [cell[()].ravel().astype("<u2").tobytes().decode("utf-16-le") for cell in cells]
@@ -490,13 +541,21 @@ def _leads_out(path: Path, item: Any) -> bool:
 def read_raw(file: Path) -> Recording:
     """The raw recording of STAG in a file; its object is the folder's name without number: "003-tea_box" is tea_box."""
     session, name = file.parts[-3:-1]
-    names = {"object": re.sub(r"^\d+-", "", name), "recording": f"{session}/{name}", "session": session}
+    names = {
+        "object": re.sub(r"^\d+-", "", name),
+        "recording": f"{session}/{name}",
+        "session": session,
+    }
     return Recording(names, _values(matlab_fields(file)))
 
 
 def read_metadata(path: Path) -> Source:
     """The source of a `metadata.mat`; a UserError if a field is missing, or of the wrong length or kind."""
-    fields = {name: field for name, field in matlab_fields(path).items() if isinstance(field, list) == (name in NAMES)}
+    fields = {
+        name: field
+        for name, field in matlab_fields(path).items()
+        if isinstance(field, list) == (name in NAMES)
+    }
     if missing := [name for name in REQUIRED if name not in fields]:
         what = f"no field {', '.join(missing)}; found {listed(list(fields)) or 'nothing'}"
         raise UserError(f"{path}: {what}; if cut short, download it again")
@@ -507,12 +566,22 @@ def read_metadata(path: Path) -> Source:
         sides = dict(enumerate(map(side_of, names)))
         values["split"] = np.array([sides.get(number) for number in values["split"].tolist()])
         if None in values["split"]:
-            raise UserError(f"{path}: splitId and splits {listed(names)}; expected numbers of train and test in it")
-    ids = {"object": fields["objects"], "recording": fields["recordings"], "session": fields["batches"]}
-    return Source(path, ids, shape, dtype, len(values["pressure"]), sliced(values, len(values["pressure"])))
+            raise UserError(
+                f"{path}: splitId and splits {listed(names)}; expected numbers of train and test in it"
+            )
+    ids = {
+        "object": fields["objects"],
+        "recording": fields["recordings"],
+        "session": fields["batches"],
+    }
+    return Source(
+        path, ids, shape, dtype, len(values["pressure"]), sliced(values, len(values["pressure"]))
+    )
 
 
 def _values(fields: dict[str, Any]) -> Values:
     """Pressure (T, H, W) and the columns (T,) that the fields of a file hold."""
-    values = {column: np.ravel(fields[name]) for name, column in COLUMN_OF_FIELD.items() if name in fields}
+    values = {
+        column: np.ravel(fields[name]) for name, column in COLUMN_OF_FIELD.items() if name in fields
+    }
     return {"pressure": fields["pressure"]} | values

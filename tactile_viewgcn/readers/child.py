@@ -1,7 +1,8 @@
 """Reading files of recordings in a separate process, with limits on memory, time and the size of its table.
 
-A damaged file may crash SciPy or HDF5, make them fill the memory or keep them busy for ever. That ends the child alone.
-The child gets its request as JSON and prints JSON: the file that it reads, and the error that ended it.
+A damaged file may crash SciPy or HDF5, make them fill the memory or keep them busy for ever. That
+ends the child alone. The child gets its request as JSON and prints JSON: the file that it reads,
+and the error that ended it.
 """
 
 import json
@@ -20,12 +21,14 @@ from typing import Any, TextIO
 from tactile_viewgcn.files import check_is_file, readable
 from tactile_viewgcn.messages import UserError
 
-MEMORY, MEMORY_TIMES = 2**30, 20  # bytes on top of the program's own; and on top of these, times the source's size
+# bytes on top of the program's own; and on top of these, times the source's size
+MEMORY, MEMORY_TIMES = 2**30, 20
 SECONDS, SECONDS_PER_MB = 10, 2  # of processor time; for each MB of the source, on top
 TABLE, TABLE_TIMES = 2**30, 200  # bytes of the table, and on top times the source's size
 UNPACKED, UNPACKED_TIMES = 2**27, 50  # bytes that a file may unpack to, and on top times its size
 LFS = b"version https://git-lfs.github.com/spec/"  # beginning of a placeholder
-RAISED = {"UserError": UserError, "OSError": OSError, "fault": RuntimeError}  # in the parent, by kind
+# in the parent, by kind
+RAISED = {"UserError": UserError, "OSError": OSError, "fault": RuntimeError}
 PACKAGES = Path(__file__).parents[2]  # where the child finds this package
 _parents: list[TextIO] = []  # in the child: the stream to its parent
 
@@ -37,14 +40,16 @@ def run_apart(module: str, request: dict[str, Any], path: Path) -> None:
         request: plain values for the function that the module serves.
 
     Raises:
-        UserError: as that function; or it crashed, or took more memory or time than a source of that size needs.
+        UserError: as that function; or it crashed, or took more memory or time than a source of
+            that size needs.
         OSError: as that function.
         RuntimeError: any other exception, with its traceback as text.
     """
     words = json.dumps(request | {"memory": MEMORY, "seconds": SECONDS})
     places = os.pathsep.join([str(PACKAGES), *filter(None, [os.environ.get("PYTHONPATH")])])
     child = subprocess.run(
-        [sys.executable, "-P", "-m", module, words],  # -P: a user's folder may hold files called like modules
+        # -P: a user's folder may hold files called like modules
+        [sys.executable, "-P", "-m", module, words],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         text=True,
@@ -78,7 +83,10 @@ def serve(work: Callable[[dict[str, Any]], None]) -> None:
     except (UserError, MemoryError) as error:
         message = {"kind": type(error).__name__, "args": [str(error)]}
     except OSError as error:
-        message = {"kind": "OSError", "args": [*error.args[:2], *map(str, filter(None, [error.filename]))]}
+        message = {
+            "kind": "OSError",
+            "args": [*error.args[:2], *map(str, filter(None, [error.filename]))],
+        }
     except Exception:
         message = {"kind": "fault", "args": [traceback.format_exc()]}
     print(json.dumps(message), file=parent, flush=True)
@@ -87,15 +95,20 @@ def serve(work: Callable[[dict[str, Any]], None]) -> None:
 def limit(request: dict[str, Any], stored: int) -> None:
     """In the child: set the limits of a request for a source of `stored` bytes, where the system has such limits."""
     limits = {
-        resource.RLIMIT_CPU: int(time.process_time()) + request["seconds"] + SECONDS_PER_MB * stored // 10**6,
+        resource.RLIMIT_CPU: int(time.process_time())
+        + request["seconds"]
+        + SECONDS_PER_MB * stored // 10**6,
         resource.RLIMIT_FSIZE: TABLE + TABLE_TIMES * stored,
     }
-    if (status := Path("/proc/self/statm")).exists():  # on Linux; other systems do not keep the limit
+    # on Linux; other systems do not keep the limit
+    if (status := Path("/proc/self/statm")).exists():
         in_use = int(status.read_text().split()[0]) * resource.getpagesize()
         limits[resource.RLIMIT_AS] = in_use + request["memory"] + MEMORY_TIMES * stored
     for kind, most in limits.items():
         soft, hard = resource.getrlimit(kind)
-        resource.setrlimit(kind, (most if soft == resource.RLIM_INFINITY else min(most, soft), hard))
+        resource.setrlimit(
+            kind, (most if soft == resource.RLIM_INFINITY else min(most, soft), hard)
+        )
 
 
 @contextmanager
@@ -115,15 +128,20 @@ def check_is_there(file: Path) -> None:
         raise UserError(f"{file}: {what}; if Git annex keeps it: git annex get .")
     with file.open("rb") as stream:
         if stream.read(len(LFS)) == LFS:
-            raise UserError(f"{file}: a placeholder of Git LFS, not the recording; bring it: git lfs pull")
+            raise UserError(
+                f"{file}: a placeholder of Git LFS, not the recording; bring it: git lfs pull"
+            )
 
 
 def library(file: Path) -> AbstractContextManager[None]:
     """Context of a library's call that reads a file of recordings: its errors name the file.
 
-    Only the call stands inside. An error of our own code is a fault of the program and keeps its traceback.
+    Only the call stands inside. An error of our own code is a fault of the program and keeps its
+    traceback.
     """
-    return readable(file, "damaged, cut short or of another form", "record, save or download it again")
+    return readable(
+        file, "damaged, cut short or of another form", "record, save or download it again"
+    )
 
 
 def check_unpacked(file: Path, unpacked: int, stored: int | None = None) -> None:

@@ -12,7 +12,13 @@ import numpy as np
 
 from tactile_viewgcn.files import all_below, home_path
 from tactile_viewgcn.messages import Note, UserError, listed, once_each, several
-from tactile_viewgcn.readers.arrays import Hdf5File, matlab_fields, read_metadata, read_raw, recordings_of_arrays
+from tactile_viewgcn.readers.arrays import (
+    Hdf5File,
+    matlab_fields,
+    read_metadata,
+    read_raw,
+    recordings_of_arrays,
+)
 from tactile_viewgcn.readers.child import library, reading
 from tactile_viewgcn.readers.join import joined, side_by_side
 from tactile_viewgcn.readers.layout import (
@@ -77,7 +83,11 @@ def open_source(path: str | Path, form: Form = AUTO) -> Source:
         what = EXPECTED if home == str(path) else f"~ is not expanded here; write {home}"
         raise FileNotFoundError(f"{path}: no such file or folder; {what}")
     files = files_of(path)
-    raw = [file for file in files if file.name == "pressuredata.mat" and len(file.relative_to(path).parts) == 3]
+    raw = [
+        file
+        for file in files
+        if file.name == "pressuredata.mat" and len(file.relative_to(path).parts) == 3
+    ]
     if raw:
         return joined(path, [[file] for file in raw], lambda group: [read_raw(group[0])], "")
     if not path.is_dir():
@@ -95,7 +105,9 @@ def open_source(path: str | Path, form: Form = AUTO) -> Source:
         found = endings_of(files) or "nothing"
         pointers = "; if DVC keeps them: dvc pull" if among(files, ".dvc") else ""
         raise UserError(f"{path}: no recordings in it, found {found}{pointers}; {EXPECTED}")
-    return read_files(path, recordings, form, [file for file in files if file not in set(recordings)])
+    return read_files(
+        path, recordings, form, [file for file in files if file not in set(recordings)]
+    )
 
 
 class LastTable:
@@ -122,8 +134,9 @@ class LastTable:
 def read_files(path: Path, files: list[Path], form: Form, unread: list[Path]) -> Source:
     """Files below a folder, or a single one: a recording each, or tables whose columns name recordings.
 
-    Folders name objects and sessions, see `layout_of`, but for those of HDF5 files with an attribute `object`. Files of
-    text that hold no table are left out; a note counts them and those `unread` for their endings.
+    Folders name objects and sessions, see `layout_of`, but for those of HDF5 files with an
+    attribute `object`. Files of text that hold no table are left out; a note counts them and those
+    `unread` for their endings.
     """
     table, left = LastTable(form), dict[Path, str]()
     for file in among(files, ".txt"):
@@ -138,7 +151,9 @@ def read_files(path: Path, files: list[Path], form: Form, unread: list[Path]) ->
     root = path if path.is_dir() else path.parent
     tables, labels = labels_in(files)
     if not (files := [file for file in files if file not in tables]):
-        raise UserError(f"{path}: no recordings beside {listed([table.name for table in tables])}; {EXPECTED}")
+        raise UserError(
+            f"{path}: no recordings beside {listed([table.name for table in tables])}; {EXPECTED}"
+        )
     layout, guessed = layout_of([place_of(file, root) for file in files], form)
     in_paths = {file: names_in(place_of(file, root), layout) for file in files}
     shapes = dict[Path, tuple[int, ...]]()
@@ -165,11 +180,21 @@ def read_files(path: Path, files: list[Path], form: Form, unread: list[Path]) ->
         recordings, parts = list[Recording](), parts_of(file)
         for part in parts:
             names, notes = labels.get(file.stem, {}) | part.names, part.notes
-            in_path = {kind: text for kind, text in in_paths[file].items() if kind in ("part", "recording")}
-            if len(parts) == 1 and not names.get("object") and (form.labelled or among([file], *TEXTS, *ARRAYS)):
+            in_path = {
+                kind: text for kind, text in in_paths[file].items() if kind in ("part", "recording")
+            }
+            if (
+                len(parts) == 1
+                and not names.get("object")
+                and (form.labelled or among([file], *TEXTS, *ARRAYS))
+            ):
                 in_path = names_of(file, root, layout, form, partial(hint_of, part))
                 notes = [*notes, *guessed]
-            names = {"recording": place_of(file, path), "object": UNLABELLED, "session": "session"} | in_path | names
+            names = (
+                {"recording": place_of(file, path), "object": UNLABELLED, "session": "session"}
+                | in_path
+                | names
+            )
             names |= {kind: label_text(names[kind]) for kind in ("object", "session")}
             if among([file], *ARRAYS):
                 shapes[file] = tuple(part.values["pressure"].shape)
@@ -181,7 +206,9 @@ def read_files(path: Path, files: list[Path], form: Form, unread: list[Path]) ->
             for name, frames in stacked(values, names["recording"], str(file)).items():
                 if code is not None:
                     frames = frames | {"split": np.full(len(frames["pressure"]), code)}
-                recordings.append(replace(part, names=names | {"recording": name}, values=frames, notes=notes))
+                recordings.append(
+                    replace(part, names=names | {"recording": name}, values=frames, notes=notes)
+                )
         return recordings
 
     groups, left_out = dict[str, list[Path]](), set[str]()
@@ -191,10 +218,14 @@ def read_files(path: Path, files: list[Path], form: Form, unread: list[Path]) ->
     def whole(group: list[Path]) -> list[Recording]:
         """The recordings in one file, or the one in files that are joined."""
         first = next(iter(groups.values()))
-        parts, usual = ([in_paths[file].get("part", "none") for file in each] for each in (group, first))
+        parts, usual = (
+            [in_paths[file].get("part", "none") for file in each] for each in (group, first)
+        )
         if parts != usual or len({*parts}) < len(parts):
             expected = f"expected {listed([*dict.fromkeys(usual)])} once each, as by {first[0]}"
-            raise UserError(f"{group[0]}: PART is {listed(parts)}; {expected}; {setting('data.layout=auto')}")
+            raise UserError(
+                f"{group[0]}: PART is {listed(parts)}; {expected}; {setting('data.layout=auto')}"
+            )
         recordings = {group[0]: opened(group[0])}
         for file in group[1:]:
             with reading(file):
@@ -205,7 +236,9 @@ def read_files(path: Path, files: list[Path], form: Form, unread: list[Path]) ->
 
     source = joined(path, [*groups.values()], whole, layout)
     if form.labelled and (missing := [name for name in form.left_out if name not in left_out]):
-        raise UserError(f"{path}: no column {missing[0]!r} in any file; sensors are {listed(source.channel_names)}")
+        raise UserError(
+            f"{path}: no column {missing[0]!r} in any file; sensors are {listed(source.channel_names)}"
+        )
     source.notes.extend(unread_note(path, files, dict.fromkeys(unread, "") | left, object_of))
     if form.labelled:
         places = [place_of(file, root) for file in files]
@@ -225,14 +258,17 @@ def stacked(values: Values, name: str, where: str) -> dict[str, Values]:
         check_shape(pressure.shape, where)
         return {name: values}
     if len(values) > 1:
-        raise UserError(f"{where}: {len(pressure):,} recordings with times or flags of one; save each as its own file")
+        raise UserError(
+            f"{where}: {len(pressure):,} recordings with times or flags of one; save each as its own file"
+        )
     return {f"{name}/{number}": {"pressure": frames} for number, frames in enumerate(pressure[()])}
 
 
 def hint_of(recording: Recording) -> str:
     """Which column or attribute may have the objects that no path names, and what to type then; "" without one.
 
-    A column is one of whole numbers, with the fewest different ones: two at least, and at most half as many as lines.
+    A column is one of whole numbers, with the fewest different ones: two at least, and at most half
+    as many as lines.
     """
     attributes = [note.text for note in recording.notes if note.topic == ATTRIBUTES_TOPIC]
     if attributes:
@@ -256,11 +292,13 @@ def hint_of(recording: Recording) -> str:
     return f"{text}; if a line is a whole recording, {AS_WINDOWS}"
 
 
-def stack_notes(shapes: Mapping[Path, tuple[int, ...]], layout: str, root: Path, form: Form) -> list[Note]:
+def stack_notes(
+    shapes: Mapping[Path, tuple[int, ...]], layout: str, root: Path, form: Form
+) -> list[Note]:
     """A warning where arrays (n, T, C) that are read as n frames of T rows may be n recordings of T frames.
 
-    They may be where each object has one array, or one a side, or where no array has as many frames as rows. Squares
-    are grids, and so are frames of few rows.
+    They may be where each object has one array, or one a side, or where no array has as many frames
+    as rows. Squares are grids, and so are frames of few rows.
 
     Args:
         shapes: of the arrays by their files.
@@ -279,7 +317,9 @@ def stack_notes(shapes: Mapping[Path, tuple[int, ...]], layout: str, root: Path,
     if not one_each and any(frames >= rows for frames, rows, _ in files.values()):
         return []
     file, (count, rows, columns) = next(iter(files.items()))
-    text = f"{place_of(file, root)}, an array {(count, rows, columns)}, is read as one recording of "
+    text = (
+        f"{place_of(file, root)}, an array {(count, rows, columns)}, is read as one recording of "
+    )
     text += f"{several(count, 'frame')} of {rows} x {columns}. If it holds {several(count, 'recording')} of "
     text += f"{several(rows, 'frame')}, {setting(f'data.shape=[1,{columns}]')}; if not, data.shape=[{rows},{columns}]."
     return [Note(text, "warning", "shape")]
@@ -290,34 +330,55 @@ def labels_in(files: Sequence[Path]) -> tuple[list[Path], dict[str, dict[str, st
     tables, names = list[Path](), dict[str, dict[str, str]]()
     for file in among(files, ".csv", ".tsv"):
         with reading(file), file.open(encoding="utf-8-sig", errors="replace") as stream:
-            header = [name.strip(' "\n') for name in re.split("[,;\t]", stream.readline(MOST_HEADER))]
+            header = [
+                name.strip(' "\n') for name in re.split("[,;\t]", stream.readline(MOST_HEADER))
+            ]
         kinds = dict[str, str]()
         for name in header:
             kind = label_kind(name)
             if kind in ("object", "session") and kind not in kinds.values():
                 kinds[name] = kind
-        column = next((name for name in header if re.fullmatch(r"file[ _]?(name|path)?s?|path", name.lower())), None)
+        column = next(
+            (
+                name
+                for name in header
+                if re.fullmatch(r"file[ _]?(name|path)?s?|path", name.lower())
+            ),
+            None,
+        )
         if column is None or "object" not in kinds.values():
             continue
         import pandas as pd  # here, since it loads slowly
 
         with library(file):
-            table = pd.read_csv(file, sep=None, engine="python", dtype=str, keep_default_na=False).rename(columns=kinds)
+            table = pd.read_csv(
+                file, sep=None, engine="python", dtype=str, keep_default_na=False
+            ).rename(columns=kinds)
         tables.append(file)
-        for place, row in zip(table[column], table[[*kinds.values()]].to_dict("records"), strict=True):
-            stem, row = PureWindowsPath(place).stem, {str(kind): label_text(name) for kind, name in row.items()}
+        for place, row in zip(
+            table[column], table[[*kinds.values()]].to_dict("records"), strict=True
+        ):
+            stem, row = (
+                PureWindowsPath(place).stem,
+                {str(kind): label_text(name) for kind, name in row.items()},
+            )
             if names.setdefault(stem, row) != row:
-                raise UserError(f"{file}: {stem} has two labels; expected a name of its own for each file")
+                raise UserError(
+                    f"{file}: {stem} has two labels; expected a name of its own for each file"
+                )
     return tables, names
 
 
 def unread_note(
-    path: Path, files: Sequence[Path], unread: Mapping[Path, str], object_of: Callable[[Path], str | None]
+    path: Path,
+    files: Sequence[Path],
+    unread: Mapping[Path, str],
+    object_of: Callable[[Path], str | None],
 ) -> list[Note]:
     """A note on the number of files below a folder that are not read; a warning where an object lacks recordings so.
 
-    A file that is called as one of `files`, which are read, but for its ending, is no recording more. `unread` has what
-    is wrong in each of the others, "" where its ending says it.
+    A file that is called as one of `files`, which are read, but for its ending, is no recording
+    more. `unread` has what is wrong in each of the others, "" where its ending says it.
     """
     if not unread:
         return []
@@ -328,7 +389,10 @@ def unread_note(
     text = f"{several(len(unread), 'file')} not read ({reasons})"
     if not lost:
         return [Note(f"{text}.", topic="files")]
-    parts = [f"{name} {read[name]} of {read[name] + count}".strip() for name, count in sorted(lost.items())]
+    parts = [
+        f"{name} {read[name]} of {read[name] + count}".strip()
+        for name, count in sorted(lost.items())
+    ]
     text += f". Read of the files that lie there: {listed(parts)}. Save the others as .npy or .csv, or move them away."
     return [Note(text, "warning", "files")]
 

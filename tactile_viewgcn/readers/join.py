@@ -32,7 +32,9 @@ from tactile_viewgcn.readers.source import (
 COLUMN_BYTES = 32  # of the columns of one frame in a table
 
 
-def joined(path: Path, groups: list[list[Path]], opened: Callable[..., list[Recording]], layout: str) -> Source:
+def joined(
+    path: Path, groups: list[list[Path]], opened: Callable[..., list[Recording]], layout: str
+) -> Source:
     """The source of the recordings in groups of files, mostly of one file, of which one group is in memory at a time.
 
     Args:
@@ -41,8 +43,9 @@ def joined(path: Path, groups: list[list[Path]], opened: Callable[..., list[Reco
         layout: of the recordings' names.
 
     Raises:
-        UserError: lists the files that cannot be read, or are unlike most others, or have the name of an earlier one;
-            or the frames take far more room than their files, see `check_unpacked`.
+        UserError: lists the files that cannot be read, or are unlike most others, or have the name
+            of an earlier one; or the frames take far more room than their files, see
+            `check_unpacked`.
     """
     headers, mistakes = list[_Header](), dict[Path, str]()
     known, doubles = dict[str, Path](), list[tuple[str, Path, Path]]()
@@ -61,7 +64,8 @@ def joined(path: Path, groups: list[list[Path]], opened: Callable[..., list[Reco
         headers += read
     if doubles:
         mistakes = {doubles[0][2]: _doubled(doubles)} | mistakes
-    if mistakes := {**mistakes, **dict(_unlike(headers)), **mistakes}:  # those that cannot be read stand first
+    # those that cannot be read stand first
+    if mistakes := {**mistakes, **dict(_unlike(headers)), **mistakes}:
         raise UserError(listed(once_each(mistakes.items()), "; "))
     if not headers:
         raise UserError(f"{path}: no frames; expected at least one recording with frames in it")
@@ -71,26 +75,41 @@ def joined(path: Path, groups: list[list[Path]], opened: Callable[..., list[Reco
     stored = sum(file.stat().st_size for group in groups for file in group)
     check_unpacked(path, frames * (prod(shape) * dtype.itemsize + COLUMN_BYTES), stored)
     ids = {
-        "object": sorted({each.names["object"] for each in recordings}, key=lambda name: (name != EMPTY_HAND, name)),
+        "object": sorted(
+            {each.names["object"] for each in recordings},
+            key=lambda name: (name != EMPTY_HAND, name),
+        ),
         "recording": [each.names["recording"] for each in recordings],
         "session": sorted({each.names["session"] for each in recordings}),
     }
     notes = list(recordings[0].notes)
     if dropped := sum(each.dropped for each in recordings):
-        notes.append(Note(f"{several(dropped, 'frame')} without readings or object are left out", topic="frames"))
+        notes.append(
+            Note(
+                f"{several(dropped, 'frame')} without readings or object are left out",
+                topic="frames",
+            )
+        )
     notes += _left_by_others(recordings)
 
-    takes = [(each["object"], each.get("take", stem_of(each["recording"]))) for each in (r.names for r in recordings)]
+    takes = [
+        (each["object"], each.get("take", stem_of(each["recording"])))
+        for each in (r.names for r in recordings)
+    ]
     first = {take: number for number, take in reversed([*enumerate(takes)])}
     if len(first) < len(takes) and "take" not in recordings[0].names:
-        one, twin = next((first[take], number) for number, take in enumerate(takes) if first[take] < number)
+        one, twin = next(
+            (first[take], number) for number, take in enumerate(takes) if first[take] < number
+        )
         text = f"{len(takes):,} recordings have {len(first):,} names without hand, axis, device, part or copy, such as "
         text += f"{ids['recording'][one]} and {ids['recording'][twin]}, which are held out together"
         if other := joining(ids["recording"], layout):
             text += f"; to join their sensors, {setting(f'data.layout={other}')}"
         notes.append(Note(text, "warning", "parts"))
 
-    number_of = {kind: {name: number for number, name in enumerate(names)} for kind, names in ids.items()}
+    number_of = {
+        kind: {name: number for number, name in enumerate(names)} for kind, names in ids.items()
+    }
 
     def columns_of(recording: Recording) -> dict[str, int]:
         """The numbers of a recording's names, by column."""
@@ -100,7 +119,9 @@ def joined(path: Path, groups: list[list[Path]], opened: Callable[..., list[Reco
         return columns
 
     blocks = chain.from_iterable(_blocks_of(group, opened, columns_of) for group in groups)
-    channels = recordings[0].channel_names if len(recordings[0].channel_names) == prod(shape) else []
+    channels = (
+        recordings[0].channel_names if len(recordings[0].channel_names) == prod(shape) else []
+    )
     return Source(path, ids, shape, dtype, frames, blocks, notes, channels)
 
 
@@ -125,7 +146,11 @@ class _Header:
     @property
     def traits(self) -> dict[str, Any]:
         """What all recordings of a source have in common."""
-        return {"columns": self.columns, "shape": self.shape, "channels": self.recording.channel_names}
+        return {
+            "columns": self.columns,
+            "shape": self.shape,
+            "channels": self.recording.channel_names,
+        }
 
 
 def _headers_of(group: list[Path], opened: Callable[..., list[Recording]]) -> list[_Header]:
@@ -135,18 +160,24 @@ def _headers_of(group: list[Path], opened: Callable[..., list[Recording]]) -> li
         shape, dtype = check_values(recording.values, str(group[0]))
         columns = [name for name in recording.values if name not in ("pressure", "frame")]
         frames = len(recording.values["pressure"])
-        headers.append(_Header(group[0], replace(recording, values={}), columns, shape, dtype, frames))
+        headers.append(
+            _Header(group[0], replace(recording, values={}), columns, shape, dtype, frames)
+        )
     return headers
 
 
 def _blocks_of(
-    group: list[Path], opened: Callable[..., list[Recording]], columns_of: Callable[[Recording], dict[str, int]]
+    group: list[Path],
+    opened: Callable[..., list[Recording]],
+    columns_of: Callable[[Recording], dict[str, int]],
 ) -> Iterator[Block]:
     """The frames of a group of files in blocks, which keep no other frame in memory."""
     with reading(group[0]):
         for recording in opened(group):
             count = len(recording.values["pressure"])
-            values = recording.values | {kind: np.full(count, number) for kind, number in columns_of(recording).items()}
+            values = recording.values | {
+                kind: np.full(count, number) for kind, number in columns_of(recording).items()
+            }
             if "time" in values:
                 time = values["time"][:].astype(np.float64)
                 values["time"] = time - time[:1]
@@ -172,35 +203,53 @@ def _doubled(doubles: list[tuple[str, Path, Path]]) -> str:
 def _left_by_others(recordings: list[Recording]) -> list[Note]:
     """A note on columns that are left out of other recordings than the first, which has its notes already."""
     first = {note.text for note in recordings[0].notes}
-    texts = Counter(note.text for each in recordings for note in each.notes if note.topic == MODEL_TOPIC)
+    texts = Counter(
+        note.text for each in recordings for note in each.notes if note.topic == MODEL_TOPIC
+    )
     return [Note(text, topic=MODEL_TOPIC) for text in texts if text not in first]
 
 
 def side_by_side(recordings: Mapping[Path, list[Recording]], form: Form) -> list[Recording]:
     """The recordings of one file; or of several one, whose sensors are those of all, joined along the last axis.
 
-    Times and flags are the first file's. Channels, but those that the form leaves out, are named by where a file's path
-    differs; of a model's sensors they are in its order.
+    Times and flags are the first file's. Channels, but those that the form leaves out, are named by
+    where a file's path differs; of a model's sensors they are in its order.
     """
     first, *others = recordings
     if not others:
         return recordings[first]
     parts = [part for parts in recordings.values() for part in parts]
-    (frames, rows, _), pressure, channels = parts[0].values["pressure"].shape, list[np.ndarray](), list[str]()
+    (frames, rows, _), pressure, channels = (
+        parts[0].values["pressure"].shape,
+        list[np.ndarray](),
+        list[str](),
+    )
     for file, part in zip(recordings, parts, strict=True):
         counts = part.values["pressure"]
         if counts.shape[:2] != (frames, rows):
             what = f"frames and rows {counts.shape[:2]}; expected {(frames, rows)} as in {first}, to be joined with it"
             raise UserError(f"{file}: {what}; to join none, {setting('data.layout=auto')}")
         pressure.append(counts[()])
-        channels += [f"{part.names['part']}_{name}" for name in part.channel_names or range(1, counts.shape[2] + 1)]
+        channels += [
+            f"{part.names['part']}_{name}"
+            for name in part.channel_names or range(1, counts.shape[2] + 1)
+        ]
     names = channels if rows == 1 else []
-    kept = [at for at, name in enumerate(names) if name not in form.left_out] if names else slice(None)
+    kept = (
+        [at for at, name in enumerate(names) if name not in form.left_out] if names else slice(None)
+    )
     if names and set(form.sensors) <= set(names) and len(set(names)) == len(names) and form.sensors:
         kept = [names.index(name) for name in form.sensors]
     values = parts[0].values | {"pressure": np.concatenate(pressure, axis=-1)[..., kept]}
-    left = [*(name for part in parts for name in part.left_out), *{*names}.intersection(form.left_out)]
-    return [replace(parts[0], values=values, channel_names=np.array(names)[kept].tolist(), left_out=left)]
+    left = [
+        *(name for part in parts for name in part.left_out),
+        *{*names}.intersection(form.left_out),
+    ]
+    return [
+        replace(
+            parts[0], values=values, channel_names=np.array(names)[kept].tolist(), left_out=left
+        )
+    ]
 
 
 def _unlike(headers: list[_Header]) -> Iterator[tuple[Path, str]]:
@@ -208,13 +257,18 @@ def _unlike(headers: list[_Header]) -> Iterator[tuple[Path, str]]:
     traits = [(header.file, header.traits) for header in headers]
     for what in traits[0][1] if traits else ():
         texts = [str(each[what]) for _, each in traits]
-        of_files = dict.fromkeys((file, text) for (file, _), text in zip(traits, texts, strict=True))  # each once
+        # each once
+        of_files = dict.fromkeys(
+            (file, text) for (file, _), text in zip(traits, texts, strict=True)
+        )
         usual = Counter(text for _, text in of_files).most_common(1)[0][0]
         example, expected = traits[texts.index(usual)]
         for (file, each), text in zip(traits, texts, strict=True):
             if text != usual:
                 names = (
-                    {*each[what]} ^ {*expected[what]} if what == "channels" and each[what] and expected[what] else {}
+                    {*each[what]} ^ {*expected[what]}
+                    if what == "channels" and each[what] and expected[what]
+                    else {}
                 )
                 left = ", ".join(f"leave_out:{name}" for name in sorted(names))
                 remedy = f"; {setting(f'data.columns=[{left}]')}" if left else ""
@@ -227,5 +281,7 @@ def check_values(values: Values, where: str) -> tuple[tuple[int, int], np.dtype]
     for name, column in values.items():
         if name != "pressure" and (column.shape != frames or column.dtype.kind not in NUMBERS):
             what = f"shape {column.shape} and type {column.dtype}"
-            raise UserError(f"{where}: {name} has {what}; expected {frames}, a number for each frame")
+            raise UserError(
+                f"{where}: {name} has {what}; expected {frames}, a number for each frame"
+            )
     return shape, storage_type(values["pressure"].dtype, where)

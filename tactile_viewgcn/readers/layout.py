@@ -11,20 +11,22 @@ from tactile_viewgcn.readers.source import Form, setting, side_of
 
 PLACES = "OBJECT/FILE or SESSION/OBJECT/FILE"
 ROLE = re.compile("SESSION|SPLIT|OBJECT|FILE|PART")  # of a text in a layout
-#: Words of a file's name by which files of one recording differ: a hand, an axis, a device; or a part of its time.
+#: Words of a file's name by which files of one recording differ: a hand, an axis, a device; or a
+#: part of its time.
 WORD = r"((?<![a-zA-Z])|(?<=[a-z])(?=[A-Z]))(?i:%s)(?![a-z])"
-PART = WORD % r"left|right|lh|rh|[lrxyz]|(device|dev|sensor|glove|imu|emg|accel|acc|gyro|mag|board)\d*"
+PART = (
+    WORD % r"left|right|lh|rh|[lrxyz]|(device|dev|sensor|glove|imu|emg|accel|acc|gyro|mag|board)\d*"
+)
 PIECE = WORD % r"(part|window|win|segment|seg|chunk)[ _-]?\d+"
-#: The words of an augmented copy, maybe with its number; four digits after them are a year, as in aug2024.
+#: The words of an augmented copy, maybe with its number; four digits after them are a year, as in
+#: aug2024.
 COPY = (
     r"(?<![^\W_])(?i:aug|augmented|noise|noisy|jitter|jittered|scaled|rotated|flipped|mirrored|shifted|warped"
     r"|resampled|copy|orig|original)([ _-]?\d{1,2})?(?![^\W_])"
 )
 
 #: Names of folders with one stage of processing of the same recordings.
-STAGES = (
-    "(un|pre)?(raw|original|filtered|processed|cleaned?|calibrated|smoothed|normali[sz]ed|resampled|scaled)([_ -].*)?"
-)
+STAGES = "(un|pre)?(raw|original|filtered|processed|cleaned?|calibrated|smoothed|normali[sz]ed|resampled|scaled)([_ -].*)?"
 
 
 def place_of(file: Path, path: Path) -> str:
@@ -36,7 +38,8 @@ def place_of(file: Path, path: Path) -> str:
 def names_in(place: str, layout: str) -> dict[str, str]:
     """The texts of a place by their roles in a layout, in small letters; empty if the place is not of that layout.
 
-    Several sessions are joined by a slash. With a PART there is also the `recording`, the place without its text.
+    Several sessions are joined by a slash. With a PART there is also the `recording`, the place
+    without its text.
     """
     wide, names = ("OBJECT", "FILE"), dict[str, str]()  # tea_box is one name
     pattern = ROLE.sub(lambda role: "([^/]+)" if role[0] in wide else "([^/]+?)", re.escape(layout))
@@ -50,11 +53,14 @@ def names_in(place: str, layout: str) -> dict[str, str]:
     return names
 
 
-def names_of(file: Path, root: Path, layout: str, form: Form, hint: Callable[[], str]) -> dict[str, str]:
+def names_of(
+    file: Path, root: Path, layout: str, form: Form, hint: Callable[[], str]
+) -> dict[str, str]:
     """See `names_in`.
 
     Args:
-        hint: gives what the file itself may have in place of an object's name, and what to type then.
+        hint: gives what the file itself may have in place of an object's name, and what to type
+            then.
 
     Raises:
         UserError: a path is not of that layout, or names no object where files are labelled.
@@ -65,27 +71,34 @@ def names_of(file: Path, root: Path, layout: str, form: Form, hint: Callable[[],
         return names
     if form.layout != "auto":
         remedy = f"params.yaml may have it from others: {setting('data.layout=auto')}"
-        raise UserError(f"{file}: expected {layout} (data.layout), or an attribute `object` in HDF5; {remedy}")
+        raise UserError(
+            f"{file}: expected {layout} (data.layout), or an attribute `object` in HDF5; {remedy}"
+        )
     if "OBJECT" in layout:
         expected = f"expected {layout} (data.layout), as most files have it"
         raise UserError(f"{file}: {expected}; move the file, or {setting('data.layout=PATTERN')}")
-    expected = f"expected {PLACES}, a table with a column `object`, or an attribute `object` in HDF5"
+    expected = (
+        f"expected {PLACES}, a table with a column `object`, or an attribute `object` in HDF5"
+    )
     folder = layout.rpartition("FILE")[0]  # such as SPLIT/
     remedies = [f"{setting(f'data.layout={folder}OBJECT_FILE')} for names such as mug_1.csv"]
     remedies.append(f"{folder}OBJECT_SESSION_FILE for mug_anna_1.csv")
     remedies.append(f"{folder}OBJECT for mug.csv")
     found = hint()
     if found:
-        raise UserError(f"{file}: names no object; {found}; else {expected}; or {', '.join(remedies)}")
+        raise UserError(
+            f"{file}: names no object; {found}; else {expected}; or {', '.join(remedies)}"
+        )
     raise UserError(f"{file}: names no object; {expected}; {', '.join(remedies)}")
 
 
 def layout_of(places: Sequence[str], form: Form) -> tuple[str, list[Note]]:
     """The layout of files, such as SESSION/OBJECT/FILE, and a note on it if it is a guess.
 
-    It is the given one, without its object where no file has one and none is asked for, or by `auto` that of most
-    files. Folders that are all called as sides are the published split. Of the others the innermost is the object, and
-    those above it are the session: a file train/monday/mug/1.npy is SPLIT/SESSION/OBJECT/FILE.
+    It is the given one, without its object where no file has one and none is asked for, or by
+    `auto` that of most files. Folders that are all called as sides are the published split. Of the
+    others the innermost is the object, and those above it are the session: a file
+    train/monday/mug/1.npy is SPLIT/SESSION/OBJECT/FILE.
     """
     if form.layout != "auto":
         is_alone = not (form.labelled or any(names_in(place, form.layout) for place in places))
@@ -101,7 +114,9 @@ def layout_of(places: Sequence[str], form: Form) -> tuple[str, list[Note]]:
     if not levels:
         return text, []
     note = f"folders are in the order {text}: "
-    note += ", ".join(f"{level[0]} is the {role.lower()}" for level, role in zip(levels, order, strict=True))
+    note += ", ".join(
+        f"{level[0]} is the {role.lower()}" for level, role in zip(levels, order, strict=True)
+    )
     if count < 2 or EMPTY_HAND in levels[order.index("OBJECT")]:
         return text, [Note(note, topic="folders")]
     note += f". If not, {setting(f'data.layout={other_order(text)}')}; else data.layout={text}"
@@ -121,7 +136,9 @@ def doubles_notes(places: Sequence[str], path: Path) -> list[Note]:
         below = dict[str, set[str]]()
         for names in folders:
             if level < len(names) - 1:
-                below.setdefault(names[level].lower(), set()).add("/".join(names[:level] + names[level + 1 :]))
+                below.setdefault(names[level].lower(), set()).add(
+                    "/".join(names[:level] + names[level + 1 :])
+                )
         named = [folder for folder in below if re.fullmatch(STAGES, folder)]
         both = set.intersection(*below.values()) if len(below) > 1 else set()
         if named and both:
@@ -135,8 +152,8 @@ def doubles_notes(places: Sequence[str], path: Path) -> list[Note]:
 def stem_of(place: str) -> str:
     """What places of recordings that belong together have in common: without words of `PART`, `PIECE` and `COPY`.
 
-    Beside 01 the copies 01_aug1 and aug_2_01 have the stem 01. A name that would have no number left keeps that of its
-    device or part: glove1 and glove2 may be two grasps.
+    Beside 01 the copies 01_aug1 and aug_2_01 have the stem 01. A name that would have no number
+    left keeps that of its device or part: glove1 and glove2 may be two grasps.
     """
     folder, mark, name = place.rpartition("/")
     stem = without_copy(re.sub(f"{PART}|{PIECE}", "", name)).lower()
@@ -151,7 +168,11 @@ def without_copy(name: str) -> str:
 
 def joining(places: Sequence[str], layout: str) -> str:
     """The layout whose PART is a hand, an axis or a device in all these places; "" if there is none."""
-    beside = [layout.replace("FILE", part) for mark in "_- " for part in (f"FILE{mark}PART", f"PART{mark}FILE")]
+    beside = [
+        layout.replace("FILE", part)
+        for mark in "_- "
+        for part in (f"FILE{mark}PART", f"PART{mark}FILE")
+    ]
     for other in (*beside, "OBJECT/PART", "OBJECT/FILE/PART", "SESSION/OBJECT/FILE/PART"):
         parts = [names_in(place, other).get("part", "no part") for place in places]
         if not any(re.sub(f"{PART}|[ _-]", "", part) for part in parts):

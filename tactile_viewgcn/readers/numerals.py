@@ -8,13 +8,15 @@ from shlex import quote
 
 from tactile_viewgcn.messages import UserError
 
-GROUP_MARKS = "\u202f\u00a0\u2009'\u2019"  # between groups of three digits, and nowhere else in a number
+# between groups of three digits, and nowhere else in a number
+GROUP_MARKS = "\u202f\u00a0\u2009'\u2019"
 #: A number whose digits after each mark are three; {mark} is put in.
 GROUPED = r"(?<![\w.,:])[-+]?[1-9]\d{{0,2}}(?:[{mark}]\d{{3}})+(?![\w.,:])"
 #: A number with this mark that has no such groups, so that the mark is decimal.
 DECIMAL = r"(?<![\w.,:])[-+]?(?:0\d*[{mark}]\d+|\d{{4,}}[{mark}]\d+|\d+[{mark}](?:\d{{1,2}}|\d{{4,}}))(?![\d.,:])"
 GROUPED_BY_BLANKS = r"[-+]?[1-9]\d{0,2}(?: \d{3})+"
-#: A cell whose digits are in groups of three, maybe with a fraction after another mark: 1.012,5 or 1'012 or 1 012.
+#: A cell whose digits are in groups of three, maybe with a fraction after another mark: 1.012,5 or
+#: 1'012 or 1 012.
 GROUPED_CELL = rf"[-+]?[1-9]\d{{0,2}}([ .,{GROUP_MARKS}])\d{{3}}(?:\1\d{{3}})*(?:(?!\1)[.,]\d+)?"
 BLANKS = r"\s+"
 WITHOUT_MARKS = "write it without marks between its digits"
@@ -24,9 +26,9 @@ QUOTED = r'"\s*[-+]?\d+(?:,\d+)+(?:\.\d*)?\s*"'
 def check_numerals(file: Path, text: str, separator: str | None, above: int) -> None:
     """Raise a UserError at the first number that has two readings; it has the lines to type.
 
-    In a table with commas between its cells it is one with a comma inside quotes. In others it is one with groups of
-    three digits, unless a number with the same mark shows that the mark is decimal. A point is suspicious only
-    where the same column has whole numbers too.
+    In a table with commas between its cells it is one with a comma inside quotes. In others it is
+    one with groups of three digits, unless a number with the same mark shows that the mark is
+    decimal. A point is suspicious only where the same column has whole numbers too.
 
     Args:
         text: of the file, without its comments.
@@ -81,7 +83,9 @@ def _is_mixed(text: str, separator: str | None) -> bool:
     return bool(with_point & whole)
 
 
-def _two_readings(file: Path, text: str, found: re.Match[str], separator: str | None, above: int) -> str:
+def _two_readings(
+    file: Path, text: str, found: re.Match[str], separator: str | None, above: int
+) -> str:
     """The place of a number, what it may be, and the lines to type that say which."""
     number = found[0].strip('" ')
     mark = next(letter for letter in number if letter in f",.{GROUP_MARKS}")
@@ -90,7 +94,9 @@ def _two_readings(file: Path, text: str, found: re.Match[str], separator: str | 
     column = len(re.findall(re.escape(separator) if separator else r"\s+(?=\S)", before)) + 1
     remedies = list[str]()
     if re.fullmatch(GROUPED.format(mark=mark), number):
-        remedies.append(f"if it is {number.replace(mark, '')}: {_rewriting(file, separator, above, 'thousands', mark)}")
+        remedies.append(
+            f"if it is {number.replace(mark, '')}: {_rewriting(file, separator, above, 'thousands', mark)}"
+        )
     if mark in ",." and number.count(mark) == 1:
         whole, _, fraction = number.partition(mark)
         decimal = _rewriting(file, separator, above, "decimal", mark)
@@ -102,9 +108,7 @@ def _rewriting(file: Path, separator: str | None, above: int, option: str, mark:
     """The line to type that writes a file anew with the numbers in plain form; what lies above them stays."""
     path = json.dumps(str(file))  # quotes that a shell's own quotes may stand around
     if mark in GROUP_MARKS:  # pandas reads no mark of several bytes
-        code = (
-            f"import pathlib; p = pathlib.Path({path}); p.write_text(p.read_text().replace({json.dumps(mark)}, str()))"
-        )
+        code = f"import pathlib; p = pathlib.Path({path}); p.write_text(p.read_text().replace({json.dumps(mark)}, str()))"
         return f"python -c {quote(code)}"
     options = {"sep": separator or BLANKS, option: mark}
     read_as = ", ".join(f"{name}={json.dumps(value)}" for name, value in options.items())

@@ -11,19 +11,20 @@ from tactile_viewgcn.readers.source import SIDE, setting
 #: Words for a recording of several, maybe with its number.
 REPEATS = r"(?i:trial|rep|repetition|rec|recording|run|take|try|grasp|grip|sample|file|no|nr|num|idx|t|r|n)\d*"
 #: Words for a person or a day with a number; and names of letters alone.
-PERSON = (
-    r"(?i:(s|sub|subj|subject|p|pers|person|participant|user|volunteer|vp|d|day|session|sess)\d+)|\d{4}-?\d\d-?\d\d"
-)
+PERSON = r"(?i:(s|sub|subj|subject|p|pers|person|participant|user|volunteer|vp|d|day|session|sess)\d+)|\d{4}-?\d\d-?\d\d"
 NAME = r"[^\W\d_]{2,}"
 MOSTLY = 0.5  # of the pairs of a word and an object that have several files
 
 
-def session_notes(places: Sequence[str], objects: Sequence[str | None], layout: str, *, has_labels: bool) -> list[Note]:
+def session_notes(
+    places: Sequence[str], objects: Sequence[str | None], layout: str, *, has_labels: bool
+) -> list[Note]:
     """Warnings of parts of files' names that may be persons or days, with the layout that says so.
 
-    A name's parts stand between marks, equally many in all names. Such a part recurs: with several objects, and with
-    several files of one object; or it is the whole name and looks like one of a person or a day. What has one file an
-    object is else the number of the recording. Whether a part is a person cannot be known; the note asks.
+    A name's parts stand between marks, equally many in all names. Such a part recurs: with several
+    objects, and with several files of one object; or it is the whole name and looks like one of a
+    person or a day. What has one file an object is else the number of the recording. Whether a part
+    is a person cannot be known; the note asks.
 
     Args:
         places: of the files, see `place_of`.
@@ -42,7 +43,8 @@ def session_notes(places: Sequence[str], objects: Sequence[str | None], layout: 
     whole = [part for part in range(len(parts)) if part not in of_parts]
     if not whole:
         return []
-    rows = dict.fromkeys(zip(objects, *(parts[part] for part in whole), strict=True))  # files of one recording once
+    # files of one recording once
+    rows = dict.fromkeys(zip(objects, *(parts[part] for part in whole), strict=True))
     objects, *columns = zip(*rows, strict=True)
     parts = [[""]] * len(parts)
     for part, column in zip(whole, columns, strict=True):
@@ -56,7 +58,8 @@ def session_notes(places: Sequence[str], objects: Sequence[str | None], layout: 
         if is_candidate and others and _recurs(texts, others, is_whole_name=last == 0):
             recurring.append(part)
     recurring = [part for part in recurring if not all(map(_is_no_person, parts[part]))]
-    if any(all(map(_is_side, parts[part])) for part in whole):  # the numbers begin anew on each side
+    # the numbers begin anew on each side
+    if any(all(map(_is_side, parts[part])) for part in whole):
         recurring = [part for part in recurring if not all(text.isdigit() for text in parts[part])]
     if is_flat:  # of two words, one with numbers is rather a person
         likely = [part for part in recurring if all(re.search(r"\d", text) for text in parts[part])]
@@ -75,7 +78,8 @@ def session_notes(places: Sequence[str], objects: Sequence[str | None], layout: 
 def _parted(names: list[str]) -> tuple[str, list[list[str]]]:
     """The mark that parts all names equally often, and for each part its texts in all names.
 
-    Without a mark the parts are letters with a number after them, as in S01T03; else the names themselves.
+    Without a mark the parts are letters with a number after them, as in S01T03; else the names
+    themselves.
     """
     for mark in "_- .":
         counts = {name.count(mark) for name in names}
@@ -117,7 +121,9 @@ def _is_side(text: str) -> bool:
     return SIDE.fullmatch(text.lower()) is not None
 
 
-def _remedy(parts: list[list[str]], part: int, mark: str, layout: str, *, is_flat: bool, has_labels: bool) -> str:
+def _remedy(
+    parts: list[list[str]], part: int, mark: str, layout: str, *, is_flat: bool, has_labels: bool
+) -> str:
     """What to type, so that a part of the names is the session."""
     last = len(parts) - 1
     if has_labels:

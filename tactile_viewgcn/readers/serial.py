@@ -11,7 +11,10 @@ from tactile_viewgcn.messages import UserError
 TOP = 200  # lines that are looked at
 #: What lines are that are no cells, and the command of sed that makes cells of them
 FORMS = {
-    r"\s*\d\d?:\d\d:\d\d\S* *->": ("lines begin with a clock and an arrow, as of a serial monitor", "s/^.*->//"),
+    r"\s*\d\d?:\d\d:\d\d\S* *->": (
+        "lines begin with a clock and an arrow, as of a serial monitor",
+        "s/^.*->//",
+    ),
     r"\s*[A-Za-z_]\w*[:=] *[-+]?\d[^:=]*[A-Za-z_]\w*[:=] *[-+]?\d": (
         "cells are a name and a number",
         "s/[A-Za-z_][A-Za-z0-9_]*[:=] *//g",
@@ -25,7 +28,8 @@ FORMS = {
 def check_is_table(file: Path, text: str) -> None:
     """Raise a UserError where the lines of a text are no cells of a table; it has the line to type.
 
-    Lines are of such a form where more than half of those at the top are, and hold two numbers or more.
+    Lines are of such a form where more than half of those at the top are, and hold two numbers or
+    more.
     """
     lines = [line for line in islice(StringIO(text), TOP) if len(re.findall(r"\d+", line)) > 1]
     for form, (what, change) in FORMS.items():

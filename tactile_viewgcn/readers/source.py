@@ -14,7 +14,9 @@ from tactile_viewgcn.params import MAX_SIDE, TEST, TRAIN, VALIDATION
 
 UNLABELLED = ""  # stands for the name of an object that is to be recognised
 #: Names of its sides, such as `test`, `training_set`, `x_train`, `dev`.
-SIDE = re.compile(r"(?:[xs][ _-])?(?:(train|training)|(tests?|testing)|(val|valid|validation|dev))(?:[ _-]?sets?)?")
+SIDE = re.compile(
+    r"(?:[xs][ _-])?(?:(train|training)|(tests?|testing)|(val|valid|validation|dev))(?:[ _-]?sets?)?"
+)
 BLOCK_FRAMES = 4096  # frames that are read or written at once
 MAX_PRESSURE = 1e30  # absolute value; the network's input is in single precision
 MOST_SECONDS = 1e9  # absolute value of a time, thirty years
@@ -27,7 +29,8 @@ COLUMNS = {
     "session": np.int16,  # index into sessions
     "frame": np.int32,  # frame number inside the recording
     "time": np.float64,  # seconds since the recording's first frame
-    "take": np.int32,  # index of the first of the recordings that belong together, as those of two hands do
+    # index of the first of the recordings that belong together, as those of two hands do
+    "take": np.int32,
     "split": np.int8,  # code of the published side, see SIDES in params.py
     "valid": np.bool_,  # the object is held (STAG: hasValidLabel)
     "balanced": np.bool_,  # STAG's subset of equally many frames a class (isBalanced)
@@ -38,7 +41,8 @@ ATTRIBUTES_TOPIC = "attributes"  # of notes on attributes of HDF5 that say nothi
 MODEL_TOPIC = "sensors of the model"  # of notes on columns that a model does without
 FRAMES_LAST, LEAVE_OUT = "frames_last", "leave_out:"
 Block = dict[str, np.ndarray]  # "pressure" (n, H, W) and columns (n,) of consecutive frames
-Values = dict[str, Any]  # "pressure" (T, H, W) and columns (T,): arrays, or datasets that are read when sliced
+# "pressure" (T, H, W) and columns (T,): arrays, or datasets that are read when sliced
+Values = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -48,10 +52,12 @@ class Form:
     Attributes:
         shape: rows and columns of a frame, `FRAMES_LAST`, or `auto`: as arrays have them.
         layout: pattern of the files' paths, or `auto`, see `layout_of`.
-        columns: what columns, arrays or datasets of the files hold, such as `pressure:emg`, `leave_out:note`.
-        labelled: False: files may name no object, and arrays may lie in no object's folder; theirs is `UNLABELLED`.
-        sensors: names of those that a model knows, in its order: tables that have all of them are read by these names,
-            and their other columns are left out.
+        columns: what columns, arrays or datasets of the files hold, such as `pressure:emg`,
+            `leave_out:note`.
+        labelled: False: files may name no object, and arrays may lie in no object's folder; theirs
+            is `UNLABELLED`.
+        sensors: names of those that a model knows, in its order: tables that have all of them are
+            read by these names, and their other columns are left out.
     """
 
     shape: str | Sequence[int] = "auto"
@@ -106,7 +112,8 @@ class Source:
         frames: number of all frames.
         blocks: the frames in the file's order; can be iterated once.
         notes: what was taken for what, and what was left out.
-        channel_names: names of the sensors, row after row; "" of one without a name, empty without any.
+        channel_names: names of the sensors, row after row; "" of one without a name, empty without
+            any.
     """
 
     path: Path
@@ -141,10 +148,14 @@ def side_of(name: str) -> int | None:
 def storage_type(dtype: np.dtype, where: str) -> np.dtype:
     """Type in which the table stores pressure: int16 or int32 for integers, float32 or float64 for real numbers."""
     if dtype.kind in "iu":
-        return np.dtype(np.int16 if dtype.itemsize < 2 or dtype.newbyteorder("=") == np.int16 else np.int32)
+        return np.dtype(
+            np.int16 if dtype.itemsize < 2 or dtype.newbyteorder("=") == np.int16 else np.int32
+        )
     if dtype.kind == "f":
         return np.dtype(np.float32 if dtype.itemsize <= 4 else np.float64)
-    raise UserError(f"{where}: pressure is of type {dtype}; expected integer counts or real numbers")
+    raise UserError(
+        f"{where}: pressure is of type {dtype}; expected integer counts or real numbers"
+    )
 
 
 def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
@@ -162,20 +173,25 @@ def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
 def framed(values: Any, form: Form, where: str) -> Any:
     """An array or a dataset as frames (T, H, W), or with an axis more by the form's shape as recordings (n, T, H, W).
 
-    Two axes may be one. With a shape of [8, 6], arrays (n, T, 48) and (n, T, 8, 6) are n recordings of T frames. A
-    dataset is read only where its axes differ.
+    Two axes may be one. With a shape of [8, 6], arrays (n, T, 48) and (n, T, 8, 6) are n recordings
+    of T frames. A dataset is read only where its axes differ.
 
     Raises:
-        UserError: begins with `where`; other axes, of which it says what they may be and what to type.
+        UserError: begins with `where`; other axes, of which it says what they may be and what to
+            type.
     """
     axes = tuple(values.shape)
     if form.shape == "auto":
         if len(axes) > 3:
-            raise UserError(f"{where}: an array {axes}; expected (frames, rows, columns); {_as_stack(axes)}")
+            raise UserError(
+                f"{where}: an array {axes}; expected (frames, rows, columns); {_as_stack(axes)}"
+            )
         if len(axes) == 3 and max(axes[1:]) > MAX_SIDE:
             what = f"frames of {axes[1]} x {axes[2]}; expected 1 x 1 to {MAX_SIDE} x {MAX_SIDE}"
             last = setting(f"data.shape={FRAMES_LAST}")
-            raise UserError(f"{where}: {what}; {_as_stack(axes)}; if the frames are the last axis, {last}")
+            raise UserError(
+                f"{where}: {what}; {_as_stack(axes)}; if the frames are the last axis, {last}"
+            )
         if len(axes) == 3:
             return values
     elif not isinstance(form.shape, str) and axes[1:] == tuple(form.shape):
@@ -187,7 +203,9 @@ def framed(values: Any, form: Form, where: str) -> Any:
         rows, columns = form.shape
         if axes == (rows, columns) or axes[1:] == (rows * columns,):
             return array.reshape(-1, rows, columns)
-        if (len(axes) == 3 and axes[2] == rows * columns) or (len(axes) == 4 and axes[2:] == (rows, columns)):
+        if (len(axes) == 3 and axes[2] == rows * columns) or (
+            len(axes) == 4 and axes[2:] == (rows, columns)
+        ):
             return array.reshape(*axes[:2], rows, columns)
         expected = f"(frames, {rows}, {columns}) or (frames, {rows * columns}), by data.shape or as the model's"
         remedy = f"{setting('data.shape=auto')}, or take recordings of one glove"
@@ -219,12 +237,16 @@ def check_column(column: str, values: np.ndarray, block: Block, source: Source) 
     kind = source.dtype if column == "pressure" else np.dtype(COLUMNS[column])
     if column == "pressure" and kind.kind == "i" and np.can_cast(values.dtype, kind):
         return
-    most = {"f": MOST_SECONDS if column == "time" else MAX_PRESSURE, "b": 1}.get(kind.kind) or np.iinfo(kind).max
+    most = {"f": MOST_SECONDS if column == "time" else MAX_PRESSURE, "b": 1}.get(
+        kind.kind
+    ) or np.iinfo(kind).max
     low = {"f": -most, "b": 0}.get(kind.kind, -most - 1)
     if column in source.names:
         low, most = 0, min(most, len(source.names[column]) - 1)
     low, high = np.array([low, most], dtype=np.float64)  # in half precision 1e30 would be infinite
-    inside = (values >= low) & (values <= high) & ((values == np.floor(values)) | (kind.kind == "f"))
+    inside = (
+        (values >= low) & (values <= high) & ((values == np.floor(values)) | (kind.kind == "f"))
+    )
     inside |= np.isnan(values) & (column == "time")  # an unknown time
     if inside.all():
         return

@@ -1,7 +1,8 @@
 """Reading tables of numbers as text: a line for each frame, whose columns are sensors, times, line numbers and names.
 
-Cells are separated by commas, semicolons, tabs or blanks, with a decimal point or comma. Lines above the numbers may
-hold words; the first one with a cell for each column names the columns. Lines that begin with # or % hold no numbers.
+Cells are separated by commas, semicolons, tabs or blanks, with a decimal point or comma. Lines
+above the numbers may hold words; the first one with a cell for each column names the columns. Lines
+that begin with # or % hold no numbers.
 """
 
 import csv
@@ -22,7 +23,15 @@ from tactile_viewgcn.messages import Note, UserError, listed, several
 from tactile_viewgcn.readers.child import UNPACKED, UNPACKED_TIMES, check_unpacked, library
 from tactile_viewgcn.readers.numerals import GROUPED_BY_BLANKS, check_numerals, without_group_marks
 from tactile_viewgcn.readers.serial import check_is_table
-from tactile_viewgcn.readers.source import MAX_PRESSURE, MODEL_TOPIC, NUMBERS, Form, Recording, label_text, setting
+from tactile_viewgcn.readers.source import (
+    MAX_PRESSURE,
+    MODEL_TOPIC,
+    NUMBERS,
+    Form,
+    Recording,
+    label_text,
+    setting,
+)
 from tactile_viewgcn.schema import nearest
 
 if TYPE_CHECKING:
@@ -35,28 +44,35 @@ NOT_NUMBERS = re.compile(r"^[ \t]*[#%].*$|^[ \t,;]+$", re.MULTILINE)  # comments
 #: What columns without readings hold, by their names in small letters.
 CONTENTS = {
     **dict.fromkeys(("time", "timestamp", "t", "ms", "millis", "micros"), "time"),
-    **dict.fromkeys(("sample", "frame", "index", "id", "seq", "counter"), "line number"),  # if they count
+    # if they count
+    **dict.fromkeys(("sample", "frame", "index", "id", "seq", "counter"), "line number"),
     **dict.fromkeys(("object", "label", "class", "gesture", "target"), "object"),
     **dict.fromkeys(("recording", "trial"), "recording"),
     **dict.fromkeys(("session", "subject", "person", "participant"), "session"),
 }
 LABELS = ("session", "object", "recording")
-OF_A_NAME = ("id", "name", "no", "nr", "num", "number", "code")  # words of a label's name that say nothing more
+# words of a label's name that say nothing more
+OF_A_NAME = ("id", "name", "no", "nr", "num", "number", "code")
 NOT_OF_MODEL = "no sensor of the model"
 MOST_SHOWN = 30  # letters of a cell in a message
-UNIT = re.compile(r" ?[_(\[](s|ms|us|µs|ns)[)\]]?$")  # of a time, at the end of a name such as time_ms or t [s]
-SECONDS = {"ms": 1e-3, "millis": 1e-3, "us": 1e-6, "µs": 1e-6, "micros": 1e-6, "ns": 1e-9}  # of a unit; else 1
-Table = tuple[Recording, dict[str, np.ndarray]]  # of all lines, and the names in them, see `table_of`
+# of a time, at the end of a name such as time_ms or t [s]
+UNIT = re.compile(r" ?[_(\[](s|ms|us|µs|ns)[)\]]?$")
+# of a unit; else 1
+SECONDS = {"ms": 1e-3, "millis": 1e-3, "us": 1e-6, "µs": 1e-6, "micros": 1e-6, "ns": 1e-9}
+# of all lines, and the names in them, see `table_of`
+Table = tuple[Recording, dict[str, np.ndarray]]
 MOSTLY = 0.9  # of the steps of a counter, which may have lost lines or begun again
 
 
 def read_table(file: Path, form: Form) -> Table:
     """The table in a text file, see `table_of`.
 
-    A line of units below the names is left out, with a note: one with words, or one of ones where no other cell is 1.
+    A line of units below the names is left out, with a note: one with words, or one of ones where
+    no other cell is 1.
 
     Raises:
-        UserError: as `table_of`; there are no numbers, or lines of unlike length, or numbers that have two readings.
+        UserError: as `table_of`; there are no numbers, or lines of unlike length, or numbers that
+            have two readings.
     """
     import pandas as pd  # here, since it loads slowly
 
@@ -67,8 +83,13 @@ def read_table(file: Path, form: Form) -> Table:
     check_numerals(file, numbers, separator, above)
     places = _places(numbers, above)
     # texts of pandas, since those of Arrow need more memory than the child process may take
-    with warnings.catch_warnings(), pd.option_context("mode.string_storage", "python"), library(file):
-        warnings.simplefilter("ignore", DeprecationWarning)  # pandas 3.1 rounds as float_precision asks for by itself
+    with (
+        warnings.catch_warnings(),
+        pd.option_context("mode.string_storage", "python"),
+        library(file),
+    ):
+        # pandas 3.1 rounds as float_precision asks for by itself
+        warnings.simplefilter("ignore", DeprecationWarning)
         try:
             cells = pd.read_csv(
                 io.StringIO(numbers),
@@ -88,12 +109,16 @@ def read_table(file: Path, form: Form) -> Table:
     width = 1 + max(np.flatnonzero(cells.notna().any()), default=-1)
     full = [row[:width] for row in rows if len(row) >= width and not any(row[width:])]
     first = _cells(next(islice(io.StringIO(text), above, None)), separator)
-    if not full and rows and width < len(rows[-1]) <= cells.shape[1]:  # names of columns that are empty at the end
+    # names of columns that are empty at the end
+    if not full and rows and width < len(rows[-1]) <= cells.shape[1]:
         full, width = rows[-1:], len(rows[-1])
     is_ones = full and 1 < width == first.count("1") and len(cells) > 2
     if is_ones and (cells.iloc[:, :width] == 1).sum().eq(1).all():
         full, cells, _ = [*full, first], cells.iloc[1:], next(places)
-    notes = [Note(f"the line {listed(row)} below the names is no frame (units)", topic="units") for row in full[1:]]
+    notes = [
+        Note(f"the line {listed(row)} below the names is no frame (units)", topic="units")
+        for row in full[1:]
+    ]
     table, labels = table_of((full or [[""] * width])[0], cells, form, str(file), places)
     return replace(table, notes=notes + table.notes), labels
 
@@ -101,50 +126,75 @@ def read_table(file: Path, form: Form) -> Table:
 def _places(text: str, above: int) -> Iterator[str]:
     """`line N` of each row of a table below the first `above` lines, as an editor counts, with empty lines."""
     # a copy of the text, made where a cell is named, since it takes memory
-    yield from (f"line {at}" for at, line in enumerate(io.StringIO(text), 1) if at > above and line != "\n")
+    yield from (
+        f"line {at}" for at, line in enumerate(io.StringIO(text), 1) if at > above and line != "\n"
+    )
 
 
-def table_of(names: list[str], cells: "DataFrame", form: Form, file: str, places: Iterable[str]) -> Table:
+def table_of(
+    names: list[str], cells: "DataFrame", form: Form, file: str, places: Iterable[str]
+) -> Table:
     """A table as one recording, and the names in its lines.
 
-    The recording has pressure (T, S), times if a column has them, and notes on the columns without readings. The names
-    are by `session`, `object` and `recording` the texts (T,) of columns that have names of these.
+    The recording has pressure (T, S), times if a column has them, and notes on the columns without
+    readings. The names are by `session`, `object` and `recording` the texts (T,) of columns that
+    have names of these.
 
     Args:
-        names: of the columns, "" without one, which then goes by its number from 1; `cells` has numbers from 0.
+        names: of the columns, "" without one, which then goes by its number from 1; `cells` has
+            numbers from 0.
         places: of each row of `cells`, for an error.
 
     Raises:
-        UserError: begins with `file`; a cell without a number or a name, or no column of a name that the form gives.
+        UserError: begins with `file`; a cell without a number or a name, or no column of a name
+            that the form gives.
     """
     keys = [name or str(number) for number, name in enumerate(names, 1)]
     for kind, name in form.names.items():
         if name not in keys and (form.labelled or kind not in LABELS):
-            raise UserError(f"{file}: no column {name!r}{nearest(name, keys)}; found {listed(keys)}")
+            raise UserError(
+                f"{file}: no column {name!r}{nearest(name, keys)}; found {listed(keys)}"
+            )
     of_model = _sensors_of_model(keys, form, file)
     labels, time = dict[str, np.ndarray](), dict[str, np.ndarray]()
     sensors, channels, notes = [], [], list[Note]()
     for at, (name, key) in enumerate(zip(names, keys, strict=True)):
         values = _numbers(cells[at])
-        content = "" if key in of_model else _content(key, values, form, is_index=at == 0 and not name and any(names))
+        content = (
+            ""
+            if key in of_model
+            else _content(key, values, form, is_index=at == 0 and not name and any(names))
+        )
         if of_model and not content and key not in of_model:
             content = NOT_OF_MODEL
             if is_words(cells[at]) and cells[at].nunique() > 1:
                 content += f"; if it names the objects of several recordings, {setting(f'data.columns=[object:{key}]')}"
         if key in form.left_out or (cells[at].isna().all() and len(cells)):
-            content = "left out by data.columns" if key in form.left_out else f"empty in all {len(cells)} lines"
+            content = (
+                "left out by data.columns"
+                if key in form.left_out
+                else f"empty in all {len(cells)} lines"
+            )
         if key in of_model and content:
-            raise UserError(f"{file}: column {at + 1} ({key!r}), a sensor of the model, is {content}; record it again")
-        filled = cells[at].notna().to_numpy() if content in LABELS else np.abs(values) <= MAX_PRESSURE
+            raise UserError(
+                f"{file}: column {at + 1} ({key!r}), a sensor of the model, is {content}; record it again"
+            )
+        filled = (
+            cells[at].notna().to_numpy() if content in LABELS else np.abs(values) <= MAX_PRESSURE
+        )
         column = f"column {at + 1}{f' ({name!r})' if name else ''}"
         if content in ("", *LABELS) and not filled.all():
-            raise UserError(f"{file}: {_unfit(file, cells[at], values, filled, content, column, key, places)}")
+            raise UserError(
+                f"{file}: {_unfit(file, cells[at], values, filled, content, column, key, places)}"
+            )
         if not content:
             sensors.append(values)
             channels.append(name)
             continue
         if content in LABELS:
-            labels.setdefault(content, np.array([label_text(cell) for cell in cells[at]], dtype=object))
+            labels.setdefault(
+                content, np.array([label_text(cell) for cell in cells[at]], dtype=object)
+            )
         elif content == "time" and filled.all():
             time.setdefault("time", values * SECONDS.get(_base_and_unit(name)[1], 1.0))
         elif content == "time":
@@ -158,7 +208,9 @@ def table_of(names: list[str], cells: "DataFrame", form: Form, file: str, places
         channels = list(of_model)
     pressure = np.column_stack(sensors) if sensors else np.zeros((len(cells), 0))
     left_out = [key for key in keys if key in form.left_out]
-    return Recording({}, {"pressure": pressure} | time, channels if any(channels) else [], notes, 0, left_out), labels
+    return Recording(
+        {}, {"pressure": pressure} | time, channels if any(channels) else [], notes, 0, left_out
+    ), labels
 
 
 def _sensors_of_model(keys: list[str], form: Form, file: str) -> list[str]:
@@ -177,11 +229,15 @@ def _sensors_of_model(keys: list[str], form: Form, file: str) -> list[str]:
         return []
     left_out = [name for name in wanted if name in form.left_out]
     if left_out:
-        raise UserError(f"{file}: {listed(left_out)} is a sensor of the model; take leave_out of it from data.columns")
+        raise UserError(
+            f"{file}: {listed(left_out)} is a sensor of the model; take leave_out of it from data.columns"
+        )
     missing = [name for name in wanted if name not in keys]
     if missing:
         what = f"no column {listed(missing)} of the model's sensors"
-        raise UserError(f"{file}: {what}; found {listed(keys)}; rename the columns as in the training")
+        raise UserError(
+            f"{file}: {what}; found {listed(keys)}; rename the columns as in the training"
+        )
     return found
 
 
@@ -231,8 +287,9 @@ def is_words(cells: "Series") -> bool:
 def recordings_in(table: Recording, labels: dict[str, np.ndarray], place: str) -> list[Recording]:
     """The recordings in one table of all, see `table_of`: the lines of one session, object and recording.
 
-    Where no column names recordings, one begins where the object or the session changes, and where the time falls.
-    Names begin with a place, if there is one; that of a recording alone is the place.
+    Where no column names recordings, one begins where the object or the session changes, and where
+    the time falls. Names begin with a place, if there is one; that of a recording alone is the
+    place.
     """
     keys = {kind: labels[kind] for kind in LABELS if kind in labels}
     if "recording" not in keys:
@@ -253,7 +310,9 @@ def recordings_in(table: Recording, labels: dict[str, np.ndarray], place: str) -
         notes = [*notes, Note(text, "info" if "time" in table.values else "warning", "recordings")]
     for key, index in lines.items():
         run = [*key] if len(lines) > 1 or not place else []
-        names = dict(zip(keys, key, strict=True)) | {"recording": "/".join([*filter(None, [place]), *run])}
+        names = dict(zip(keys, key, strict=True)) | {
+            "recording": "/".join([*filter(None, [place]), *run])
+        }
         values = {name: each[index] for name, each in table.values.items()}
         parts.append(replace(table, names=names, values=values, notes=notes))
     return parts
@@ -273,11 +332,13 @@ def _content(name: str, values: np.ndarray, form: Form, *, is_index: bool) -> st
         return kinds[0].replace("pressure", "")
     last = re.split("[./]", name)[-1]  # of a message of ROS, as .header.seq
     content = "line number" if is_index else CONTENTS.get(_base_and_unit(last)[0], "")
-    if not content and (np.isnan(values).any() or not (values % 1).any()):  # words, or whole numbers
+    # words, or whole numbers
+    if not content and (np.isnan(values).any() or not (values % 1).any()):
         content = label_kind(name)
     steps = np.diff(values)
     counts, rises = (np.sum(each) > MOSTLY * len(steps) for each in (steps == 1, steps > 0))
-    if (content == "line number" and not counts) or (last.lower() == "t" and not rises):  # a finger, a temperature
+    # a finger, a temperature
+    if (content == "line number" and not counts) or (last.lower() == "t" and not rises):
         content = ""
     return "data.columns names others" if (content or "pressure") in form.names else content
 
@@ -294,7 +355,9 @@ def _numbers(cells: "Series") -> np.ndarray:
 
     if isinstance(cells.dtype, np.dtype) and cells.dtype.kind in NUMBERS:
         return cells.to_numpy()
-    return to_numeric(np.array([str(cell).replace(",", ".") for cell in cells], dtype=object), errors="coerce")
+    return to_numeric(
+        np.array([str(cell).replace(",", ".") for cell in cells], dtype=object), errors="coerce"
+    )
 
 
 def _text(file: Path) -> str:
@@ -312,7 +375,8 @@ def _text(file: Path) -> str:
         is_utf16 = data[:2] in (b"\xff\xfe", b"\xfe\xff")
         text = data.decode("utf-16" if is_utf16 else "utf-8-sig")
     except UnicodeDecodeError:
-        text = data.decode("latin-1")  # of spreadsheets in western languages; no number is written differently
+        # of spreadsheets in western languages; no number is written differently
+        text = data.decode("latin-1")
     if "\0" in text:
         raise UserError(f"{file}: no text; expected a table of numbers in UTF-8")
     return text.replace("\r\n", "\n").replace("\r", "\n")
@@ -321,20 +385,33 @@ def _text(file: Path) -> str:
 def _top(file: Path, text: str) -> tuple[str | None, int, list[list[str]]]:
     """The separator of a table, None for blanks; the number of lines above its numbers; and the cells of these lines.
 
-    A line above the numbers is a comment, or begins with a word and has words where the lines below have numbers.
+    A line above the numbers is a comment, or begins with a word and has words where the lines below
+    have numbers.
     """
-    top = [(number, line) for number, line in enumerate(islice(io.StringIO(text), TOP)) if line.strip(" \t\n,;")]
+    top = [
+        (number, line)
+        for number, line in enumerate(islice(io.StringIO(text), TOP))
+        if line.strip(" \t\n,;")
+    ]
     below = [line for _, line in top if not line.lstrip().startswith(COMMENT)][-3:]
     sample = max(below, key=lambda line: len(re.findall(r"(?<![\w.])[-+]?\d", line)), default="")
     separator = _separator(sample.strip())
     example, rows = _cells(sample, separator), list[list[str]]()
     for number, line in top:
         cells = _cells(line.lstrip("".join(COMMENT) + " "), separator)
-        pairs = [(NUMBER.fullmatch(cell), NUMBER.fullmatch(other)) for cell, other in zip(cells, example, strict=False)]
+        pairs = [
+            (NUMBER.fullmatch(cell), NUMBER.fullmatch(other))
+            for cell, other in zip(cells, example, strict=False)
+        ]
         has_words = any(is_number and not cell for cell, is_number in pairs)
         is_comment = line.lstrip().startswith(COMMENT)
         has_numbers_alone = any(cells) and all(NUMBER.fullmatch(cell) for cell in cells if cell)
-        if not is_comment and has_numbers_alone and not rows and _is_cut(cells, number, top, separator):
+        if (
+            not is_comment
+            and has_numbers_alone
+            and not rows
+            and _is_cut(cells, number, top, separator)
+        ):
             lines = f"line {number + 1} has {several(len(cells), 'cell')}, the lines below have {len(example)}"
             raise UserError(
                 f"{file}: {lines}, as one that is cut; delete it: sed -i.bak {number + 1}d {quote(str(file))}"
@@ -345,10 +422,13 @@ def _top(file: Path, text: str) -> tuple[str | None, int, list[list[str]]]:
     raise UserError(f"{file}: no line of numbers; expected a table of numbers")
 
 
-def _is_cut(cells: list[str], number: int, top: list[tuple[int, str]], separator: str | None) -> bool:
+def _is_cut(
+    cells: list[str], number: int, top: list[tuple[int, str]], separator: str | None
+) -> bool:
     """Whether a line of numbers is cut at its beginning: it has fewer cells than all lines below it, two at least.
 
-    Or its first cell is empty, and the cells below that are no index of pandas, which has no name and counts.
+    Or its first cell is empty, and the cells below that are no index of pandas, which has no name
+    and counts.
     """
     below = [line for at, line in top if at > number and not line.lstrip().startswith(COMMENT)]
     rows = [_cells(line.strip(), separator) for line in below[:-1]]  # the last one may be cut too
@@ -364,14 +444,20 @@ def _is_cut(cells: list[str], number: int, top: list[tuple[int, str]], separator
 def _separator(line: str) -> str | None:
     """The separator of the cells of a line, None for blanks.
 
-    `1,5 2,5` has decimal commas. `1 501,1 498` has blanks between groups of digits, and commas between its cells.
+    `1,5 2,5` has decimal commas. `1 501,1 498` has blanks between groups of digits, and commas
+    between its cells.
     """
     cells = line.split(",")
     if len(cells) > 1 and all(re.fullmatch(GROUPED_BY_BLANKS, cell.strip()) for cell in cells):
         return ","
     words = line.split()
-    is_decimal = len(words) > 1 and all(re.fullmatch(r"[-+\d]\d*,\d[\de+-]*", word) for word in words if "," in word)
-    return next((mark for mark in (";", "\t", ",") if mark in line and not (mark == "," and is_decimal)), None)
+    is_decimal = len(words) > 1 and all(
+        re.fullmatch(r"[-+\d]\d*,\d[\de+-]*", word) for word in words if "," in word
+    )
+    return next(
+        (mark for mark in (";", "\t", ",") if mark in line and not (mark == "," and is_decimal)),
+        None,
+    )
 
 
 def _cells(line: str, separator: str | None) -> list[str]:

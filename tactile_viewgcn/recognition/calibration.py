@@ -1,7 +1,7 @@
 """The answer to a whole recording, and the temperature that makes its probabilities calibrated.
 
-Guo et al., "On calibration of modern neural networks" (arXiv 1706.04599). The temperature is fitted to answers on
-groups that were left out of the training.
+Guo et al., "On calibration of modern neural networks" (arXiv 1706.04599). The temperature is fitted
+to answers on groups that were left out of the training.
 """
 
 from collections.abc import Callable
@@ -20,12 +20,15 @@ from tactile_viewgcn.views.clustering import pool_ids
 if TYPE_CHECKING:
     from tactile_viewgcn.systems.sensors import SensorClassifier
 
-Classifier = Union[ViewNetwork, "SensorClassifier"]  # what both have: see `model_file.build_classifier`
+# what both have: see `model_file.build_classifier`
+Classifier = Union[ViewNetwork, "SensorClassifier"]
 MIN_TEMPERATURE, MAX_TEMPERATURE = 0.02, 50.0
 PRIOR = 1.5  # standard deviation of the logarithms of members' weights
 
 
-def recording_answer(classifier: Classifier, temperature: float | None, values: Any, points: Counts) -> np.ndarray:
+def recording_answer(
+    classifier: Classifier, temperature: float | None, values: Any, points: Counts
+) -> np.ndarray:
     """Logarithms of a recording's class probabilities (classes,), the same in every interface and in the evaluation.
 
     They are in float64, so that no rounding makes classes equal.
@@ -52,16 +55,20 @@ def recording_answers(
     answers = []
     for number in range(pool.max() + 1):
         index = np.flatnonzero(pool == number)
-        points_of_recording = Gathered(points.__getitem__, index)  # most classifiers do not read them
-        answers.append(recording_answer(classifier, temperature, values[index], points_of_recording))
+        # most classifiers do not read them
+        points_of_recording = Gathered(points.__getitem__, index)
+        answers.append(
+            recording_answer(classifier, temperature, values[index], points_of_recording)
+        )
     return np.stack(answers)
 
 
 def fit_temperature(logits: np.ndarray, labels: np.ndarray) -> float:
     """Temperature whose softmax(logits / temperature) fits labels (n,) best, logits (n, Y), at least two classes.
 
-    As in Platt (1999, section 2.2), a label counts as right with the probability that Laplace's rule gives for n right
-    answers, (n + 1) / (n + 2). So the confidence stays below 1 where every answer is right.
+    As in Platt (1999, section 2.2), a label counts as right with the probability that Laplace's
+    rule gives for n right answers, (n + 1) / (n + 2). So the confidence stays below 1 where every
+    answer is right.
     """
     from scipy.optimize import minimize_scalar
 
@@ -74,8 +81,9 @@ def fit_temperature(logits: np.ndarray, labels: np.ndarray) -> float:
 def fit_weights(logarithms: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Weights (M,) of the members' log-probabilities (M, n, Y) whose weighted sum fits labels (n,) best.
 
-    The softmax of this sum is fitted as in `fit_temperature`. A member that errs much, or is sure of wrong answers, has
-    little weight. Few recordings leave the weights alike: their logarithms have a normal prior around their mean.
+    The softmax of this sum is fitted as in `fit_temperature`. A member that errs much, or is sure
+    of wrong answers, has little weight. Few recordings leave the weights alike: their logarithms
+    have a normal prior around their mean.
     """
     from scipy.optimize import minimize
 

@@ -37,24 +37,28 @@ from tactile_viewgcn.views.viewpoints import viewpoints
 class TactileClassifier(ClassifierMixin, BaseEstimator):
     """A classifier of objects in tactile recordings: any system or preset of the pipeline, trained in memory.
 
-    X holds recordings of raw counts, whose baseline is subtracted and whose frames in contact are found as in the
-    pipeline. It is a list of arrays (T_i, H, W), or of channels over time (T_i, C); or one array (n, T, H, W) or
-    (n, T, C). Of a DataFrame the columns that are called times, numbers or labels are left out, as of a file, and those
-    that `data.columns` leaves out. With the parameter `data.shape` `frames_last` time is the last axis, as in an array
-    (n, C, T) of aeon and sktime.
+    X holds recordings of raw counts, whose baseline is subtracted and whose frames in contact are
+    found as in the pipeline. It is a list of arrays (T_i, H, W), or of channels over time (T_i, C);
+    or one array (n, T, H, W) or (n, T, C). Of a DataFrame the columns that are called times,
+    numbers or labels are left out, as of a file, and those that `data.columns` leaves out. With the
+    parameter `data.shape` `frames_last` time is the last axis, as in an array (n, C, T) of aeon and
+    sktime.
 
     Args:
         preset: a name of `tactile-viewgcn preset`; `best` if `system` is None too.
-        system: a value of `model.system`, or a member of `sensors`; on top of the preset, else of the paper's recipe.
-            `network` is the preset of this name, which trains for minutes: in memory `best` does not ask it.
+        system: a value of `model.system`, or a member of `sensors`; on top of the preset, else of
+            the paper's recipe. `network` is the preset of this name, which trains for minutes: in
+            memory `best` does not ask it.
         views: V, the frames of a network's view set.
-        params: values by dotted key of params.yaml, on top of all others, such as `{"preprocess.transform": "log"}`.
+        params: values by dotted key of params.yaml, on top of all others, such as
+            `{"preprocess.transform": "log"}`.
         random_state: source of every random choice: an integer, a `RandomState` of NumPy, or None.
 
     Attributes:
         classes_: (Y,) labels, sorted.
         params_: all parameters of the training.
-        notes_: what was chosen for the training data, what was left out, what spoils the result, and why.
+        notes_: what was chosen for the training data, what was left out, what spoils the result,
+            and why.
         recogniser_: the trained `Recogniser`.
     """
 
@@ -76,12 +80,12 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
     def fit(self, X: Any, y: Any, groups: Any = None) -> "TactileClassifier":
         """Train on recordings X and their labels y (n,).
 
-        What spoils the result is warned of as by the stages: recordings that are copies, channels that are no
-        sensors, an offset of a recording that predicts its object.
+        What spoils the result is warned of as by the stages: recordings that are copies, channels
+        that are no sensors, an offset of a recording that predicts its object.
 
         Args:
-            groups: (n,) group of each recording; a group is held out as a whole, for the choice of `best`, calibration
-                and `split.validation`. None: each recording is a group.
+            groups: (n,) group of each recording; a group is held out as a whole, for the choice of
+                `best`, calibration and `split.validation`. None: each recording is a group.
 
         Raises:
             UserError, ValueError: a wrong argument, in one line.
@@ -92,7 +96,9 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         classes, labels = _distinct(y)
         groups = np.arange(len(y)) if groups is None else np.asarray(groups)
         if groups.shape != (len(y),):
-            raise UserError(f"groups has shape {groups.shape}; expected ({len(y)},), a group for each recording of X")
+            raise UserError(
+                f"groups has shape {groups.shape}; expected ({len(y)},), a group for each recording of X"
+            )
         group = np.unique(groups, return_inverse=True)[1]
         check_layouts(recorded)
         recordings = in_memory(recorded, list(map(str, classes)), labels, 0 * labels)
@@ -108,8 +114,8 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
     def predict_proba(self, X: Any) -> np.ndarray:
         """Class probabilities float32 (n, Y) of recordings X, a column for each of `classes_`.
 
-        What the command `predict` refuses or warns of, this does too. A recording without contact is the empty hand;
-        where that is no class, a warning says so.
+        What the command `predict` refuses or warns of, this does too. A recording without contact
+        is the empty hand; where that is no class, a warning says so.
 
         Raises:
             NotFittedError: before `fit`.
@@ -119,12 +125,21 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         recogniser, names = self.recogniser_, list(map(str, self.classes_))
         recordings = self._recordings(X)
         is_one_recording = isinstance(X, np.ndarray) and X.shape[1:] == recogniser.shape
-        if is_one_recording and recogniser.shape[0] > 1:  # else it is n recordings of one frame, as in `fit`
-            raise UserError(f"X {X.shape} is one recording; expected a list: [X], or [*X] of single frames")
+        # else it is n recordings of one frame, as in `fit`
+        if is_one_recording and recogniser.shape[0] > 1:
+            raise UserError(
+                f"X {X.shape} is one recording; expected a list: [X], or [*X] of single frames"
+            )
         answers, notes = recogniser.answer_recordings(recordings)
-        none = [answer.recording for answer in answers if not answer.contact and EMPTY_HAND not in recogniser.classes]
+        none = [
+            answer.recording
+            for answer in answers
+            if not answer.contact and EMPTY_HAND not in recogniser.classes
+        ]
         texts = [note.text for note in warnings_of(notes)]
-        texts += [f"no frame in contact: {listed(none)}; their classes are equally probable"] * bool(none)
+        texts += [
+            f"no frame in contact: {listed(none)}; their classes are equally probable"
+        ] * bool(none)
         for text in texts:
             warnings.warn(shown(text), stacklevel=2)
         probabilities = np.zeros((len(recordings), len(names)), dtype=np.float32)
@@ -170,12 +185,17 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
             )
         params = self.params or {}
         last, columns = params.get("data.shape") == FRAMES_LAST, params.get("data.columns", ())
-        return [recording_of(row, f"X[{number}]", frames_last=last, columns=columns) for number, row in enumerate(rows)]
+        return [
+            recording_of(row, f"X[{number}]", frames_last=last, columns=columns)
+            for number, row in enumerate(rows)
+        ]
 
     def _parameters(self) -> Params:
         """All parameters of the training."""
         if not isinstance(self.params, Mapping | None):
-            raise UserError(f"params is {self.params!r}; expected a mapping of keys of params.yaml to values, or None")
+            raise UserError(
+                f"params is {self.params!r}; expected a mapping of keys of params.yaml to values, or None"
+            )
         seed = self.random_state
         if seed is None or isinstance(seed, np.random.RandomState):
             seed = check_random_state(seed).randint(2**31 - 1)
@@ -185,10 +205,19 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         elif self.system not in (None, "network"):
             changes["model.system"] = self.system
         changes |= self.params or {}
-        plain = {key: value.item() if isinstance(value, np.generic) else value for key, value in changes.items()}
-        preset = {None: "best", "network": "network"}.get(self.system) if self.preset is None else self.preset
+        plain = {
+            key: value.item() if isinstance(value, np.generic) else value
+            for key, value in changes.items()
+        }
+        preset = (
+            {None: "best", "network": "network"}.get(self.system)
+            if self.preset is None
+            else self.preset
+        )
         texts = preset_changes(preset) if preset is not None else []
-        return default_params((*texts, *(as_change(*item) for item in plain.items())), type(self).__name__)
+        return default_params(
+            (*texts, *(as_change(*item) for item in plain.items())), type(self).__name__
+        )
 
 
 def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path) -> list[Note]:
@@ -197,15 +226,17 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path
     The remarks on the recordings and the leak check are those of the stages.
 
     Args:
-        groups: (T,) split group of each frame; a group is held out as a whole, for the choice of `best`, calibration
-            and `split.validation`. Groups whose recordings have frames in common are one group.
+        groups: (T,) split group of each frame; a group is held out as a whole, for the choice of
+            `best`, calibration and `split.validation`. Groups whose recordings have frames in
+            common are one group.
 
     Returns:
-        Notes on what was chosen for the recordings, what was left out, what spoils the result, and why.
+        Notes on what was chosen for the recordings, what was left out, what spoils the result, and
+            why.
 
     Raises:
-        UserError: no sensor that varies; a baseline or flags that the recordings cannot give; fewer than two classes
-            left; a training that diverges.
+        UserError: no sensor that varies; a baseline or flags that the recordings cannot give; fewer
+            than two classes left; a training that diverges.
     """
     seed, compute = params.seed, select_device(params.device, params.precision)
     with_backbone = not on_sensors(params.model.system)
@@ -221,22 +252,32 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path
     with torch.random.fork_rng():
         if with_backbone:
             backbone, linear, _ = pretrain_backbone(frames, params, compute)
-            pretrained = {"backbone": backbone.cpu().state_dict(), "classifier": linear.cpu().state_dict()}
+            pretrained = {
+                "backbone": backbone.cpu().state_dict(),
+                "classifier": linear.cpu().state_dict(),
+            }
         fitted = fit_classifier(frames, views, pretrained, params, compute, ask_network=False)
-    save_classifier(path, fitted.classifier, fitted.model, frames, compute.precision, fitted.temperature)
+    save_classifier(
+        path, fitted.classifier, fitted.model, frames, compute.precision, fitted.temperature
+    )
     return notes + fitted.notes
 
 
 def _distinct(y: Any) -> tuple[np.ndarray, np.ndarray]:
     """Distinct labels (Y,), sorted, and the index (n,) of each recording's label."""
     try:
-        with warnings.catch_warnings(action="ignore", category=UserWarning):  # of many objects of two recordings each
+        # of many objects of two recordings each
+        with warnings.catch_warnings(action="ignore", category=UserWarning):
             check_classification_targets(y)
         if y.dtype.kind in "UO":
-            y = np.array([tidy(label) if isinstance(label, str) else label for label in y], y.dtype.kind)
+            y = np.array(
+                [tidy(label) if isinstance(label, str) else label for label in y], y.dtype.kind
+            )
         classes, labels = np.unique(y, return_inverse=True)
     except TypeError:  # the labels have no order
-        raise UserError("y holds labels of different kinds; expected texts, or whole numbers") from None
+        raise UserError(
+            "y holds labels of different kinds; expected texts, or whole numbers"
+        ) from None
     if len(classes) < 2:
         raise UserError(one_class(classes[0], "y has"))
     return classes, labels

@@ -15,13 +15,22 @@ from tactile_viewgcn.messages import NEW_SESSION, Note, UserError, several
 from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import Member, Model, Params, on_sensors
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.recognition.calibration import Classifier, calibration_warning, network_temperature
+from tactile_viewgcn.recognition.calibration import (
+    Classifier,
+    calibration_warning,
+    network_temperature,
+)
 from tactile_viewgcn.recognition.left_out import LeftOut
 from tactile_viewgcn.recognition.network_member import NetworkMember
 from tactile_viewgcn.sensors.convolutions import SAMPLE
 from tactile_viewgcn.sensors.examples import Examples
 from tactile_viewgcn.sensors.features import every_few, is_array
-from tactile_viewgcn.sensors.representation import NETWORK, Representation, contact_unit, successive_noise
+from tactile_viewgcn.sensors.representation import (
+    NETWORK,
+    Representation,
+    contact_unit,
+    successive_noise,
+)
 from tactile_viewgcn.systems import load_system
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION, Frames, Views
@@ -59,22 +68,32 @@ def fit_classifier(
 ) -> Fitted:
     """Train the classifier that `params.model` names, and calibrate it where groups can be left out for that.
 
-    A network is calibrated on the validation side, a system on the sensors by cross-validation on the training side.
+    A network is calibrated on the validation side, a system on the sensors by cross-validation on
+    the training side.
 
     Args:
-        ask_network: `auto` has the member `network` for arrays, which takes minutes. For the other arguments see
-            `finetune_classifier`.
+        ask_network: `auto` has the member `network` for arrays, which takes minutes. For the other
+            arguments see `finetune_classifier`.
     """
     if on_sensors(params.model.system):
         return _fit_sensors(table, views, params, compute, ask_network=ask_network)
-    network, progress = finetune_classifier(table, views, pretrained, params, compute, checkpoint_path, on_epoch)
-    temperature = network_temperature(network, table, compute) if len(table.on(VALIDATION)) else None
+    network, progress = finetune_classifier(
+        table, views, pretrained, params, compute, checkpoint_path, on_epoch
+    )
+    temperature = (
+        network_temperature(network, table, compute) if len(table.on(VALIDATION)) else None
+    )
     remedy = "record objects more often, or raise finetune.epochs"
-    notes = [*calibration_warning(temperature, "validation groups", remedy), *_of_new_sessions(table, None, {})]
+    notes = [
+        *calibration_warning(temperature, "validation groups", remedy),
+        *_of_new_sessions(table, None, {}),
+    ]
     return Fitted(network, params.model, temperature, progress, notes)
 
 
-def _fit_sensors(table: Frames, views: Views, params: Params, compute: Compute, *, ask_network: bool) -> Fitted:
+def _fit_sensors(
+    table: Frames, views: Views, params: Params, compute: Compute, *, ask_network: bool
+) -> Fitted:
     """Fit the members to the training recordings, weighed where they are `auto`, and calibrate them."""
     begin, seed = time.perf_counter(), params.seed
     auto = params.model.members == "auto"
@@ -101,14 +120,18 @@ def _fit_sensors(table: Frames, views: Views, params: Params, compute: Compute, 
         weights, weighed = _weights(left, members)
         notes += weighed
     temperature = left.temperature(weights)
-    notes += calibration_warning(temperature, "left-out training groups", "record each object more often")
+    notes += calibration_warning(
+        temperature, "left-out training groups", "record each object more often"
+    )
     network = network if NETWORK in weights else None
     system = load_system(params.model.system)
     classifier = system.SensorClassifier([*weights], views.viewpoints, len(table.classes), network)
     classifier.fit(examples, [*weights.values()], seed)
     notes += _of_new_sessions(table, LeftOut(examples, table.session[first], seed), weights)
     model = replace(params.model, members=cast(list[Member], [*weights]))
-    return Fitted(classifier, model, temperature, Progress(seconds=time.perf_counter() - begin), notes)
+    return Fitted(
+        classifier, model, temperature, Progress(seconds=time.perf_counter() - begin), notes
+    )
 
 
 def members_of(model: Model, live: np.ndarray) -> list[str]:
@@ -137,16 +160,20 @@ def _wants_network(left: LeftOut, others: list[str], *, asked: bool) -> tuple[bo
     return bool(left.wrong(left.weighed(others)).any()), []
 
 
-def _network(left: LeftOut, member: NetworkMember, *, is_only: bool) -> tuple[ViewNetwork | None, list[Note]]:
+def _network(
+    left: LeftOut, member: NetworkMember, *, is_only: bool
+) -> tuple[ViewNetwork | None, list[Note]]:
     """Train the network, and give `left` its answers to the recordings that are left out.
 
-    It is left out as a whole where its trainings would pass more readings than are allowed, or one of them diverges.
+    It is left out as a whole where its trainings would pass more readings than are allowed, or one
+    of them diverges.
 
     Args:
         is_only: there is no other member, so that it is trained whatever it takes.
 
     Returns:
-        The network, trained on all training recordings, or None where it is left out; and notes on this.
+        The network, trained on all training recordings, or None where it is left out; and notes on
+            this.
 
     Raises:
         UserError: it is the only member, and a training diverges.
@@ -185,7 +212,14 @@ def _weights(left: LeftOut, members: list[str]) -> tuple[dict[str, float], list[
     for name in sorted(members, key=lambda name: -weights.get(name, 0)):
         weight, error = weights.get(name, 0), float(left.wrong({name: 1}).mean())
         text = f"{name}: weight {weight:.2g}; alone {100 * error:.1f} % of whole recordings wrong"
-        notes.append(Note(text, topic="members", key=key, value={"member": name, "weight": weight, "error": error}))
+        notes.append(
+            Note(
+                text,
+                topic="members",
+                key=key,
+                value={"member": name, "weight": weight, "error": error},
+            )
+        )
     return weights, notes
 
 
@@ -195,7 +229,8 @@ def _of_new_sessions(table: Frames, left: LeftOut | None, weights: dict[str, flo
     There is none where the test itself is of new sessions, or the training of one.
 
     Args:
-        left: its groups are the sessions of the training recordings; None of a network, which cannot leave out one.
+        left: its groups are the sessions of the training recordings; None of a network, which
+            cannot leave out one.
     """
     trained, tested = (np.unique(table.session[table.on(side)]) for side in (TRAIN, TEST))
     if len(trained) < 2 or not np.isin(tested, trained).any() or (left and not left.answered.any()):
@@ -204,7 +239,10 @@ def _of_new_sessions(table: Frames, left: LeftOut | None, weights: dict[str, flo
         text = f"no network was trained without a session: split.by=session measures the error for {NEW_SESSION}"
         return [Note(text, topic="new session")]
     wrong = left.wrong(weights)
-    low, high = proportion_interval(wrong, np.arange(len(wrong)), stream(0, "new session")) or (None, None)
+    low, high = proportion_interval(wrong, np.arange(len(wrong)), stream(0, "new session")) or (
+        None,
+        None,
+    )
     mean = float(wrong.mean())
     text = f"{percent_interval(mean, low, high)} % of whole recordings of {NEW_SESSION} wrong; "
     text += f"{len(wrong)} training sessions, each left out of the fits that answer it"
@@ -223,7 +261,11 @@ def training_recordings(table: Frames) -> list[np.ndarray]:
 
 
 def examples_of(
-    table: Frames, recordings: list[np.ndarray], members: Iterable[str], sizes: Sequence[int], seed: int
+    table: Frames,
+    recordings: list[np.ndarray],
+    members: Iterable[str],
+    sizes: Sequence[int],
+    seed: int,
 ) -> Examples:
     """The examples of training recordings, whole and as view sets of the given numbers of frames."""
 
@@ -235,6 +277,8 @@ def examples_of(
     representation = Representation.of(table.live, sample, contact_unit(sample, noise))
     if "convolutions" in members:
         drawn = np.random.default_rng(seed).permutation(len(recordings))[:SAMPLE]
-        representation.convolutions.fit([representation.scaled(read(number)) for number in drawn.tolist()], seed)
+        representation.convolutions.fit(
+            [representation.scaled(read(number)) for number in drawn.tolist()], seed
+        )
     labels = table.label[[index[0] for index in recordings]].astype(np.int64)
     return Examples(read, labels, representation, sizes, len(table.classes), seed)

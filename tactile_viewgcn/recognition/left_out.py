@@ -1,6 +1,7 @@
 """Answers to recordings that are left out of the fits: the weights of the members and their calibration rest on them.
 
-Nothing is pretrained for the members, so that a group can be left out of all that is fitted to labels.
+Nothing is pretrained for the members, so that a group can be left out of all that is fitted to
+labels.
 """
 
 from collections.abc import Sequence
@@ -28,21 +29,26 @@ class LeftOut:
     Attributes:
         folds: masks bool (R,) of the recordings that are left out together.
         answered: bool (R,) recordings by whose answers everything here is measured.
-        shares: by member, probabilities (R, classes), means over a recording's points; 0 of recordings that were never
-            left out.
+        shares: by member, probabilities (R, classes), means over a recording's points; 0 of
+            recordings that were never left out.
     """
 
     def __init__(self, examples: Examples, groups: np.ndarray, seed: int):
         self.examples, self.groups, self._seed = examples, groups, seed
         self.folds = left_out(groups, examples.labels, FOLDS)
-        self.answered = np.any(self.folds, axis=0) if self.folds else np.zeros(len(groups), dtype=bool)
+        self.answered = (
+            np.any(self.folds, axis=0) if self.folds else np.zeros(len(groups), dtype=bool)
+        )
         self.shares = dict[str, np.ndarray]()
 
     def answers(self, members: Sequence[str]) -> list[np.ndarray]:
         """The `shares` (n, classes) of some members for the answered recordings; each member's are computed once."""
         for member in set(members) - self.shares.keys():
             examples, (points, recording) = self.examples, self.examples.of_recordings(member)
-            shares, label = np.zeros((len(points), examples.classes), dtype=np.float32), examples.labels[recording]
+            shares, label = (
+                np.zeros((len(points), examples.classes), dtype=np.float32),
+                examples.labels[recording],
+            )
             for fold in steps(self.folds, f"{member}, groups left out", "folds"):
                 left = fold[recording]
                 estimator = examples.representation.estimator(member, quick=True)
@@ -63,7 +69,9 @@ class LeftOut:
 
         Members of little weight are left out, and the others are weighed anew.
         """
-        weights = fit_weights(log_shares(self.answers(members)), self.examples.labels[self.answered])
+        weights = fit_weights(
+            log_shares(self.answers(members)), self.examples.labels[self.answered]
+        )
         enough = weights >= LEAST_WEIGHT * weights.max()
         if enough.all():
             return dict(zip(members, weights.tolist(), strict=True))
@@ -71,7 +79,11 @@ class LeftOut:
 
     def temperature(self, weights: dict[str, float]) -> float | None:
         """The temperature of the weighed sum, fitted to the answers; None without any."""
-        return fit_temperature(self._sum(weights), self.examples.labels[self.answered]) if self.answered.any() else None
+        return (
+            fit_temperature(self._sum(weights), self.examples.labels[self.answered])
+            if self.answered.any()
+            else None
+        )
 
     def _sum(self, weights: dict[str, float]) -> np.ndarray:
         """The weighed sum (n, classes) of log-probabilities."""

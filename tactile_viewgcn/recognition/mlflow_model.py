@@ -22,25 +22,33 @@ class RecogniserModel:
     def __init__(self, recogniser: Recogniser):
         self.recogniser = recogniser
 
-    def predict(self, model_input: dict[str, np.ndarray], params: dict[str, Any] | None = None) -> "DataFrame":
+    def predict(
+        self, model_input: dict[str, np.ndarray], params: dict[str, Any] | None = None
+    ) -> "DataFrame":
         """Class probabilities of `model_input["recordings"]`, a recording a row.
 
         Each is an array or nested lists of (frames, rows, columns) or (frames, channels).
 
         Raises:
-            MlflowException: has the recogniser's one line; MLflow's server answers with it and status 400.
+            MlflowException: has the recogniser's one line; MLflow's server answers with it and
+                status 400.
         """
         from pandas import DataFrame  # comes with MLflow
 
         recogniser, rows = self.recogniser, model_input["recordings"]
         try:
-            counts = (row.tolist() if isinstance(row, np.ndarray) else row for row in rows)  # also an array of objects
-            recordings = [recording_of(each, f"recording {number}") for number, each in enumerate(counts)]
+            # also an array of objects
+            counts = (row.tolist() if isinstance(row, np.ndarray) else row for row in rows)
+            recordings = [
+                recording_of(each, f"recording {number}") for number, each in enumerate(counts)
+            ]
             answers, _ = recogniser.answer_recordings(recordings)
         except UserError as error:
             raise bad_request(str(error)) from None
         shares = [answer.probabilities for answer in answers]
-        return DataFrame(np.reshape(shares, (-1, len(recogniser.classes))), columns=recogniser.classes)
+        return DataFrame(
+            np.reshape(shares, (-1, len(recogniser.classes))), columns=recogniser.classes
+        )
 
 
 def _load_pyfunc(path: str) -> RecogniserModel:

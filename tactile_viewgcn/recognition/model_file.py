@@ -1,12 +1,13 @@
 """The file of a trained classifier: what it has learnt, and all that is needed to use it on raw counts.
 
-It holds tensors and plain values, read with `weights_only=True`: loading runs no code. Its last bytes are a digest of
-all others, so that damage anywhere is noticed.
+It holds tensors and plain values, read with `weights_only=True`: loading runs no code. Its last
+bytes are a digest of all others, so that damage anywhere is noticed.
 
-It also holds a few frames of three recordings of the training and the answers to them: to whole recordings, and of a
-classifier on the sensors to view sets of every size too. They must come out again when the file is loaded. So a file is
-refused if its values were altered such that one of these answers changes, or if this version's code reads it
-differently. An altered value that changes none of them, as of a branch that no example takes, is not noticed.
+It also holds a few frames of three recordings of the training and the answers to them: to whole
+recordings, and of a classifier on the sensors to view sets of every size too. They must come out
+again when the file is loaded. So a file is refused if its values were altered such that one of
+these answers changes, or if this version's code reads it differently. An altered value that changes
+none of them, as of a branch that no example takes, is not noticed.
 """
 
 import hashlib
@@ -27,7 +28,14 @@ from tactile_viewgcn.device import select_device
 from tactile_viewgcn.files import readable, write_file
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.nn.network import ViewNetwork, spread_frames
-from tactile_viewgcn.params import Cluster, Model, PreprocessSection, default_params, on_sensors, preset_changes
+from tactile_viewgcn.params import (
+    Cluster,
+    Model,
+    PreprocessSection,
+    default_params,
+    on_sensors,
+    preset_changes,
+)
 from tactile_viewgcn.recognition.calibration import Classifier, recording_answer
 from tactile_viewgcn.sensors.representation import NETWORK
 from tactile_viewgcn.systems import load_system, system_class
@@ -41,32 +49,42 @@ UNFIT = (
     "name a file such as models/classifier.pt, or train again by the line that `tactile-viewgcn inspect` prints",
 )
 EXAMPLES, EXAMPLE_FRAMES = 3, 8  # stored recordings, and frames of each
-CLOSE = {"float32": 1e-3, "bfloat16": 0.1}  # by precision, difference of probabilities between two processors
+# by precision, difference of probabilities between two processors
+CLOSE = {"float32": 1e-3, "bfloat16": 0.1}
 STRONG_SHARE = 0.01  # of the readings are above a recording's strong reading
 STRONG_FRAMES = 2000  # that are used for the strong readings
 DIGEST = hashlib.sha256().digest_size
 ARRAYS = ConfigDict(arbitrary_types_allowed=True, extra="forbid", hide_input_in_errors=True)
 
 
-def build_classifier(viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int]) -> Classifier:
+def build_classifier(
+    viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int]
+) -> Classifier:
     """The classifier for viewpoints (V, 3) and frames (H, W); weights come from torch's default generator.
 
-    It is a network on the backbone, or a classifier of what the sensors read, with the same attributes and methods:
+    It is a network on the backbone, or a classifier of what the sensors read, with the same
+    attributes and methods:
 
     - `views`: V. `viewpoints`: (V, 3).
     - `transform`: of frames to the input that it reads, see `network_input`; None for the table's.
     - `prepare(compute)`: puts it on a device, ready for the answers below.
     - `frame_values(inputs)`: values (n, ...) of frames (n, H, W), each alone.
-    - `view_sets(values, sets)`: logits float32 (A, classes) of view sets (A, k) of indices into these values.
-    - `recording(values, points)`: logits float32 (classes,) of a recording, by the values of its frames in the order of
-      time, and by their network input (T, S) at the live sensors, from which a network clusters them.
+    - `view_sets(values, sets)`: logits float32 (A, classes) of view sets (A, k) of indices into
+      these values.
+    - `recording(values, points)`: logits float32 (classes,) of a recording, by the values of its
+      frames in the order of time, and by their network input (T, S) at the live sensors, from which
+      a network clusters them.
     - `takes_fewer`: whether `view_sets` also answers fewer frames than V.
     """
     if on_sensors(model.system):
         network: Any = None
         if NETWORK in model.members:
-            network = build_classifier(viewpoints, classes, default_params(tuple(preset_changes(NETWORK))).model, shape)
-        return load_system(model.system).SensorClassifier(model.members, np.asarray(viewpoints), classes, network)
+            network = build_classifier(
+                viewpoints, classes, default_params(tuple(preset_changes(NETWORK))).model, shape
+            )
+        return load_system(model.system).SensorClassifier(
+            model.members, np.asarray(viewpoints), classes, network
+        )
     return ViewNetwork(system_class(model.system), viewpoints, classes, model, shape)
 
 
@@ -79,8 +97,10 @@ class FittedPreprocessing:
         kept_share: share of the training's frames that the filter keeps.
         dtype: of the counts.
         strong_readings: see the function of this name.
-        least_change: the smallest `change_between_frames` above 0 of the training's recordings; 0: not known.
-        rates: lowest and highest frame rate of the training's recordings in Hz; 0 and infinity without times.
+        least_change: the smallest `change_between_frames` above 0 of the training's recordings; 0:
+            not known.
+        rates: lowest and highest frame rate of the training's recordings in Hz; 0 and infinity
+            without times.
         channel_names: names of the sensors, row after row, or none.
         live: bool (H, W) sensors.
         noise: (H, W) standard deviation of the baseline in counts, 0 where it was not measured.
@@ -104,15 +124,38 @@ class FittedPreprocessing:
         train, dtype = frames.on(TRAIN), cast(Any, str(frames.counts.dtype))
         pairs = np.unique(np.stack([frames.session[train], frames.baseline[train]], axis=1), axis=0)
         baselines = {
-            frames.sessions[session]: frames.baseline_mean[pairs[pairs[:, 0] == session, 1]].mean(axis=0)
+            frames.sessions[session]: frames.baseline_mean[pairs[pairs[:, 0] == session, 1]].mean(
+                axis=0
+            )
             for session in np.unique(pairs[:, 0])
         }
         params, noise = PreprocessSection(**frames.preprocess), np.nan_to_num(frames.noise)
-        rates = sorted(frame_rates(frames.time[train], frames.recording[train]).values()) or [0.0, np.inf]
-        names, readings, rates = frames.channel_names or [], strong_readings(frames), [rates[0], rates[-1]]
-        changes = [change_between_frames(frames.counts[index], frames.live) for index in _by_recording(frames, train)]
+        rates = sorted(frame_rates(frames.time[train], frames.recording[train]).values()) or [
+            0.0,
+            np.inf,
+        ]
+        names, readings, rates = (
+            frames.channel_names or [],
+            strong_readings(frames),
+            [rates[0], rates[-1]],
+        )
+        changes = [
+            change_between_frames(frames.counts[index], frames.live)
+            for index in _by_recording(frames, train)
+        ]
         least = min((change for change in changes if change > 0), default=0.0)
-        return cls(params, frames.kept_share, dtype, readings, rates, names, frames.live, noise, baselines, least)
+        return cls(
+            params,
+            frames.kept_share,
+            dtype,
+            readings,
+            rates,
+            names,
+            frames.live,
+            noise,
+            baselines,
+            least,
+        )
 
     def mean_baseline(self) -> np.ndarray:
         """Mean (H, W) of the baselines of the training's sessions."""
@@ -125,12 +168,14 @@ class Content:
 
     Attributes:
         examples: counts (R, T, H, W) of frames in contact of a few training recordings.
-        answers: (R, S, classes) class probabilities of one frame of the examples, of two and so on up to V, and of all
-            frames, above the training's mean baseline.
-        set_answers: (R, S - 1, classes) those of view sets of one frame, of two and so on up to V; None for a network,
-            which has no weights of its own for view sets, and in a file of an earlier version.
-        clusters: how a network clusters a whole recording: as in its training. None where it does not, and in a file of
-            an earlier version, whose networks were given sets that are spread over the recording.
+        answers: (R, S, classes) class probabilities of one frame of the examples, of two and so on
+            up to V, and of all frames, above the training's mean baseline.
+        set_answers: (R, S - 1, classes) those of view sets of one frame, of two and so on up to V;
+            None for a network, which has no weights of its own for view sets, and in a file of an
+            earlier version.
+        clusters: how a network clusters a whole recording: as in its training. None where it does
+            not, and in a file of an earlier version, whose networks were given sets that are spread
+            over the recording.
     """
 
     learnt: dict[str, Any]
@@ -158,7 +203,10 @@ class Content:
     def answers_now(self, classifier: Classifier) -> np.ndarray:
         """The classifier's `answers` now. The frames of an example are repeated until they are a whole recording."""
         count = max(EXAMPLE_FRAMES, int(np.ceil(getattr(classifier, "short", 0))))
-        parts = [spread_frames(EXAMPLE_FRAMES, size) for size in (*powers_of_two(classifier.views), count)]
+        parts = [
+            spread_frames(EXAMPLE_FRAMES, size)
+            for size in (*powers_of_two(classifier.views), count)
+        ]
         excess = self.examples - self.preprocessing.mean_baseline()
         return np.exp([[self.answer(classifier, each[part]) for part in parts] for each in excess])
 
@@ -166,12 +214,16 @@ class Content:
         """The classifier's `set_answers` now."""
         if not on_sensors(self.model.system):
             return None
-        sets = [spread_frames(EXAMPLE_FRAMES, size)[None] for size in powers_of_two(classifier.views)]
+        sets = [
+            spread_frames(EXAMPLE_FRAMES, size)[None] for size in powers_of_two(classifier.views)
+        ]
         excess = self.examples - self.preprocessing.mean_baseline()
         answers = list[list[np.ndarray]]()
         with np.errstate(all="ignore"):
             for frames in excess:
-                values: Any = classifier.frame_values(network_input(frames, self.transform, self.scale))
+                values: Any = classifier.frame_values(
+                    network_input(frames, self.transform, self.scale)
+                )
                 answers.append([softmax(classifier.view_sets(values, each)[0]) for each in sets])
         return np.array(answers)
 
@@ -183,7 +235,11 @@ class Content:
 
     def _check(self, stored: np.ndarray, now: np.ndarray | None) -> None:
         """Raise a ValueError unless the largest difference of two arrays of probabilities is small."""
-        if now is None or stored.shape != now.shape or not np.abs(stored - now).max() <= CLOSE[self.precision]:
+        if (
+            now is None
+            or stored.shape != now.shape
+            or not np.abs(stored - now).max() <= CLOSE[self.precision]
+        ):
             raise ValueError("the answers to its own recordings do not come out again")
 
     def classifier(self) -> Classifier:
@@ -192,7 +248,9 @@ class Content:
         with torch.device("meta"):  # where weights take no memory and no random numbers
             classifier = build_classifier(viewpoints, len(self.classes), self.model, live.shape)
         if isinstance(classifier, torch.nn.Module):
-            classifier.load_state_dict(_converted(self.learnt, np.ndarray, torch.from_numpy), assign=True)
+            classifier.load_state_dict(
+                _converted(self.learnt, np.ndarray, torch.from_numpy), assign=True
+            )
             classifier.transform = self.transform
             if self.clusters is not None:
                 classifier.clusters = RecordingClusters(self.clusters)
@@ -261,7 +319,9 @@ def _examples(frames: Frames) -> np.ndarray:
     """Counts (3, 8, H, W) of recordings that are evenly spread over the training side, and of frames over each."""
     recordings = _by_recording(frames, frames.on(TRAIN))
     chosen = [recordings[number] for number in spread_frames(len(recordings), EXAMPLES)]
-    return np.stack([frames.counts[index[spread_frames(len(index), EXAMPLE_FRAMES)]] for index in chosen])
+    return np.stack(
+        [frames.counts[index[spread_frames(len(index), EXAMPLE_FRAMES)]] for index in chosen]
+    )
 
 
 def _by_recording(frames: Frames, index: np.ndarray) -> list[np.ndarray]:

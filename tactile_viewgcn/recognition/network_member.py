@@ -1,6 +1,7 @@
 """The member `network`: the preset of this name, trained with each fold left out, if its work is allowed.
 
-The work is counted, not timed: which members a classifier has does not depend on how busy the machine is.
+The work is counted, not timed: which members a classifier has does not depend on how busy the
+machine is.
 """
 
 from dataclasses import replace
@@ -18,8 +19,9 @@ from tactile_viewgcn.tables.frames import TEST, TRAIN, Frames, Views
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 
-#: By kind of device, the readings that all trainings of the network may pass through it. On one core of an AMD EPYC a
-#: reading took 3.2 microseconds, in frames of 16 x 16 to 64 x 64: these are 53 minutes. A GPU took a tenth of the time.
+#: By kind of device, the readings that all trainings of the network may pass through it. On one
+#: core of an AMD EPYC a reading took 3.2 microseconds, in frames of 16 x 16 to 64 x 64: these are
+#: 53 minutes. A GPU took a tenth of the time.
 MOST_READINGS = {"cpu": 1e9, "cuda": 1e10}
 NONE = np.zeros(0, dtype=int)
 
@@ -31,7 +33,9 @@ class NetworkMember:
         recordings: indices of the frames of each training recording.
     """
 
-    def __init__(self, table: Frames, views: Views, recordings: list[np.ndarray], seed: int, compute: Compute):
+    def __init__(
+        self, table: Frames, views: Views, recordings: list[np.ndarray], seed: int, compute: Compute
+    ):
         self.params = default_params((*preset_changes(NETWORK), f"seed={seed}"))
         self.table = replace(table, transform=self.params.preprocess.transform)
         self.views, self.recordings, self.compute = views.unclustered(), recordings, compute
@@ -72,7 +76,9 @@ class NetworkMember:
             pool = np.repeat(np.arange(len(recordings)), [len(frames) for frames in recordings])
             network = self.train(index)
             values = network.frame_values(Gathered(self.table.inputs, index))
-            shares[fold] = np.exp(recording_answers(network, None, values, self.table.points(index), pool))
+            shares[fold] = np.exp(
+                recording_answers(network, None, values, self.table.points(index), pool)
+            )
         return shares
 
     def train(self, left: np.ndarray = NONE) -> ViewNetwork:

@@ -1,7 +1,8 @@
 """Random convolutions over time, and a ridge classifier on them: MiniRocket (Dempster et al., arXiv 2012.08791).
 
-The 84 kernels have nine weights, three of them 2 and the others -1. Each is dilated and reads the sum of up to nine
-channels at random; its features are the shares of the recording in which it exceeds each of its biases.
+The 84 kernels have nine weights, three of them 2 and the others -1. Each is dilated and reads the
+sum of up to nine channels at random; its features are the shares of the recording in which it
+exceeds each of its biases.
 """
 
 from collections.abc import Sequence
@@ -19,7 +20,8 @@ FEATURES, MOST_DILATIONS, MOST_CHANNELS = 10_000, 8, 9
 SAMPLE = 20  # recordings whose quantiles are the biases
 GOLDEN = (5**0.5 + 1) / 2  # its multiples, less their whole parts, cover 0 to 1 evenly
 PENALTIES = np.logspace(-3, 3, 10)  # of ridge regression, chosen by leaving one recording out
-SHARPNESS = 4.0  # of the softmax of its values, which are -1 for a wrong class and 1 for the right one
+# of the softmax of its values, which are -1 for a wrong class and 1 for the right one
+SHARPNESS = 4.0
 
 
 class Convolutions(Arrays):
@@ -44,7 +46,11 @@ class Convolutions(Arrays):
         self.channels = rng.random((*shape, sensors)).argsort(axis=2).argsort(axis=2) < sizes
         quantiles = np.arange(1, 1 + max(1, FEATURES // (shape[0] * shape[1]))) * GOLDEN % 1
         biases = [
-            np.quantile(np.concatenate([self._convolved(each, *pair) for each in sample], axis=1), quantiles, axis=1).T
+            np.quantile(
+                np.concatenate([self._convolved(each, *pair) for each in sample], axis=1),
+                quantiles,
+                axis=1,
+            ).T
             for pair in zip(self.dilations, self.channels, strict=True)
         ]
         self.biases = np.stack(biases).astype(np.float32)
@@ -53,21 +59,33 @@ class Convolutions(Arrays):
     def features(self, readings: np.ndarray) -> np.ndarray:
         """Shares float32 (D N B,) of the frames of a recording of readings (T, F)."""
         shares = []
-        for dilation, channels, biases in zip(self.dilations, self.channels, self.biases, strict=True):
+        for dilation, channels, biases in zip(
+            self.dilations, self.channels, self.biases, strict=True
+        ):
             values = np.sort(self._convolved(readings, dilation, channels), axis=1)
-            below = [np.searchsorted(*pair, side="right") for pair in zip(values, biases, strict=True)]
+            below = [
+                np.searchsorted(*pair, side="right") for pair in zip(values, biases, strict=True)
+            ]
             shares.append(1 - np.concatenate(below) / values.shape[1])
         return np.concatenate(shares).astype(np.float32)
 
     def _convolved(self, readings: np.ndarray, dilation: int, channels: np.ndarray) -> np.ndarray:
         """Values float32 (84, T) of all kernels with one dilation.
 
-        The sums are in float64, so that a value that equals a bias does so in whatever order a processor adds.
+        The sums are in float64, so that a value that equals a bias does so in whatever order a
+        processor adds.
         """
-        summed, reach = channels.astype(np.float64) @ readings.T.astype(np.float64), LENGTH // 2 * int(dilation)
+        summed, reach = (
+            channels.astype(np.float64) @ readings.T.astype(np.float64),
+            LENGTH // 2 * int(dilation),
+        )
         padded = np.pad(summed, ((0, 0), (reach, reach)))
-        moved = np.stack([padded[:, place * dilation :][:, : summed.shape[1]] for place in range(LENGTH)])
-        return (3 * moved[PLACES.T, np.arange(len(PLACES))].sum(axis=0) - moved.sum(axis=0)).astype(np.float32)
+        moved = np.stack(
+            [padded[:, place * dilation :][:, : summed.shape[1]] for place in range(LENGTH)]
+        )
+        return (3 * moved[PLACES.T, np.arange(len(PLACES))].sum(axis=0) - moved.sum(axis=0)).astype(
+            np.float32
+        )
 
 
 class Ridge(Estimator):

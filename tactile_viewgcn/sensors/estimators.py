@@ -16,7 +16,8 @@ TINY = np.finfo(np.float32).tiny
 class Arrays:
     """Base of what is fitted: its arrays are kept in a file, contiguous, so that answers are equal to the last digit.
 
-    Letters in their descriptions: F is the length of a point, K the number of classes fitted to, S of live sensors.
+    Letters in their descriptions: F is the length of a point, K the number of classes fitted to, S
+    of live sensors.
     """
 
     def state_dict(self) -> dict[str, np.ndarray]:
@@ -48,8 +49,9 @@ class Estimator(Arrays):
 
 
 class Forest(Estimator):
-    """Extremely randomised trees (Geurts et al. 2006), grown by scikit-learn and evaluated all at once.
-    The nodes of all trees are numbered in one sequence, a parent before its children. A leaf is its own child.
+    """Extremely randomised trees (Geurts et al. 2006), grown by scikit-learn and evaluated all at
+    once. The nodes of all trees are numbered in one sequence, a parent before its children. A leaf
+    is its own child.
 
     Attributes:
         roots: (T,) node at which each tree begins.
@@ -65,9 +67,12 @@ class Forest(Estimator):
     def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
         from sklearn.ensemble import ExtraTreesClassifier
 
-        with warnings.catch_warnings(record=True):  # its threads empty each other's list of filters, and warn of it
+        # its threads empty each other's list of filters, and warn of it
+        with warnings.catch_warnings(record=True):
             warnings.resetwarnings()  # no filter makes that an error, whichever list a thread has
-            grown = ExtraTreesClassifier(self._trees, random_state=seed, n_jobs=-1).fit(points, labels)
+            grown = ExtraTreesClassifier(self._trees, random_state=seed, n_jobs=-1).fit(
+                points, labels
+            )
         left, right, feature, threshold, shares = (
             np.concatenate([getattr(each.tree_, name) for each in grown.estimators_])
             for name in ("children_left", "children_right", "feature", "threshold", "value")
@@ -75,14 +80,22 @@ class Forest(Estimator):
         sizes = np.array([each.tree_.node_count for each in grown.estimators_])
         self.classes, self.roots = grown.classes_, np.cumsum(sizes) - sizes
         inner, node, start = left >= 0, np.arange(len(left)), np.repeat(self.roots, sizes)
-        self.left, self.right = np.where(inner, left + start, node), np.where(inner, right + start, node)
+        self.left, self.right = (
+            np.where(inner, left + start, node),
+            np.where(inner, right + start, node),
+        )
         self.feature, self.threshold = np.where(inner, feature, 0), np.where(inner, threshold, 0)
         self.leaf, self.shares = np.cumsum(~inner) - 1, shares[~inner, 0].astype(np.float32)
         return self
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
-        points, total = np.ascontiguousarray(points, dtype=np.float32), np.zeros((len(points), len(self.classes)))
-        for roots in np.array_split(self.roots, max(1, -(-len(self.roots) * len(points) // MOST_PATHS))):
+        points, total = (
+            np.ascontiguousarray(points, dtype=np.float32),
+            np.zeros((len(points), len(self.classes))),
+        )
+        for roots in np.array_split(
+            self.roots, max(1, -(-len(self.roots) * len(points) // MOST_PATHS))
+        ):
             total += self.shares[self.leaf[self._ends(points, roots)]].sum(axis=0, dtype=np.float64)
         return total / len(self.roots)
 

@@ -7,15 +7,18 @@ import numpy as np
 from tactile_viewgcn.progress import steps
 from tactile_viewgcn.sensors.representation import OF_FRAMES, Representation
 
-SETS, MOST_SETS = 4, 300  # view sets of a size: of each recording, and about as many in all; at least one of each
-MOST_FRAMES, LEAST_FRAMES = 2000, 8  # of which view sets are drawn and single frames are taken; of a recording
+# view sets of a size: of each recording, and about as many in all; at least one of each
+SETS, MOST_SETS = 4, 300
+# of which view sets are drawn and single frames are taken; of a recording
+MOST_FRAMES, LEAST_FRAMES = 2000, 8
 
 
 class Examples:
     """Training recordings as the members read them: whole, as single frames, and as random view sets.
 
     Args:
-        read: function from a recording's number to its counts (T, S) above baseline, in the order of time.
+        read: function from a recording's number to its counts (T, S) above baseline, in the order
+            of time.
         labels: (R,) class of each recording.
         representation: fitted to the recordings.
         sizes: numbers of frames in view sets.
@@ -24,7 +27,8 @@ class Examples:
 
     Attributes:
         lengths: (R,) frames of each recording.
-        frames: (N, S) scaled readings of a sample of frames; frame_recording: (N,) recording of each.
+        frames: (N, S) scaled readings of a sample of frames; frame_recording: (N,) recording of
+            each.
         sets: by number of frames k, view sets (M, k) of indices into `frames`.
     """
 
@@ -38,7 +42,12 @@ class Examples:
         seed: int,
     ):
         rng, numbers = np.random.default_rng(seed), np.arange(len(labels))
-        self.labels, self.classes, self.representation, self._read = labels, classes, representation, read
+        self.labels, self.classes, self.representation, self._read = (
+            labels,
+            classes,
+            representation,
+            read,
+        )
         self._points: dict[str, np.ndarray] = {}
         most = max(2 * max(sizes), LEAST_FRAMES, MOST_FRAMES // len(labels))
         sample, lengths = list[np.ndarray](), list[int]()
@@ -52,7 +61,13 @@ class Examples:
         members = [np.flatnonzero(self.frame_recording == number) for number in numbers]
         sets = max(1, min(SETS, MOST_SETS // len(labels)))
         self.sets = {
-            size: np.stack([rng.choice(each, size, replace=len(each) < size) for each in members for _ in range(sets)])
+            size: np.stack(
+                [
+                    rng.choice(each, size, replace=len(each) < size)
+                    for each in members
+                    for _ in range(sets)
+                ]
+            )
             for size in sizes
         }
 
@@ -73,4 +88,6 @@ class Examples:
     def of_sets(self, member: str, size: int) -> tuple[np.ndarray, np.ndarray]:
         """Points (M, F) that a member reads of view sets, and the recording (M,) of each."""
         sets = self.sets[size]
-        return self.representation.of_sets(member, self.frames[sets]), self.frame_recording[sets[:, 0]]
+        return self.representation.of_sets(member, self.frames[sets]), self.frame_recording[
+            sets[:, 0]
+        ]

@@ -1,7 +1,7 @@
 """Statistics of recordings and view sets (B, T, S): the input of trees, kernels and support vector machines.
 
-Channels are few sensors of any kind, whose readings are in standard deviations from the channel's mean. An array has
-many of one kind, whose readings are in units of its glove.
+Channels are few sensors of any kind, whose readings are in standard deviations from the channel's
+mean. An array has many of one kind, whose readings are in units of its glove.
 """
 
 import numpy as np
@@ -11,7 +11,8 @@ LEAST_SIDE, LEAST_SENSORS = 4, 64  # rows and columns, and live sensors, of an a
 DEAD_ZONE = 2.0  # units; a weaker reading counts as noise
 WINDOWS, TENTH = 4, 10  # equal windows in time; first and last tenth of the frames
 LEAST_SPREAD = 0.05  # of a channel's standard deviation: spreads below it are alike
-BLOCKS, LIVE_SHARE = (2, 4, 8), 0.5  # rows and columns of a block; of its cells that are live, at least
+# rows and columns of a block; of its cells that are live, at least
+BLOCKS, LIVE_SHARE = (2, 4, 8), 0.5
 
 
 def every_few(frames: np.ndarray) -> np.ndarray:
@@ -36,7 +37,9 @@ def block_weights(live: np.ndarray) -> np.ndarray:
     for size in BLOCKS:
         number = rows // size * live.shape[1] + columns // size
         members = number[:, None] == np.unique(number)
-        weights.append((members / members.sum(axis=0))[:, members.sum(axis=0) >= LIVE_SHARE * size**2])
+        weights.append(
+            (members / members.sum(axis=0))[:, members.sum(axis=0) >= LIVE_SHARE * size**2]
+        )
     return np.concatenate(weights, axis=1).astype(np.float32)
 
 
@@ -46,7 +49,9 @@ def array_maps(readings: np.ndarray, blocks: np.ndarray) -> np.ndarray:
     So neighbouring sensors count as more alike than distant ones.
     """
     values = pressed(readings)
-    return np.concatenate([with_blocks(map, blocks) for map in (values.mean(axis=1), values.max(axis=1))], axis=1)
+    return np.concatenate(
+        [with_blocks(map, blocks) for map in (values.mean(axis=1), values.max(axis=1))], axis=1
+    )
 
 
 def with_blocks(points: np.ndarray, blocks: np.ndarray) -> np.ndarray:
@@ -66,8 +71,8 @@ def unordered(readings: np.ndarray) -> np.ndarray:
 def in_time(readings: np.ndarray) -> np.ndarray:
     """Nine statistics (B, 9 S) of channels in the order of time.
 
-    The five of `unordered`; the logarithm of the mean absolute change between frames; the slope over the recording; the
-    means of the first and of the last tenth.
+    The five of `unordered`; the logarithm of the mean absolute change between frames; the slope
+    over the recording; the means of the first and of the last tenth.
     """
     time = np.linspace(-1, 1, readings.shape[1]) if readings.shape[1] > 1 else np.zeros(1)
     slope = np.einsum("t,bts->bs", time, readings) / max(float((time**2).sum()), 1.0)

@@ -11,7 +11,8 @@ from tactile_viewgcn.sensors.estimators import MOST_POINTS, Estimator, sampled
 
 WIDTH, RIDGE, SHARPNESS = 2.0, 0.3, 8.0  # of kernel ridge regression
 C = 10.0  # of the support vector machines
-LEAST_WITHIN, ROUNDING = 0.05, 1e-9  # of a standardised feature's spread within classes; of a feature's size
+# of a standardised feature's spread within classes; of a feature's size
+LEAST_WITHIN, ROUNDING = 0.05, 1e-9
 
 
 class Kernel(Estimator):
@@ -77,7 +78,8 @@ class KernelRidge(Kernel):
 class SupportVectors(Kernel):
     """One machine for each pair of classes (scikit-learn's SVC, C = 10), with the kernel exp(-d^2 / (F v)).
 
-    v is the variance of all values of the points (n, F). Probabilities are the softmax of the classes' votes.
+    v is the variance of all values of the points (n, F). Probabilities are the softmax of the
+    classes' votes.
 
     Attributes:
         class_of: (M,) index into `classes` of each support vector.
@@ -91,11 +93,15 @@ class SupportVectors(Kernel):
         points, labels = sampled(points, labels, seed)
         spread = float(points.var()) * points.shape[1]
         kernel = self.centred(points, 1 / spread if spread else 1.0).kernel(points)
-        with warnings.catch_warnings(action="ignore", category=UserWarning):  # of many objects of two recordings each
+        # of many objects of two recordings each
+        with warnings.catch_warnings(action="ignore", category=UserWarning):
             machines = SVC(C=C, kernel="precomputed", cache_size=500).fit(kernel, labels)
         self.classes = machines.classes_
         self.class_of = np.repeat(np.arange(len(self.classes)), machines.n_support_)
-        self.points, self.half_squares = self.points[machines.support_], self.half_squares[machines.support_]
+        self.points, self.half_squares = (
+            self.points[machines.support_],
+            self.half_squares[machines.support_],
+        )
         self.weights = machines.dual_coef_.T.astype(np.float32, order="C")
         self.offsets = machines.intercept_.astype(np.float32)
         return self
@@ -103,27 +109,30 @@ class SupportVectors(Kernel):
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
         """See `Estimator`; all pairs of classes are compared at once."""
         kernel, classes = self.kernel(points), len(self.classes)
-        parts = np.zeros((classes, len(points), classes), dtype=np.float32)  # of a margin, by a class against another
+        # of a margin, by a class against another
+        parts = np.zeros((classes, len(points), classes), dtype=np.float32)
         for number in range(classes):
             members = np.flatnonzero(self.class_of == number)
             others = np.delete(np.arange(classes), number)
             parts[number][:, others] = kernel[:, members] @ self.weights[members]
         first, second = np.triu_indices(classes, 1)
-        margin = parts[first, :, second] + parts[second, :, first] + self.offsets[:, None]  # above 0: the first class
+        # above 0: the first class
+        margin = parts[first, :, second] + parts[second, :, first] + self.offsets[:, None]
         margin = margin if classes > 2 else -margin  # as SVC stores the weights of two classes
         votes, confidence = np.zeros((2, classes, len(points)), dtype=np.float32)
         for side, winner in ((margin, first), (-margin, second)):
             np.add.at(votes, winner, (side > 0).astype(np.float32))
             np.add.at(confidence, winner, side)
-        votes += confidence / (3 * (np.abs(confidence) + 1))  # below a third: it only decides between equal votes
+        # below a third: it only decides between equal votes
+        votes += confidence / (3 * (np.abs(confidence) + 1))
         return softmax(votes.T, axis=1)
 
 
 class NormalisedVectors(SupportVectors):
     """Support vector machines on points whose features are of unlike kind.
 
-    Each feature is standardised, squashed by sign(z) log(1 + |z|), and divided by its spread within classes, so that
-    those weigh most that repeat in recordings of one object.
+    Each feature is standardised, squashed by sign(z) log(1 + |z|), and divided by its spread within
+    classes, so that those weigh most that repeat in recordings of one object.
 
     Attributes:
         mean, spread: (F,) over all points; within: (F,) spread within classes, after squashing.
@@ -131,12 +140,18 @@ class NormalisedVectors(SupportVectors):
 
     def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
         points, labels = sampled(points, labels, seed)
-        self.mean, self.spread, self.within = points.mean(axis=0), points.std(axis=0), np.ones(points.shape[1])
+        self.mean, self.spread, self.within = (
+            points.mean(axis=0),
+            points.std(axis=0),
+            np.ones(points.shape[1]),
+        )
         self.spread[~(self.spread > ROUNDING * np.abs(points).max(axis=0))] = 1
         squashed, classes = self._normalised(points), np.unique(labels)
         parts = [squashed[labels == label] for label in classes]
         squares = np.sum([part.var(axis=0) * len(part) for part in parts], axis=0)
-        self.within = np.maximum(np.sqrt(squares / max(len(points) - len(classes), 1)), LEAST_WITHIN)
+        self.within = np.maximum(
+            np.sqrt(squares / max(len(points) - len(classes), 1)), LEAST_WITHIN
+        )
         return super().fit(self._normalised(points), labels, seed)
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:

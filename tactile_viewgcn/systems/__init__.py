@@ -18,5 +18,11 @@ def system_class(name: str) -> "type[ViewSystem]":
     from tactile_viewgcn.nn.system import ViewSystem
 
     module = load_system(name)
-    defined = (value for value in vars(module).values() if getattr(value, "__module__", "") == module.__name__)
-    return next(value for value in defined if isinstance(value, type) and issubclass(value, ViewSystem))
+    defined = (
+        value
+        for value in vars(module).values()
+        if getattr(value, "__module__", "") == module.__name__
+    )
+    return next(
+        value for value in defined if isinstance(value, type) and issubclass(value, ViewSystem)
+    )

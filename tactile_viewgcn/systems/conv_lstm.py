@@ -1,8 +1,8 @@
 """ConvLSTM: a long short-term memory over the views' feature maps, whose gates are one 3x3 convolution.
 
-Shi et al., "Convolutional LSTM network: a machine learning approach for precipitation nowcasting" (arXiv
-1506.04214), without its peephole connections. Its convolutions are computed in the precision of the maps, as the
-backbone's are, since they take most of the time.
+Shi et al., "Convolutional LSTM network: a machine learning approach for precipitation nowcasting"
+(arXiv 1506.04214), without its peephole connections. Its convolutions are computed in the precision
+of the maps, as the backbone's are, since they take most of the time.
 """
 
 import torch
@@ -27,7 +27,9 @@ class ConvLSTM(ViewSystem):
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         hidden = torch.zeros_like(views[:, 0])
         cell = torch.zeros_like(hidden, dtype=self.classifier.weight.dtype)
-        with torch.autocast(views.device.type, torch.bfloat16, enabled=views.dtype == torch.bfloat16):
+        with torch.autocast(
+            views.device.type, torch.bfloat16, enabled=views.dtype == torch.bfloat16
+        ):
             for view in views.unbind(dim=1):
                 gates = self.gates(torch.cat([view, hidden], dim=1)).chunk(4, dim=1)
                 input_gate, forget_gate, output_gate, candidate = gates

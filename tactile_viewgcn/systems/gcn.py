@@ -1,6 +1,7 @@
 """GCN: two graph convolutions on the view-graph with fixed weights, then the maximum over its nodes.
 
-Kipf and Welling, "Semi-supervised classification with graph convolutional networks" (arXiv 1609.02907).
+Kipf and Welling, "Semi-supervised classification with graph convolutional networks" (arXiv
+1609.02907).
 """
 
 import torch
@@ -14,8 +15,8 @@ from tactile_viewgcn.params import Model
 class GCN(ViewSystem):
     """Features (B, k, C) at k viewpoints to logits (B, classes); k is V or fewer.
 
-    Fewer views take the viewpoints that furthest point sampling chooses first. Of a list `model.neighbours` only the
-    first entry is used.
+    Fewer views take the viewpoints that furthest point sampling chooses first. Of a list
+    `model.neighbours` only the first entry is used.
     """
 
     takes_fewer = True
@@ -24,7 +25,9 @@ class GCN(ViewSystem):
     def __init__(self, viewpoints: Tensor, shape: tuple[int, ...], classes: int, model: Model):
         super().__init__()
         self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
-        self.neighbours = model.neighbours[0] if isinstance(model.neighbours, list) else model.neighbours
+        self.neighbours = (
+            model.neighbours[0] if isinstance(model.neighbours, list) else model.neighbours
+        )
         self.layers = nn.ModuleList(nn.Linear(shape[0], shape[0]) for _ in range(2))
         self.classifier = shape_classifier(shape[0], shape[0], classes)
 
@@ -41,7 +44,8 @@ def normalised_adjacency(positions: Tensor, neighbours: int) -> Tensor:
 
     Args:
         positions: (N, 3).
-        neighbours: number of nearest nodes that each node is joined to, itself included: A has ones on its diagonal.
+        neighbours: number of nearest nodes that each node is joined to, itself included: A has ones
+            on its diagonal.
     """
     adjacency = torch.eye(len(positions), dtype=positions.dtype, device=positions.device)
     adjacency = adjacency.scatter(-1, nearest(positions, neighbours), 1.0)

@@ -15,8 +15,9 @@ from tactile_viewgcn.params import Model
 class GVCNN(ViewSystem):
     """Maps (B, k, C, H, W) to logits (B, classes); the order of the views plays no part.
 
-    A view's score is sigma(log |FC(maps)|), between 0 and 1; V groups divide this range equally. A group's weight is
-    the mean score of its views, through which the scores are learnt. A score that is not finite makes the logits NaN.
+    A view's score is sigma(log |FC(maps)|), between 0 and 1; V groups divide this range equally. A
+    group's weight is the mean score of its views, through which the scores are learnt. A score that
+    is not finite makes the logits NaN.
     """
 
     takes = "maps"
@@ -32,7 +33,8 @@ class GVCNN(ViewSystem):
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         views = views.to(self.score.weight.dtype)
         size = self.score(views.flatten(2)).squeeze(-1).abs()
-        scores = size / (1 + size)  # sigma(log size), which needs no logarithm of 0; NaN where it is not finite
+        # sigma(log size), which needs no logarithm of 0; NaN where it is not finite
+        scores = size / (1 + size)
         return self.classifier(grouped_mean(views.mean(dim=(3, 4)), scores, self.groups)), []
 
 
@@ -45,9 +47,11 @@ def grouped_mean(features: Tensor, scores: Tensor, groups: int) -> Tensor:
         groups: number of groups.
     """
     group = (scores.detach() * groups).floor().clamp_max(groups - 1)
-    member = (group.unsqueeze(-1) == torch.arange(groups, device=group.device)).to(features.dtype)  # (B, k, groups)
+    # (B, k, groups)
+    member = (group.unsqueeze(-1) == torch.arange(groups, device=group.device)).to(features.dtype)
     count = member.sum(dim=1).clamp_min(1)
-    means = (member.transpose(1, 2) @ features) / count.unsqueeze(-1)  # (B, groups, C), 0 where there is no view
+    # (B, groups, C), 0 where there is no view
+    means = (member.transpose(1, 2) @ features) / count.unsqueeze(-1)
     weights = (member * scores.unsqueeze(-1)).sum(dim=1) / count
     total = weights.sum(dim=1, keepdim=True).clamp_min(torch.finfo(weights.dtype).eps)
     return ((weights / total).unsqueeze(1) @ means).squeeze(1)

@@ -1,8 +1,9 @@
 """RotationNet: each view gives, for every viewpoint, probabilities of the classes and of "not at this viewpoint".
 
-Kanezaki et al., "RotationNet: joint object categorization and pose estimation using multiviews from unsupervised
-viewpoints" (arXiv 1603.06208). The viewpoint of each view is latent: a class takes the assignment of views to
-viewpoints that gives it the highest score, the sum over views of log p(class) - log p(not at this viewpoint).
+Kanezaki et al., "RotationNet: joint object categorization and pose estimation using multiviews from
+unsupervised viewpoints" (arXiv 1603.06208). The viewpoint of each view is latent: a class takes the
+assignment of views to viewpoints that gives it the highest score, the sum over views of log
+p(class) - log p(not at this viewpoint).
 """
 
 import numpy as np
@@ -33,15 +34,21 @@ class RotationNet(ViewSystem):
 
         The score of a class whose log-probabilities are not all finite is NaN.
         """
-        log_p = self.classifier(views).unflatten(-1, (self.views, self.classes + 1)).log_softmax(dim=-1)
-        ratio = (log_p[..., :-1] - log_p[..., -1:]).permute(0, 3, 1, 2)  # (B, classes, views, viewpoints)
-        scores = ratio.gather(-1, best_permutation(ratio.detach()).unsqueeze(-1)).flatten(2).sum(dim=-1)
+        log_p = (
+            self.classifier(views).unflatten(-1, (self.views, self.classes + 1)).log_softmax(dim=-1)
+        )
+        # (B, classes, views, viewpoints)
+        ratio = (log_p[..., :-1] - log_p[..., -1:]).permute(0, 3, 1, 2)
+        scores = (
+            ratio.gather(-1, best_permutation(ratio.detach()).unsqueeze(-1)).flatten(2).sum(dim=-1)
+        )
         return scores.masked_fill(~ratio.isfinite().flatten(2).all(dim=-1), torch.nan), [log_p]
 
     def loss(self, logits: Tensor, aux: list[Tensor], labels: Tensor) -> Tensor:
         """Cross-entropy of every view at every viewpoint, summed over viewpoints; mean over the batch and its views.
 
-        The target is the object's class at the viewpoint of the best assignment, "not at this viewpoint" elsewhere.
+        The target is the object's class at the viewpoint of the best assignment, "not at this
+        viewpoint" elsewhere.
         """
         (log_p,) = aux
         rows = torch.arange(len(labels), device=labels.device)
@@ -54,6 +61,10 @@ class RotationNet(ViewSystem):
 
 def best_permutation(ratio: Tensor) -> Tensor:
     """The permutation (..., V) with the highest sum of each matrix (..., V, V); any, if not all entries are finite."""
-    matrices = ratio.double().nan_to_num(0.0, 1e38, -1e38).cpu().numpy().reshape(-1, *ratio.shape[-2:])
-    place = np.array([linear_sum_assignment(matrix, maximize=True)[1] for matrix in matrices], dtype=np.int64)
+    matrices = (
+        ratio.double().nan_to_num(0.0, 1e38, -1e38).cpu().numpy().reshape(-1, *ratio.shape[-2:])
+    )
+    place = np.array(
+        [linear_sum_assignment(matrix, maximize=True)[1] for matrix in matrices], dtype=np.int64
+    )
     return torch.from_numpy(place).to(ratio.device).view(ratio.shape[:-1])

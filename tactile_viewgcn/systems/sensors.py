@@ -28,8 +28,8 @@ SHORT = 0.1  # quantile of the training recordings' lengths, half of which is th
 class SensorClassifier:
     """Members as one classifier, with the methods of every `Classifier`.
 
-    A whole recording is read in the order of time. View sets have estimators of their own, in which no order counts: a
-    set of k frames uses those of the largest fitted number of frames up to k.
+    A whole recording is read in the order of time. View sets have estimators of their own, in which
+    no order counts: a set of k frames uses those of the largest fitted number of frames up to k.
 
     Args:
         members: names, whose log-probabilities are added with `weights`.
@@ -50,10 +50,22 @@ class SensorClassifier:
     representation: Representation
 
     def __init__(
-        self, members: Sequence[str], viewpoints: np.ndarray, classes: int, network: "ViewNetwork | None" = None
+        self,
+        members: Sequence[str],
+        viewpoints: np.ndarray,
+        classes: int,
+        network: "ViewNetwork | None" = None,
     ):
-        self.members, self.viewpoints, self.classes, self.network = list(members), viewpoints, classes, network
-        self.views, self._of_each_frame = len(viewpoints), [name for name in members if name in OF_EACH_FRAME]
+        self.members, self.viewpoints, self.classes, self.network = (
+            list(members),
+            viewpoints,
+            classes,
+            network,
+        )
+        self.views, self._of_each_frame = (
+            len(viewpoints),
+            [name for name in members if name in OF_EACH_FRAME],
+        )
         self.whole: dict[str, Estimator] = {}
         self.sets: dict[int, dict[str, Estimator]] = {}
         self.weights, self.short = dict.fromkeys(self.members, 1.0), 0.0
@@ -61,14 +73,20 @@ class SensorClassifier:
     def fit(self, examples: Examples, weights: list[float], seed: int) -> None:
         """Fit every member to the examples.
 
-        Recordings shorter than half the tenth percentile of the training recordings' lengths are answered as view sets:
-        after sixty training recordings of 40 frames and one of 2, those of fewer than 20 frames.
+        Recordings shorter than half the tenth percentile of the training recordings' lengths are
+        answered as view sets: after sixty training recordings of 40 frames and one of 2, those of
+        fewer than 20 frames.
         """
-        self.representation, self.weights = examples.representation, dict(zip(self.members, weights, strict=True))
+        self.representation, self.weights = (
+            examples.representation,
+            dict(zip(self.members, weights, strict=True)),
+        )
         self.short = float(np.quantile(examples.lengths, SHORT)) / 2
 
         def fitted(member: str, points: np.ndarray, recording: np.ndarray) -> Estimator:
-            return self.representation.estimator(member).fit(points, examples.labels[recording], seed)
+            return self.representation.estimator(member).fit(
+                points, examples.labels[recording], seed
+            )
 
         on_sensors = [name for name in self.members if name != NETWORK]
         self.whole = {}
@@ -89,7 +107,8 @@ class SensorClassifier:
         `kernel` answers probabilities, the network their logarithms.
 
         Args:
-            counts: (n, H, W) above baseline, or rows that are computed when they are indexed by a slice.
+            counts: (n, H, W) above baseline, or rows that are computed when they are indexed by a
+                slice.
         """
         parts = []
         for start in range(0, len(counts), BATCH):
@@ -109,7 +128,9 @@ class SensorClassifier:
     def view_sets(self, values: np.ndarray, sets: np.ndarray) -> np.ndarray:
         """Logits (A, classes) of view sets (A, k) of indices into values (n, ...), in batches that fit memory."""
         count = sets.shape[1]
-        fitted = self.sets[max((size for size in self.sets if size <= count), default=min(self.sets))]
+        fitted = self.sets[
+            max((size for size in self.sets if size <= count), default=min(self.sets))
+        ]
         step = max(1, MAX_SET_VALUES // (count * values.shape[1]))
         batches = (values[sets[start : start + step]] for start in range(0, len(sets), step))
         return np.concatenate([self._logits(batch, fitted, whole=False) for batch in batches])
@@ -126,7 +147,9 @@ class SensorClassifier:
             return self.view_sets(values, np.arange(len(values))[None])[0]
         return self._logits(values[None], self.whole, whole=True)[0]
 
-    def _logits(self, values: np.ndarray, fitted: dict[str, Estimator], *, whole: bool) -> np.ndarray:
+    def _logits(
+        self, values: np.ndarray, fitted: dict[str, Estimator], *, whole: bool
+    ) -> np.ndarray:
         """Logits (B, classes) of whole recordings or view sets, by the values (B, k, ...) of their frames."""
         read, shares = self.representation, []
         ends = len(read.centre) + self.classes * np.arange(len(self._of_each_frame))
@@ -137,7 +160,9 @@ class SensorClassifier:
                 mean = of_frames[self._of_each_frame.index(name)].mean(axis=1)
                 shares.append(softmax(mean, axis=1) if name == NETWORK else mean)
             else:
-                points = read.of_recordings(name, readings) if whole else read.of_sets(name, readings)
+                points = (
+                    read.of_recordings(name, readings) if whole else read.of_sets(name, readings)
+                )
                 shares.append(probabilities(fitted[name], points, self.classes))
         return added(shares, [self.weights.get(name, 1.0) for name in names])
 
@@ -170,7 +195,11 @@ class SensorClassifier:
         def loaded(kept: dict[str, Any]) -> dict[str, Estimator]:
             return {name: read.estimator(name).load_state_dict(each) for name, each in kept.items()}
 
-        self.whole, self.weights, self.short = loaded(state["whole"]), state["weights"], state["short"]
+        self.whole, self.weights, self.short = (
+            loaded(state["whole"]),
+            state["weights"],
+            state["short"],
+        )
         if not 0 <= self.short <= MOST_FRAMES / 2:
             raise ValueError(f"short is {self.short:g}; expected 0 to {MOST_FRAMES / 2:g} frames")
         self.sets = {int(size): loaded(each) for size, each in state["sets"].items()}

@@ -1,8 +1,8 @@
 """STAG's network: the maps of all views concatenated, a 1x1 convolution, global average pooling, a linear layer.
 
-Sundaram et al., "Learning the signatures of the human grasp using a scalable tactile glove", Nature 569, 698-702
-(2019). The convolution has no activation, so it commutes with the pooling: here it is a linear layer on pooled
-features, with the same weights and the same result.
+Sundaram et al., "Learning the signatures of the human grasp using a scalable tactile glove", Nature
+569, 698-702 (2019). The convolution has no activation, so it commutes with the pooling: here it is
+a linear layer on pooled features, with the same weights and the same result.
 """
 
 from torch import Tensor, nn

@@ -1,8 +1,9 @@
 """Tactile-ViewGCN's graph network: features of V views to class logits, equations 1 to 6 of the paper.
 
-Wei et al., "View-GCN: View-based graph convolutional network for 3D shape analysis" (CVPR 2020). Everything is
-computed in the precision of the weights, float32: that costs little beside the backbone, and sums over nodes keep
-their digits. Equations 3 and 4 are in `message_passing.py`, equation 5 in `view_selection.py`.
+Wei et al., "View-GCN: View-based graph convolutional network for 3D shape analysis" (CVPR 2020).
+Everything is computed in the precision of the weights, float32: that costs little beside the
+backbone, and sums over nodes keep their digits. Equations 3 and 4 are in `message_passing.py`,
+equation 5 in `view_selection.py`.
 """
 
 from itertools import pairwise
@@ -25,7 +26,8 @@ LEVELS = 3  # of V, V // 2 and V // 4 nodes; one of fewer than two nodes is left
 class LocalGraphConvolution(nn.Module):
     """Equations 1 and 2: F_i = Psi(sum_j S_ij F_j W) over the nearest nodes j of i, itself included.
 
-    S_ij is an MLP of the edge's geometry. Nothing stands between W and Psi's linear layer, so one layer is both.
+    S_ij is an MLP of the edge's geometry. Nothing stands between W and Psi's linear layer, so one
+    layer is both.
     """
 
     def __init__(self, features: int, neighbours: int, edge_distance: str):
@@ -44,8 +46,10 @@ class LocalGraphConvolution(nn.Module):
     def forward(self, nodes: Tensor, positions: Tensor) -> Tensor:
         """nodes (B, N, C), positions (B, N, 3), or (1, N, 3) where they are common to all -> (B, N, C)."""
         near = nearest(positions, self.neighbours)  # (B or 1, N, K)
-        weights = self.relation(edge_geometry(positions, near, self.edge_distance)).squeeze(-1)  # (B or 1, N, K)
-        adjacency = weights.new_zeros(*near.shape[:2], near.shape[1]).scatter(-1, near, weights)  # S, (B or 1, N, N)
+        # (B or 1, N, K)
+        weights = self.relation(edge_geometry(positions, near, self.edge_distance)).squeeze(-1)
+        # S, (B or 1, N, N)
+        adjacency = weights.new_zeros(*near.shape[:2], near.shape[1]).scatter(-1, near, weights)
         out = self.norm(self.linear(adjacency @ nodes).flatten(0, 1))
         return functional.leaky_relu(out, SLOPE).view_as(nodes)
 
@@ -54,14 +58,15 @@ class ViewGCN(ViewSystem):
     """Features (B, k, C) at k viewpoints to logits (B, classes); k is V or fewer.
 
     The graph has up to three levels, of V, V/2 and V/4 nodes. At each level
-    1. `LocalGraphConvolution` joins each node with its nearest; the maximum over all nodes is the level's descriptor;
+    1. `LocalGraphConvolution` joins each node with its nearest; the maximum over all nodes is the
+    level's descriptor;
     2. `NonLocalMessagePassing` joins each node with all others;
-    3. `SelectiveViewSampling` keeps half of the nodes, which are the next level.
-    The last level ends with its descriptor. The descriptors of all levels are concatenated and classified. One view has
-    no graph: its feature is the descriptor.
+    3. `SelectiveViewSampling` keeps half of the nodes, which are the next level. The last level
+    ends with its descriptor. The descriptors of all levels are concatenated and classified. One
+    view has no graph: its feature is the descriptor.
 
-    Fewer views, k < V, take the k viewpoints that furthest point sampling chooses first. The levels have k, k/2 and k/4
-    nodes then, one at least.
+    Fewer views, k < V, take the k viewpoints that furthest point sampling chooses first. The levels
+    have k, k/2 and k/4 nodes then, one at least.
     """
 
     takes_fewer = True
@@ -72,7 +77,11 @@ class ViewGCN(ViewSystem):
         self.view_loss, features = model.view_loss, shape[0]
         self.takes_fewer = model.selector != "joint"  # its weights are for V views
         levels = [nodes for level in range(LEVELS) if (nodes := len(viewpoints) >> level) >= 2]
-        neighbours = model.neighbours if isinstance(model.neighbours, list) else [model.neighbours] * len(levels)
+        neighbours = (
+            model.neighbours
+            if isinstance(model.neighbours, list)
+            else [model.neighbours] * len(levels)
+        )
         self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
         self.convolutions = nn.ModuleList(
             LocalGraphConvolution(features, count, model.edge_distance)
@@ -95,22 +104,25 @@ class ViewGCN(ViewSystem):
         """views (B, k, C) -> logits (B, classes), and each sampler's logits (B, m, K, classes) for the view loss."""
         count = views.shape[1]
         places = first_places(self.viewpoints, count)
-        nodes, positions = views.to(self.viewpoints.dtype), places[None]  # (1, k, 3): common to all view sets
+        # (1, k, 3): common to all view sets
+        nodes, positions = views.to(self.viewpoints.dtype), places[None]
         descriptors, view_logits = list[Tensor](), list[Tensor]()
         for level, convolution in enumerate(self.convolutions):
             nodes = convolution(nodes, positions)
             descriptors.append(nodes.amax(dim=1))
             if level < len(self.samplers):
                 kept = max(1, count >> (level + 1))
-                nodes, positions, logits = self.samplers[level](self.messages[level](nodes), positions, kept)
+                nodes, positions, logits = self.samplers[level](
+                    self.messages[level](nodes), positions, kept
+                )
                 view_logits.append(logits)
         return self.classifier(torch.cat(descriptors or [nodes[:, 0]], dim=-1)), view_logits
 
     def loss(self, logits: Tensor, aux: list[Tensor], labels: Tensor) -> Tensor:
         """Equation 6: cross-entropy of the logits plus that of the samplers' logits, mean over the batch.
 
-        With `model.view_loss: sum` the samplers' part is the sum over their outputs of a view set as the paper has it,
-        else their mean (released code).
+        With `model.view_loss: sum` the samplers' part is the sum over their outputs of a view set
+        as the paper has it, else their mean (released code).
         """
         loss = functional.cross_entropy(logits, labels)
         if not aux:

@@ -52,8 +52,8 @@ def is_clock(live: Counts, index_of: list[np.ndarray]) -> np.ndarray:
     """bool (S,): the columns that only rise in nearly all recordings, or only fall, as a clock does.
 
     Windows may each have a clock that begins at 0: it says nothing of whether their frames are the
-    same. A sensor that moves slowly may only rise in one window, and falls in another one. Where all
-    columns are so, none counts as a clock, since nothing is left to compare.
+    same. A sensor that moves slowly may only rise in one window, and falls in another one. Where
+    all columns are so, none counts as a clock, since nothing is left to compare.
 
     Args:
         live: counts (T, S) of the live sensors.
@@ -190,7 +190,9 @@ class _Frequencies:
         self._quiet = quiet
         spread = np.ptp(sample, axis=0) if len(sample) else np.zeros(sample.shape[1])
         self._unit = np.where(spread > 0, spread * RESOLUTION, 1.0)
-        self._counted = [np.unique(values, return_counts=True) for values in np.rint(sample / self._unit).T]
+        self._counted = [
+            np.unique(values, return_counts=True) for values in np.rint(sample / self._unit).T
+        ]
         self._size = len(sample) + 1
 
     def bits(self, values: np.ndarray) -> np.ndarray:
@@ -199,7 +201,9 @@ class _Frequencies:
         for sensor, (known, counts) in enumerate(self._counted):
             steps = np.rint(values[:, sensor] / self._unit[sensor])
             at = np.minimum(np.searchsorted(known, steps), len(known) - 1)
-            count = np.where(known[at] == steps, counts[at], 1) if len(known) else np.ones(len(steps))
+            count = (
+                np.where(known[at] == steps, counts[at], 1) if len(known) else np.ones(len(steps))
+            )
             told = np.log2(self._size / count)
             if self._quiet:
                 told[steps == 0] = 0
@@ -232,7 +236,9 @@ def _in_several(hashes: np.ndarray, row: np.ndarray) -> np.ndarray:
     return found
 
 
-def _varied_runs(row: np.ndarray, changed: np.ndarray, candidates: np.ndarray, frames: int) -> np.ndarray:
+def _varied_runs(
+    row: np.ndarray, changed: np.ndarray, candidates: np.ndarray, frames: int
+) -> np.ndarray:
     """The first frame of each run of so many `candidates` (T,) in one recording, in which readings vary."""
     count = len(row) - frames + 1
     if count < 1:

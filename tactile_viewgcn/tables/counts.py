@@ -1,7 +1,7 @@
 """A table's folder, counts.npy and columns.npz, and counts that are computed when they are indexed.
 
-`counts.npy` holds the readings of all frames uncompressed, so that the operating system reads it page by page;
-`columns.npz` holds all else: arrays, and as JSON what is no array.
+`counts.npy` holds the readings of all frames uncompressed, so that the operating system reads it
+page by page; `columns.npz` holds all else: arrays, and as JSON what is no array.
 """
 
 import json
@@ -15,7 +15,9 @@ COUNTS, COLUMNS = "counts.npy", "columns.npz"
 NO_ARRAYS = "no_arrays"  # the array in columns.npz with the JSON
 
 
-def write_counts(folder: Path, shape: tuple[int, ...], dtype: np.dtype, blocks: Iterable[np.ndarray]) -> None:
+def write_counts(
+    folder: Path, shape: tuple[int, ...], dtype: np.dtype, blocks: Iterable[np.ndarray]
+) -> None:
     """Write counts (n, H, W) of that shape and type, of which only one block (k, H, W) need be in memory."""
     header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
     with (folder / COUNTS).open("wb") as file:
@@ -31,7 +33,9 @@ def read_counts(folder: Path) -> np.ndarray:
 
 def write_columns(folder: Path, values: Mapping[str, Any]) -> None:
     """Write arrays, and texts, numbers, lists and dictionaries of these, by name."""
-    arrays: dict[str, Any] = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+    arrays: dict[str, Any] = {
+        name: value for name, value in values.items() if isinstance(value, np.ndarray)
+    }
     others = json.dumps({name: value for name, value in values.items() if name not in arrays})
     arrays[NO_ARRAYS] = np.frombuffer(others.encode(), np.uint8)
     with (folder / COLUMNS).open("wb") as file:
@@ -48,7 +52,11 @@ def read_columns(folder: Path) -> dict[str, Any]:
 
 def evenly(index: np.ndarray, most: int) -> np.ndarray:
     """At most `most` of the indices (n,), evenly spaced."""
-    return index[np.unique(np.linspace(0, len(index) - 1, most).astype(int))] if len(index) > most else index
+    return (
+        index[np.unique(np.linspace(0, len(index) - 1, most).astype(int))]
+        if len(index) > most
+        else index
+    )
 
 
 class Gathered:
@@ -68,7 +76,8 @@ class Gathered:
         return len(self._index)
 
     def __getitem__(self, at: slice | np.ndarray) -> np.ndarray:
-        return np.ascontiguousarray(self._rows_of(self._index[at]))  # sums round by the order in memory
+        # sums round by the order in memory
+        return np.ascontiguousarray(self._rows_of(self._index[at]))
 
 
 Counts = np.ndarray | Gathered

@@ -13,7 +13,14 @@ from tactile_viewgcn.params import TEST as TEST
 from tactile_viewgcn.params import TRAIN as TRAIN
 from tactile_viewgcn.params import VALIDATION as VALIDATION
 from tactile_viewgcn.progress import steps
-from tactile_viewgcn.tables.counts import Counts, Gathered, read_columns, read_counts, write_columns, write_counts
+from tactile_viewgcn.tables.counts import (
+    Counts,
+    Gathered,
+    read_columns,
+    read_counts,
+    write_columns,
+    write_counts,
+)
 
 NO_CLUSTER = -1
 BLOCK_FRAMES = 4096  # read or written at once
@@ -32,15 +39,18 @@ class Frames:
         grasp: (n,) number of the grasp inside its recording; 0 where grasps are not numbered.
         group: (n,) split group.
         side: (n,) TRAIN, VALIDATION or TEST.
-        anchor: bool (n,), anchors: frames around which a view set is drawn each, about equally many of every class.
+        anchor: bool (n,), anchors: frames around which a view set is drawn each, about equally many
+            of every class.
         baseline: (n,) index into `baseline_mean`.
         time: (n,) seconds since the recording's first frame.
         baseline_mean: (R, H, W) counts, in a type that holds `counts` exactly.
         live: bool (H, W) sensors whose counts vary on the training side.
         classes, recordings, sessions: names, by index.
         transform, scale: of counts above baseline to network input, see `network_input`.
-        noise: (H, W) mean standard deviation of the training side's baselines in counts, NaN where it was not measured.
-        preprocess: the section of params.yaml behind this table, every `auto` decided; new recordings get the same.
+        noise: (H, W) mean standard deviation of the training side's baselines in counts, NaN where
+            it was not measured.
+        preprocess: the section of params.yaml behind this table, every `auto` decided; new
+            recordings get the same.
         kept_share: share of the training side's frames that pass the filter.
     """
 
@@ -76,7 +86,9 @@ class Frames:
             part = index[start : start + INPUT_BLOCK]
             excess = self.counts[part].astype(self.baseline_mean.dtype)
             excess -= self.baseline_mean[self.baseline[part]]
-            inputs[start : start + len(part)] = network_input(excess, transform or self.transform, self.scale)
+            inputs[start : start + len(part)] = network_input(
+                excess, transform or self.transform, self.scale
+            )
         return inputs
 
     def points(self, index: np.ndarray) -> Gathered:
@@ -93,7 +105,8 @@ class Views:
     """Result of the stage `cluster`.
 
     Attributes:
-        cluster: int16 (n,) of each kept frame; NO_CLUSTER on the test side, and everywhere if nothing is clustered.
+        cluster: int16 (n,) of each kept frame; NO_CLUSTER on the test side, and everywhere if
+            nothing is clustered.
         pool: int64 (n,) of each kept frame.
         viewpoints: float64 (V, 3).
     """
@@ -117,8 +130,8 @@ def network_input(excess: np.ndarray, transform: str, scale: float) -> np.ndarra
 
     Args:
         excess: counts above baseline.
-        transform: `clip` (released code): clip(x / scale, 0, 1); `log`: log(1 + max(x, 0)); `counts`: x, for systems
-            without a network.
+        transform: `clip` (released code): clip(x / scale, 0, 1); `log`: log(1 + max(x, 0));
+            `counts`: x, for systems without a network.
         scale: counts at full scale, for `clip` only.
     """
     excess = np.asarray(excess, dtype=np.float32)
@@ -131,7 +144,8 @@ def frame_rates(time: np.ndarray, recording: np.ndarray) -> dict[int, float]:
     """Frames a second of each recording that has times, by its number: one over the median of its steps.
 
     Args:
-        time, recording: (n,) seconds and number of the recording of each frame, in the order of time.
+        time, recording: (n,) seconds and number of the recording of each frame, in the order of
+            time.
     """
     from pandas import Series  # here, since it loads slowly
 

@@ -13,7 +13,12 @@ import pandas as pd
 from tactile_viewgcn.files import new_files
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.readers.source import COLUMNS as COLUMN_TYPES
-from tactile_viewgcn.tables.common_frames import common_frames, frame_hashes, is_clock, sensor_weights
+from tactile_viewgcn.tables.common_frames import (
+    common_frames,
+    frame_hashes,
+    is_clock,
+    sensor_weights,
+)
 from tactile_viewgcn.tables.counts import COLUMNS, evenly, read_columns, write_columns
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
@@ -55,8 +60,8 @@ class Look:
 def look_at(recordings: Recordings) -> Look:
     """Look at the readings of every recording that has frames.
 
-    A clock among the columns always changes. So whether frames change, and are equal, is said of the
-    other columns.
+    A clock among the columns always changes. So whether frames change, and are equal, is said of
+    the other columns.
     """
     live = recordings.live_counts()
     index_of = frames_by_recording(recordings)
@@ -81,7 +86,9 @@ def look_at(recordings: Recordings) -> Look:
         changed.append(np.concatenate([[False], moved]))
     each = pd.DataFrame(rows).set_index("recording")
     is_empty = each["object"].map(dict(enumerate(recordings.objects))).eq(EMPTY_HAND).to_numpy()
-    common = common_frames(live, index_of, np.concatenate(hashes), np.concatenate(changed), is_empty, sensors)
+    common = common_frames(
+        live, index_of, np.concatenate(hashes), np.concatenate(changed), is_empty, sensors
+    )
     numbers = each.index.to_numpy()
     partner = np.arange(len(each))
     partner[common.links[::-1, 0]] = common.links[::-1, 1]  # the first of several
@@ -96,7 +103,9 @@ def held_together(recordings: Recordings, look: Look) -> Recordings:
     """The same recordings; those that have frames in common are of one take, so that they are held out together."""
     if not look.each["shared"].any():
         return recordings
-    return replace(recordings, columns=recordings.columns | {"take": _take_of_frames(recordings, look)})
+    return replace(
+        recordings, columns=recordings.columns | {"take": _take_of_frames(recordings, look)}
+    )
 
 
 def write_takes(folder: Path, recordings: Recordings, look: Look) -> None:
@@ -118,12 +127,19 @@ def groups_together(recordings: Recordings, look: Look, groups: np.ndarray) -> n
     pairs = np.stack([groups, _take_of_frames(recordings, look)], axis=1)
     pairs = np.unique(pairs, axis=0)
     number, take = (np.unique(column, return_inverse=True)[1] for column in pairs.T)
-    nodes = _components(np.stack([number, number.max() + 1 + take], axis=1), int(number.max() + take.max()) + 2)
+    nodes = _components(
+        np.stack([number, number.max() + 1 + take], axis=1), int(number.max() + take.max()) + 2
+    )
     return nodes[np.unique(groups, return_inverse=True)[1]]
 
 
 def _take_of_frames(recordings: Recordings, look: Look) -> np.ndarray:
-    return look.each["take"].loc[recordings.columns["recording"]].to_numpy().astype(COLUMN_TYPES["take"])
+    return (
+        look.each["take"]
+        .loc[recordings.columns["recording"]]
+        .to_numpy()
+        .astype(COLUMN_TYPES["take"])
+    )
 
 
 def _row(recordings: Recordings, index: np.ndarray, moved: np.ndarray) -> dict[str, int]:
@@ -210,7 +226,9 @@ def _takes(recordings: Recordings, numbers: np.ndarray, links: np.ndarray) -> np
     """
     pairs = [links]
     if "take" in recordings.columns:
-        of_source = pd.Series(recordings.columns["take"]).groupby(recordings.columns["recording"]).first()
+        of_source = (
+            pd.Series(recordings.columns["take"]).groupby(recordings.columns["recording"]).first()
+        )
         first = np.unique(of_source.to_numpy(), return_index=True, return_inverse=True)
         pairs.append(np.stack([np.arange(len(numbers)), first[1][first[2]]], axis=1))
     component = _components(np.concatenate(pairs), len(numbers))

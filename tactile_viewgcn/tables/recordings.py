@@ -1,8 +1,8 @@
 """The table of raw counts, data/recordings: every frame of every recording, from any form of source.
 
-A reader describes recordings as a `Source`, whose frames come in blocks. `read_source` checks them and writes
-a folder, which `Recordings` reads. Counts are the sensors' raw ADC counts, or readings in the glove's unit; axes
-are (frame, row, column).
+A reader describes recordings as a `Source`, whose frames come in blocks. `read_source` checks them
+and writes a folder, which `Recordings` reads. Counts are the sensors' raw ADC counts, or readings
+in the glove's unit; axes are (frame, row, column).
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,18 +28,27 @@ from tactile_viewgcn.readers.source import (
     Source,
     check_column,
 )
-from tactile_viewgcn.tables.counts import Counts, Gathered, read_columns, read_counts, write_columns, write_counts
+from tactile_viewgcn.tables.counts import (
+    Counts,
+    Gathered,
+    read_columns,
+    read_counts,
+    write_columns,
+    write_counts,
+)
 
 ALWAYS = tuple(COLUMNS)[:5]  # the columns that every table has
 NO_SESSION = ""  # name of the session of a recording that names none
-MIN_SPREAD = 1e-30  # of the readings of the sensor that varies most; see MAX_PRESSURE in readers/source.py
+# of the readings of the sensor that varies most; see MAX_PRESSURE in readers/source.py
+MIN_SPREAD = 1e-30
 
 
 def read_source(path: Path, out: Path, form: Form = AUTO) -> None:
     """Write the recordings at a path, see `open_source`, to a table, in a child process, see `run_apart`.
 
     Raises:
-        UserError: as `open_source` and `write_recordings`, or the child crashed; nothing is left behind.
+        UserError: as `open_source` and `write_recordings`, or the child crashed; nothing is left
+            behind.
     """
     with new_files(out) as part:
         request = {"path": str(path), "out": str(part), "form": asdict(form)}
@@ -60,7 +69,8 @@ def write_recordings(folder: Path, source: Source) -> None:
     """Write the frames of a source to a table, block by block.
 
     Raises:
-        UserError: no frames, an id out of range, or pressure that is not finite, too large or varies too little.
+        UserError: no frames, an id out of range, or pressure that is not finite, too large or
+            varies too little.
     """
     low, high = np.full(source.shape, np.inf), np.full(source.shape, -np.inf)
     columns: dict[str, list[np.ndarray]] = {}
@@ -78,7 +88,9 @@ def write_recordings(folder: Path, source: Source) -> None:
             yield pressure
 
     if not source.frames:
-        raise UserError(f"{source.path}: no frames; expected at least one recording with frames in it")
+        raise UserError(
+            f"{source.path}: no frames; expected at least one recording with frames in it"
+        )
     folder.mkdir(exist_ok=True)
     write_counts(folder, (source.frames, *source.shape), source.dtype, counts())
     if 0 < (spread := float((high - low).max())) < MIN_SPREAD:
@@ -88,7 +100,10 @@ def write_recordings(folder: Path, source: Source) -> None:
         )
     values: dict[str, Any] = {name: np.concatenate(blocks) for name, blocks in columns.items()}
     values |= {f"{kind}s": names for kind, names in source.names.items()}
-    values |= {"channel_names": source.channel_names, "notes": [asdict(note) for note in source.notes]}
+    values |= {
+        "channel_names": source.channel_names,
+        "notes": [asdict(note) for note in source.notes],
+    }
     write_columns(folder, values | {"live": low < high})
 
 
@@ -131,7 +146,9 @@ class Recordings:
         path = Path(path)
         with readable(path):
             values = read_columns(path)
-            columns = {name: values.pop(name) for name in COLUMNS if name in values or name in ALWAYS}
+            columns = {
+                name: values.pop(name) for name in COLUMNS if name in values or name in ALWAYS
+            }
             notes = [Note(**note) for note in values.pop("notes")]
             return cls(path, counts=read_counts(path), columns=columns, notes=notes, **values)
 
@@ -170,13 +187,19 @@ class Recordings:
     def part(self, rows: np.ndarray) -> "Recordings":
         """The frames in rising `rows` (n,) as a table with the same live sensors."""
         counts = self.counts if len(rows) == len(self) else Gathered(self.counts.__getitem__, rows)
-        return replace(self, counts=counts, columns={name: values[rows] for name, values in self.columns.items()})
+        return replace(
+            self,
+            counts=counts,
+            columns={name: values[rows] for name, values in self.columns.items()},
+        )
 
     def varying(self, rows: np.ndarray) -> np.ndarray:
         """bool (H, W): live sensors whose counts vary in the frames in rising `rows` (n,), one at least."""
         part = self.part(rows)
         first = part.counts[np.zeros(1, dtype=int)]
-        return self.live & np.logical_or.reduce([(counts != first).any(axis=0) for _, counts in part.blocks()])
+        return self.live & np.logical_or.reduce(
+            [(counts != first).any(axis=0) for _, counts in part.blocks()]
+        )
 
     def live_counts(self) -> Counts:
         """Counts (T, S) of the live sensors, read when they are indexed."""
@@ -194,27 +217,54 @@ class Recordings:
 
 
 def in_memory(
-    recordings: Sequence[Recording], objects: list[str], labels: np.ndarray, sessions: np.ndarray | None = None
+    recordings: Sequence[Recording],
+    objects: list[str],
+    labels: np.ndarray,
+    sessions: np.ndarray | None = None,
 ) -> Recordings:
     """The table of n recordings of one layout, with times where all have them.
 
     Args:
         objects: names; labels: (n,) index of each recording's object.
-        sessions: (n,) number of each recording's session, from 0. None: each has its own, which has no name.
+        sessions: (n,) number of each recording's session, from 0. None: each has its own, which has
+            no name.
     """
-    arrays, names = [each.values["pressure"] for each in recordings], [each.names["recording"] for each in recordings]
+    arrays, names = (
+        [each.values["pressure"] for each in recordings],
+        [each.names["recording"] for each in recordings],
+    )
     if sessions is None:
         sessions = np.arange(len(recordings))
         of_sessions = [NO_SESSION] * len(recordings)
     else:
         of_sessions = [f"session {number}" for number in range(int(sessions.max()) + 1)]
-    counts, row = np.concatenate(arrays), np.repeat(np.arange(len(arrays)), [len(array) for array in arrays])
-    columns = {"object": labels[row], "recording": row, "session": sessions[row], "time": np.full(len(row), np.nan)}
+    counts, row = (
+        np.concatenate(arrays),
+        np.repeat(np.arange(len(arrays)), [len(array) for array in arrays]),
+    )
+    columns = {
+        "object": labels[row],
+        "recording": row,
+        "session": sessions[row],
+        "time": np.full(len(row), np.nan),
+    }
     columns["frame"] = np.concatenate([np.arange(len(array)) for array in arrays])
     if all("time" in each.values for each in recordings):
-        columns["time"] = np.concatenate([each.values["time"] - each.values["time"][:1] for each in recordings])
+        columns["time"] = np.concatenate(
+            [each.values["time"] - each.values["time"][:1] for each in recordings]
+        )
     live, first = (counts != counts[0]).any(axis=0), recordings[0]
-    return Recordings(Path("X"), objects, names, of_sessions, counts, columns, live, first.channel_names, first.notes)
+    return Recordings(
+        Path("X"),
+        objects,
+        names,
+        of_sessions,
+        counts,
+        columns,
+        live,
+        first.channel_names,
+        first.notes,
+    )
 
 
 def frames_by_recording(recordings: Recordings) -> list[np.ndarray]:

@@ -14,16 +14,20 @@ from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 EXAMPLES = 3  # long places in a warning
 CHANCE = 1e-3  # expected number of recordings that would look so by chance
-MOSTLY_MOVES = 0.5  # share of a recording's frames that differ from the one before, where sensors have noise
+# share of a recording's frames that differ from the one before, where sensors have noise
+MOSTLY_MOVES = 0.5
 FEWEST_EQUAL = 3  # equal frames at the beginning or the end that count
 PADDED = 0.1  # share of a recording's frames, from which on they count
 RARELY, MUCH = 0.02, 0.25  # of so few recordings only ends count that are longer than this share
-MOST_REPEATS = 0.05  # share of frames that equal the one before, inside recordings of sensors with noise
+# share of frames that equal the one before, inside recordings of sensors with noise
+MOST_REPEATS = 0.05
 FEWEST_REPEATS = 0.01  # the same, of which chance is computed at least
-MOST_STUCK = 0.1  # share of the sensors: more that stand still in some recordings are untouched, not faulty
+# share of the sensors: more that stand still in some recordings are untouched, not faulty
+MOST_STUCK = 0.1
 LIVELY = 0.9  # share of the recordings in which a sensor moves, in which it moves all the time
 TELLS = 1e-3  # probability of Kruskal and Wallis, below which numbers differ between objects
-OTHER_UNIT = 4.0  # factor between recordings of two units, and an empty gap of that factor between them
+# factor between recordings of two units, and an empty gap of that factor between them
+OTHER_UNIT = 4.0
 
 
 def remarks(recordings: Recordings, look: Look) -> list[Note]:
@@ -90,7 +94,9 @@ def _shared_frames(recordings: Recordings, look: Look) -> Iterator[tuple[str, st
     each = look.each
     takes = pd.Series(each.index, index=each.index)
     if "take" in recordings.columns:
-        takes = pd.Series(recordings.columns["take"]).groupby(recordings.columns["recording"]).first()
+        takes = (
+            pd.Series(recordings.columns["take"]).groupby(recordings.columns["recording"]).first()
+        )
     of_partner = each.loc[each["partner"]]
     is_together = takes.loc[each.index].to_numpy() == takes.loc[each["partner"]].to_numpy()
     is_other_object = each["object"].to_numpy() != of_partner["object"].to_numpy()
@@ -102,8 +108,12 @@ def _shared_frames(recordings: Recordings, look: Look) -> Iterator[tuple[str, st
         f"{names[number]} ({row.shared} of {several(row.frames, 'frame')}, as {names[row.partner]})"
         for number, row in pieces.iterrows()
     ]
-    text = f"{several(len(pieces), 'recording')} with frames of a different one: {_examples(places)}. "
-    text += "They are overlapping pieces or copies of one recording, and tell nothing of a new one. "
+    text = (
+        f"{several(len(pieces), 'recording')} with frames of a different one: {_examples(places)}. "
+    )
+    text += (
+        "They are overlapping pieces or copies of one recording, and tell nothing of a new one. "
+    )
     mixed = pieces[is_other_object[each.index.get_indexer(pieces.index)]]
     if len(mixed):
         text += f"{several(len(mixed), 'pair')} of different objects: are their labels right? "
@@ -156,7 +166,9 @@ def _stuck_sensors(recordings: Recordings, look: Look) -> Iterator[tuple[str, st
     text = f"{several(len(places), 'sensor')} that never change in some recordings, and always in others: "
     if len(places) == 1:
         text = "A sensor never changes in some recordings, and always in others: "
-    text += f"{listed(places, '; ')}. Is its cable loose? If nothing touches it there, this is right."
+    text += (
+        f"{listed(places, '; ')}. Is its cable loose? If nothing touches it there, this is right."
+    )
     yield "standing still", text
 
 
@@ -225,7 +237,9 @@ def _units(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
     strength -= np.median(strength[usual])
     step -= np.median(step[usual])
     others = np.setdiff1d(order, usual)
-    is_scaled = (strength[others] * step[others] > 0) & (np.abs(step[others]) >= np.abs(strength[others]) / 2)
+    is_scaled = (strength[others] * step[others] > 0) & (
+        np.abs(step[others]) >= np.abs(strength[others]) / 2
+    )
     others = others[is_scaled]
     if not len(others):
         return
@@ -236,8 +250,12 @@ def _units(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
             continue
         factor = float(np.exp(np.median(np.abs(strength[rows]))))
         names = [recordings.recordings[number] for number in numbers[np.sort(rows)]]
-        text = f"{several(len(names), 'recording')} about {factor:.3g} times {word} than the others, "
-        text += f"noise included: {listed(names)}. Another unit or gain? Convert them, or remove them."
+        text = (
+            f"{several(len(names), 'recording')} about {factor:.3g} times {word} than the others, "
+        )
+        text += (
+            f"noise included: {listed(names)}. Another unit or gain? Convert them, or remove them."
+        )
         yield "unit", text
 
 
@@ -247,7 +265,8 @@ def _relative(values: np.ndarray) -> np.ndarray:
     NaN where no sensor has a value above 0.
     """
     with np.errstate(divide="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of sensors, or recordings, without a value
+        # of sensors, or recordings, without a value
+        warnings.simplefilter("ignore", RuntimeWarning)
         logarithms = np.log(np.where(values > 0, values, np.nan).astype(np.float64))
         usual = np.nanquantile(logarithms, 0.5, axis=0, method="lower")
         return np.asarray(np.nanmedian(logarithms - usual, axis=1))
@@ -261,7 +280,10 @@ def _spellings(recordings: Recordings) -> Iterator[tuple[str, str]]:
         key = re.sub(r"(?<=\w)[\s_-]+", "", unicodedata.normalize("NFKC", name)).casefold()
         alike.setdefault(key, []).append(f"{name!r} ({several(count, 'recording')})")
     if names := [" and ".join(spelt) for spelt in alike.values() if len(spelt) > 1]:
-        yield "spelling", f"Objects whose names differ in spelling alone: {listed(names)}. If one is meant, rename it."
+        yield (
+            "spelling",
+            f"Objects whose names differ in spelling alone: {listed(names)}. If one is meant, rename it.",
+        )
 
 
 def _times(recordings: Recordings) -> Iterator[tuple[str, str]]:
@@ -271,4 +293,7 @@ def _times(recordings: Recordings) -> Iterator[tuple[str, str]]:
     steps, within = np.diff(time), number[1:] == number[:-1]
     if (bad := within & (steps <= 0)).any():
         places = f"{several(int(bad.sum()), 'place')}, first in {recordings.recordings[number[bad.argmax()]]}"
-        yield "time", f"Times repeat or fall at {places}. Look at the clock of the program that records."
+        yield (
+            "time",
+            f"Times repeat or fall at {places}. Look at the clock of the program that records.",
+        )

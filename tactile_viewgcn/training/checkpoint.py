@@ -24,7 +24,11 @@ def training_checkpoint(stage: str, key: str, compute: Compute) -> Iterator[Path
     """
     machine = compute.device.type, compute.precision, os.environ.get("OMP_NUM_THREADS")
     everything = repr((key, machine, torch.__version__, np.__version__))
-    path = root() / "checkpoints" / f"{stage}-{hashlib.sha256(everything.encode()).hexdigest()[:16]}.pt"
+    path = (
+        root()
+        / "checkpoints"
+        / f"{stage}-{hashlib.sha256(everything.encode()).hexdigest()[:16]}.pt"
+    )
     path.parent.mkdir(parents=True, exist_ok=True)
     lock = FileLock(path.with_suffix(".lock"))
     with suppress(Timeout):
@@ -62,7 +66,8 @@ def restore(path: Path, parts: Iterable[Any]) -> dict[str, Any]:
         content = torch.load(path, map_location="cpu", weights_only=True, mmap=True)
         for part, state in zip(parts, content["parts"], strict=True):
             _set_state(part, state)
-        torch.set_num_threads(content["threads"])  # sums of another number of threads differ in their last digits
+        # sums of another number of threads differ in their last digits
+        torch.set_num_threads(content["threads"])
         return content["progress"]
 
 

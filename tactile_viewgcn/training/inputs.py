@@ -33,9 +33,13 @@ class FrameInputs:
         rng: torch.Generator | None = None,
     ):
         self._table, self._index, self._compute, self._rng = table, index, compute, rng
-        self._noise = noise * float(network_input(np.array(table.scale), table.transform, table.scale))
+        self._noise = noise * float(
+            network_input(np.array(table.scale), table.transform, table.scale)
+        )
         self.labels = compute.to_device(torch.from_numpy(table.label[index].astype(np.int64)))
-        kept = compute.device.type == "cuda" and compute.fits(len(index) * table.live.size * torch.float32.itemsize)
+        kept = compute.device.type == "cuda" and compute.fits(
+            len(index) * table.live.size * torch.float32.itemsize
+        )
         self._on_device = self._computed(index) if kept else None
 
     def __len__(self) -> int:

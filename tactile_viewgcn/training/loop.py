@@ -1,7 +1,7 @@
 """The loop over epochs that both trainings share.
 
-A training has diverged where the mean loss of an epoch is not finite, or ten times the first loss, or a weight is not
-finite.
+A training has diverged where the mean loss of an epoch is not finite, or ten times the first loss,
+or a weight is not finite.
 """
 
 import math
@@ -63,17 +63,23 @@ def fit(
 
     Args:
         config: its epochs and schedule; steps: number of batches in an epoch.
-        loss: the loss of a batch's arguments; a card does not record it if its attribute `capturable` is False.
+        loss: the loss of a batch's arguments; a card does not record it if its attribute
+            `capturable` is False.
         batches: epoch -> the arguments of each batch.
         validate: values of an epoch besides the mean loss.
         generators: those of `batches` that a checkpoint keeps, besides torch's default ones.
         checkpoint_path: file for the state after every epoch; a saved training is continued.
-        on_epoch: called with the number, from 1, and the values of every epoch, those of the checkpoint too.
+        on_epoch: called with the number, from 1, and the values of every epoch, those of the
+            checkpoint too.
 
     Raises:
         UserError: it diverges, or the checkpoint is damaged.
     """
-    epochs, factor, rates = config.epochs, lr_lambda(config), [group["lr"] for group in optimiser.param_groups]
+    epochs, factor, rates = (
+        config.epochs,
+        lr_lambda(config),
+        [group["lr"] for group in optimiser.param_groups],
+    )
     loss_of = Replay(loss, _weights(optimiser), records=getattr(loss, "capturable", True))
     parts = [loss, optimiser, *generators, torch.default_generator]
     if torch.cuda.is_initialized():
@@ -115,11 +121,16 @@ def _weights(optimiser: torch.optim.Optimizer) -> list[nn.Parameter]:
     return [weight for group in optimiser.param_groups for weight in group["params"]]
 
 
-def _check_converges(stage: str, epoch: int, mean: float, progress: Progress, optimiser: torch.optim.Optimizer) -> None:
+def _check_converges(
+    stage: str, epoch: int, mean: float, progress: Progress, optimiser: torch.optim.Optimizer
+) -> None:
     """Raise a UserError if the training has diverged at the end of an epoch with this mean loss."""
-    finite = all(weight.isfinite().all() for weight in _weights(optimiser))  # no loss follows the last step
+    # no loss follows the last step
+    finite = all(weight.isfinite().all() for weight in _weights(optimiser))
     if finite and math.isfinite(mean) and mean <= MAX_LOSS * max(1.0, progress.first_loss or 1.0):
         return
     rates = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)
     reason = f"the loss is {mean:g}" + ("" if finite else ", and a weight is not finite")
-    raise UserError(f"{stage} diverged in epoch {epoch} at a learning rate of {rates}: {reason}; lower {stage}.lr")
+    raise UserError(
+        f"{stage} diverged in epoch {epoch} at a learning rate of {rates}: {reason}; lower {stage}.lr"
+    )

@@ -13,7 +13,8 @@ MOMENTUM = 0.9  # paper
 def num_batches(count: int, size: int) -> int:
     """Number of batches for `count` examples, at most `size` in each.
 
-    One batch fewer, with one example more, where a batch would hold a single example: batch normalisation needs two.
+    One batch fewer, with one example more, where a batch would hold a single example: batch
+    normalisation needs two.
     """
     return max(1, min(math.ceil(count / size), count // 2))
 
@@ -22,7 +23,9 @@ def build_optimiser(training: Pretrain | Finetune, groups: list[dict]) -> torch.
     """The optimiser of a training; of pretraining always SGD."""
     if isinstance(training, Finetune) and training.optimiser == "adam":
         return torch.optim.Adam(groups, training.lr, weight_decay=training.weight_decay)
-    return torch.optim.SGD(groups, training.lr, momentum=MOMENTUM, weight_decay=training.weight_decay)
+    return torch.optim.SGD(
+        groups, training.lr, momentum=MOMENTUM, weight_decay=training.weight_decay
+    )
 
 
 def lr_lambda(training: Pretrain | Finetune) -> Callable[[int], float]:
@@ -36,6 +39,7 @@ def lr_lambda(training: Pretrain | Finetune) -> Callable[[int], float]:
     return {
         "constant": lambda _: 1.0,
         "cosine": cosine,
-        "compounding_cosine": lambda epoch: math.prod(map(cosine, range(2, epoch + 1))),  # released code
+        # released code
+        "compounding_cosine": lambda epoch: math.prod(map(cosine, range(2, epoch + 1))),
         "exponential": lambda epoch: 0.1 ** (epoch / 100),  # Sundaram et al. 2019
     }[training.schedule]

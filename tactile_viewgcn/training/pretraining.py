@@ -29,7 +29,9 @@ class FrameLoss(nn.Module):
         """Frames (B, 1, H, W) and labels (B,) to a scalar."""
         with self.compute.autocast():
             features = self.backbone(frames)
-        return functional.cross_entropy(self.classifier(features.to(self.classifier.weight.dtype)), labels)
+        return functional.cross_entropy(
+            self.classifier(features.to(self.classifier.weight.dtype)), labels
+        )
 
 
 def pretrain_backbone(
@@ -45,18 +47,25 @@ def pretrain_backbone(
         checkpoint_path: see `fit`; on_epoch too.
 
     Returns:
-        backbone, classifier, and the progress: per epoch the loss and, where there is a validation side, its error.
+        backbone, classifier, and the progress: per epoch the loss and, where there is a validation
+            side, its error.
 
     Raises:
         UserError: the training diverges.
     """
     config, seed = params.pretrain, params.seed
-    order, on_device = torch_generator(seed, "pretrain.order"), torch_generator(seed, "pretrain.noise", compute.device)
+    order, on_device = (
+        torch_generator(seed, "pretrain.order"),
+        torch_generator(seed, "pretrain.noise", compute.device),
+    )
     anchors = (np.flatnonzero(table.anchor & (table.side == side)) for side in (TRAIN, VALIDATION))
-    train, validation = (FrameInputs(table, index, compute, noise=config.noise, rng=on_device) for index in anchors)
+    train, validation = (
+        FrameInputs(table, index, compute, noise=config.noise, rng=on_device) for index in anchors
+    )
     torch.manual_seed(torch_seed(seed, "pretrain.weights"))  # initial weights and dropout
     backbone = Backbone(params.model.backbone)
-    backbone.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's types lack it
+    # type: ignore[call-overload]  # torch's types lack it
+    backbone.to(compute.device, memory_format=torch.channels_last)
     classifier = nn.Linear(backbone.features, len(table.classes), device=compute.device)
     loss, steps = FrameLoss(backbone, classifier, compute), num_batches(len(train), config.batch)
     optimiser = build_optimiser(config, [{"params": loss.parameters()}])
@@ -74,5 +83,16 @@ def pretrain_backbone(
         return {"validation_error": error_rate(classifier(features), validation.labels)}
 
     generators = (order, on_device)
-    progress = fit("pretrain", config, steps, loss, optimiser, batches, validate, generators, checkpoint_path, on_epoch)
+    progress = fit(
+        "pretrain",
+        config,
+        steps,
+        loss,
+        optimiser,
+        batches,
+        validate,
+        generators,
+        checkpoint_path,
+        on_epoch,
+    )
     return backbone, classifier, progress

@@ -13,18 +13,22 @@ Recorded = tuple[torch.cuda.CUDAGraph, tuple[Tensor, ...], Tensor, list]
 class Replay:
     """A loss function of tensors that sets the gradients of parameters; a CUDA card records and repeats its kernels.
 
-    The kernels of small networks take less time than their launches. Each shape of the arguments is computed as usual
-    at first, recorded the second time, and repeated from then on.
+    The kernels of small networks take less time than their launches. Each shape of the arguments is
+    computed as usual at first, recorded the second time, and repeated from then on.
 
     Args:
-        function: tensors -> loss, a scalar. All shapes follow from the arguments'. It draws random numbers from torch's
-            default generator alone.
+        function: tensors -> loss, a scalar. All shapes follow from the arguments'. It draws random
+            numbers from torch's default generator alone.
         parameters: all that the loss has gradients for.
         records: False: `function` may wait for the card, and its kernels are launched each time.
     """
 
     def __init__(
-        self, function: Callable[..., Tensor], parameters: Iterable[torch.nn.Parameter], *, records: bool = True
+        self,
+        function: Callable[..., Tensor],
+        parameters: Iterable[torch.nn.Parameter],
+        *,
+        records: bool = True,
     ):
         self._function, self._parameters, self._records = function, list(parameters), records
         self._graphs: dict[tuple[torch.Size, ...], Recorded | None] = {}

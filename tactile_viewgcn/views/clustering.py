@@ -15,14 +15,16 @@ from tactile_viewgcn.tables.frames import NO_CLUSTER, TRAIN, VALIDATION, Frames,
 from tactile_viewgcn.views.sampling import random_clusters
 
 COMPONENTS = 8  # released: principal components that k-means uses
-MIN_DIFFERENCE = 2.0**-20  # of two rows, relative to the largest score: k-means' distances have no more digits
+# of two rows, relative to the largest score: k-means' distances have no more digits
+MIN_DIFFERENCE = 2.0**-20
 
 
 def pool_ids(table: Frames, index: np.ndarray, scope: str) -> np.ndarray:
     """Pool int64 (n,) of each frame in `index` (n,), counted from 0.
 
     Args:
-        scope: of a pool's frames: `object`: one class on one side; `recording`: also one recording and one split group.
+        scope: of a pool's frames: `object`: one class on one side; `recording`: also one recording
+            and one split group.
     """
     keys = [table.side, table.label]
     if scope == "recording":
@@ -30,7 +32,9 @@ def pool_ids(table: Frames, index: np.ndarray, scope: str) -> np.ndarray:
     return np.unique(np.stack(keys, axis=1)[index], axis=0, return_inverse=True)[1].ravel()
 
 
-def cluster_frames(table: Frames, viewpoints: np.ndarray, params: Cluster, rng: np.random.Generator) -> Views:
+def cluster_frames(
+    table: Frames, viewpoints: np.ndarray, params: Cluster, rng: np.random.Generator
+) -> Views:
     """Cluster the training and validation frames of each pool into V views, for `viewpoints` (V, 3).
 
     Frames of the test side get no cluster here: `evaluate` clusters them itself.
@@ -83,7 +87,8 @@ def principal_components(points: np.ndarray, count: int) -> np.ndarray:
     """
     from sklearn.decomposition import PCA
 
-    distinct, inverse = np.unique(points, axis=0, return_inverse=True)  # equal rows get equal scores
+    # equal rows get equal scores
+    distinct, inverse = np.unique(points, axis=0, return_inverse=True)
     if len(distinct) < 2:
         return np.zeros((len(points), 1))
     points, distinct = (np.array(rows, dtype=np.float64) for rows in (points, distinct))
@@ -99,17 +104,23 @@ def principal_components(points: np.ndarray, count: int) -> np.ndarray:
 def kmeans(scores: np.ndarray, views: int, *, restarts: int, seed: int) -> np.ndarray:
     """Cluster int64 (n,), 0 to V - 1, of each row of scores (n, c): the best of `restarts` runs of k-means.
 
-    If at most V rows are distinct, each is a cluster, and the other clusters are empty. Two rows are equal if their
-    scores round to the same steps of `MIN_DIFFERENCE`: rounding errors hardly ever count.
+    If at most V rows are distinct, each is a cluster, and the other clusters are empty. Two rows
+    are equal if their scores round to the same steps of `MIN_DIFFERENCE`: rounding errors hardly
+    ever count.
     """
     from sklearn.cluster import KMeans
 
     step = MIN_DIFFERENCE * np.abs(scores).max(initial=0)
-    rows, number = np.unique(np.rint(scores / step) if step else scores, axis=0, return_inverse=True)
+    rows, number = np.unique(
+        np.rint(scores / step) if step else scores, axis=0, return_inverse=True
+    )
     if len(rows) <= views:
         return number.ravel()
-    with _libraries().limit(limits=1):  # small problems: more threads cost time, and change the order of sums
-        return KMeans(views, n_init=restarts, random_state=seed).fit_predict(scores).astype(np.int64)
+    # small problems: more threads cost time, and change the order of sums
+    with _libraries().limit(limits=1):
+        return (
+            KMeans(views, n_init=restarts, random_state=seed).fit_predict(scores).astype(np.int64)
+        )
 
 
 @cache

@@ -24,11 +24,13 @@ class RecordingClusters:
     def view_sets(self, points: Counts, views: int) -> np.ndarray:
         """Return one view set around each frame: the frame, and one frame of each other cluster of the recording.
 
-        Each call has generators of its own, so that a recording has one answer whatever is answered before it.
-        Of a cluster without frames, as where there are fewer frames than views, any frame of the recording stands.
+        Each call has generators of its own, so that a recording has one answer whatever is answered
+        before it. Of a cluster without frames, as where there are fewer frames than views, any
+        frame of the recording stands.
 
         Args:
-            points: (T, S) network input of the recording's frames at the live sensors, in the order of time.
+            points: (T, S) network input of the recording's frames at the live sensors, in the order
+                of time.
             views: V.
 
         Returns:

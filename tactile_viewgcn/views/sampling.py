@@ -1,7 +1,7 @@
 """Drawing view sets: V frames that are classified together, one from each cluster of a pool.
 
-A pool is the frames of one object or recording, divided into V clusters. A view set is drawn around one of
-the frames that `Frames` marks, its anchor, which represents its cluster.
+A pool is the frames of one object or recording, divided into V clusters. A view set is drawn around
+one of the frames that `Frames` marks, its anchor, which represents its cluster.
 """
 
 import numpy as np
@@ -47,14 +47,17 @@ class ViewSets:
         self._start = np.where(self.empty, start[:, :1], start)
         self._count = np.where(self.empty, count.sum(axis=1, keepdims=True), count)
 
-    def draw(self, anchors: np.ndarray, rng: np.random.Generator, assignment: str = "index") -> np.ndarray:
+    def draw(
+        self, anchors: np.ndarray, rng: np.random.Generator, assignment: str = "index"
+    ) -> np.ndarray:
         """View sets int64 (A, V) of frame indices, one for each anchor (A,).
 
         Args:
             anchors: frame indices.
             rng: for the draw.
-            assignment: `anchor` (released code): the anchor first, frames of the other clusters in random order;
-                `random`: all in random order; otherwise column i holds a frame of cluster i, as in the paper.
+            assignment: `anchor` (released code): the anchor first, frames of the other clusters in
+                random order; `random`: all in random order; otherwise column i holds a frame of
+                cluster i, as in the paper.
         """
         start, count = self._start[self._pool[anchors]], self._count[self._pool[anchors]]
         sets = self._members[start + (rng.random(start.shape) * count).astype(np.int64)]
@@ -83,6 +86,13 @@ def powers_of_two(views: int) -> tuple[int, ...]:
 
 def sets_of(views: Views, index: np.ndarray, rng: np.random.Generator) -> ViewSets:
     """View sets of the frames in `index` (k,), counted from 0; of random clusters if no frame has a cluster."""
-    pool, count = np.unique(views.pool[index], return_inverse=True)[1].ravel(), len(views.viewpoints)
-    cluster = views.cluster[index].astype(np.int64) if views.clustered else random_clusters(pool, count, rng)
+    pool, count = (
+        np.unique(views.pool[index], return_inverse=True)[1].ravel(),
+        len(views.viewpoints),
+    )
+    cluster = (
+        views.cluster[index].astype(np.int64)
+        if views.clustered
+        else random_clusters(pool, count, rng)
+    )
     return ViewSets(cluster, pool, count)

@@ -1,7 +1,8 @@
 """Viewpoints, the positions (V, 3) of the view-graph's nodes around the object.
 
-The paper puts 8 views on the vertices of a cube and 12 on a circle at 30 degrees of elevation. The cube's vertices are
-(+-1, +-1, +-1); the other configurations share its radius, the square root of 3.
+The paper puts 8 views on the vertices of a cube and 12 on a circle at 30 degrees of elevation. The
+cube's vertices are (+-1, +-1, +-1); the other configurations share its radius, the square root of
+3.
 """
 
 from itertools import product
@@ -22,9 +23,9 @@ def viewpoints(views: int, kind: str = "auto", seed: int = 0) -> np.ndarray:
 
     Args:
         views: V; 8 for a cube.
-        kind: `cube`, in lexicographic order; `circle` at 30 degrees of elevation; `sphere`: evenly spread; `random`:
-            anywhere on the sphere, as a control of whether the geometry matters; `auto`: 8 cube, 12 circle, any other
-            number sphere.
+        kind: `cube`, in lexicographic order; `circle` at 30 degrees of elevation; `sphere`: evenly
+            spread; `random`: anywhere on the sphere, as a control of whether the geometry matters;
+            `auto`: 8 cube, 12 circle, any other number sphere.
         seed: of `random`.
     """
     match AUTO.get(views, "sphere") if kind == "auto" else kind:

@@ -17,7 +17,9 @@ def write_set(folder, shape, level, sessions):
     for number in range(16):
         file = folder / "ab"[number % 2] / f"{number}.npy"
         file.parent.mkdir(parents=True, exist_ok=True)
-        np.save(file, rng.normal(level * (number % 2), 1, (4 + number % 3, *shape)).astype(np.float32))
+        np.save(
+            file, rng.normal(level * (number % 2), 1, (4 + number % 3, *shape)).astype(np.float32)
+        )
         groups[f"{'ab'[number % 2]}/{number}.npy"] = number // 2 % max(sessions, 1)
     if sessions:
         pd.Series(groups, name="group").to_csv(folder / "groups.csv", index_label="file")
@@ -37,23 +39,36 @@ class OnlyA:
         return np.array(["a"] * len(asked))
 
 
-def test_sets_have_errors_on_held_out_groups_and_a_later_run_keeps_what_an_earlier_one_measured(tmp_path, monkeypatch):
+def test_sets_have_errors_on_held_out_groups_and_a_later_run_keeps_what_an_earlier_one_measured(
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr(recordings, "TactileClassifier", OnlyA)
-    monkeypatch.setitem(SIMPLE, "trees", lambda: recordings.ExtraTreesClassifier(10, random_state=0))
-    sets = [write_set(tmp_path / "apart", (3,), 9.0, sessions=2), write_set(tmp_path / "far", (2, 2), 99.0, sessions=0)]
+    monkeypatch.setitem(
+        SIMPLE, "trees", lambda: recordings.ExtraTreesClassifier(10, random_state=0)
+    )
+    sets = [
+        write_set(tmp_path / "apart", (3,), 9.0, sessions=2),
+        write_set(tmp_path / "far", (2, 2), 99.0, sessions=0),
+    ]
     out, run = tmp_path / "results.csv", CliRunner()
     first = run.invoke(main, [*sets, "--out", str(out), "--only", "trees,svc,logistic"])
     assert first.exit_code == 0 and "Regret" not in first.output
     second = run.invoke(main, [*sets[::-1], "--out", str(out), "--only", "ours"])
     assert second.output.endswith("\nRegret: 50.0 points in the mean, 50.0 at most, on far.\n")
-    assert OnlyA.asked == [(12, (2, 2))] * 4 + [(1, (1, 3))] * 2  # folds: four, or as many as there are groups
+    # folds: four, or as many as there are groups
+    assert OnlyA.asked == [(12, (2, 2))] * 4 + [(1, (1, 3))] * 2
     table = pd.read_csv(out, index_col="set")
     assert ["set", *table] == COLUMNS and table["channels"].to_dict() == {"apart": 3, "far": 4}
     assert table["groups"].to_dict() == {"apart": 2, "far": 16}
-    assert table["ours, error, %"].tolist() == [50, 50] and table["svc, error, %"].tolist() == [0, 0]
+    assert table["ours, error, %"].tolist() == [50, 50] and table["svc, error, %"].tolist() == [
+        0,
+        0,
+    ]
     assert (table["trees, s"] > 0).all()
     unknown = run.invoke(main, [*sets, "--only", "our"])
-    assert unknown.exit_code == 1 and unknown.output.startswith("Error: --only has our; expected some of ours, trees")
+    assert unknown.exit_code == 1 and unknown.output.startswith(
+        "Error: --only has our; expected some of ours, trees"
+    )
 
 
 class KnowsFolds(OnlyA):
@@ -75,7 +90,15 @@ def test_persons_of_a_source_s_folders_are_held_out_together(tmp_path, monkeypat
             folder.mkdir(parents=True)
             for number in range(2):
                 np.save(folder / f"{number}.npy", rng.normal(size=(6, 3)).astype(np.float32))
-    words = [str(tmp_path / "set"), "--groups", "sessions", "--layout", "SESSION/OBJECT/FILE", "--only", "ours"]
+    words = [
+        str(tmp_path / "set"),
+        "--groups",
+        "sessions",
+        "--layout",
+        "SESSION/OBJECT/FILE",
+        "--only",
+        "ours",
+    ]
     result = CliRunner().invoke(main, [*words, "--out", str(tmp_path / "out.csv")])
     assert result.exit_code == 0, result.output
     row = pd.read_csv(tmp_path / "out.csv").iloc[0]
@@ -84,7 +107,13 @@ def test_persons_of_a_source_s_folders_are_held_out_together(tmp_path, monkeypat
     assert row["ours, error, %"] == 50
     one = CliRunner().invoke(main, [*words[:3], "--layout", "OBJECT/FILE", "--only", "ours"])
     assert one.exit_code == 1 and one.output.startswith("Error: ")
-    alone = [write_set(tmp_path / "apart", (3,), 9.0, sessions=2), "--groups", "none", "--only", "svc"]
+    alone = [
+        write_set(tmp_path / "apart", (3,), 9.0, sessions=2),
+        "--groups",
+        "none",
+        "--only",
+        "svc",
+    ]
     assert CliRunner().invoke(main, [*alone, "--out", str(tmp_path / "none.csv")]).exit_code == 0
     assert pd.read_csv(tmp_path / "none.csv")["groups"].tolist() == [16]
 
@@ -92,7 +121,9 @@ def test_persons_of_a_source_s_folders_are_held_out_together(tmp_path, monkeypat
 @pytest.mark.skipif(MINIROCKET not in recordings.WITH_AEON, reason="aeon is not installed")
 def test_minirocket_tells_recordings_of_unequal_lengths_apart(tmp_path):
     folder = write_set(tmp_path / "apart", (3,), 9.0, sessions=0)
-    result = CliRunner().invoke(main, [folder, "--only", MINIROCKET, "--out", str(tmp_path / "out.csv")])
+    result = CliRunner().invoke(
+        main, [folder, "--only", MINIROCKET, "--out", str(tmp_path / "out.csv")]
+    )
     assert result.exit_code == 0, result.output
     assert pd.read_csv(tmp_path / "out.csv")["minirocket, error, %"].tolist() == [0]
 

@@ -4,14 +4,24 @@ import numpy as np
 import pytest
 
 from benchmarks.solver import __main__ as solver
-from benchmarks.solver.other_integrators import IntegrationFailed, explicit_euler, integrate_with_scipy
+from benchmarks.solver.other_integrators import (
+    IntegrationFailed,
+    explicit_euler,
+    integrate_with_scipy,
+)
 from benchmarks.solver.scenes import SETTINGS, ball_grasp
 from tests.glove.scenes import FRAME, free_finger, sphere_on_bed
 
 
 @pytest.mark.parametrize(
     ("method", "setting"),
-    [("ours", 0.02), ("ours, fixed steps", 4), ("explicit Euler", 64), ("RK45", 1e-4), ("BDF", 1e-4)],
+    [
+        ("ours", 0.02),
+        ("ours, fixed steps", 4),
+        ("explicit Euler", 64),
+        ("RK45", 1e-4),
+        ("BDF", 1e-4),
+    ],
 )
 def test_every_method_ends_where_radau_does(method, setting):
     simulation = ball_grasp(*SETTINGS[0], seed=1)

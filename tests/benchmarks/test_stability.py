@@ -20,7 +20,8 @@ from tests.stability import refusal
         (Quantity("x", math.nan, math.nan, refused=True), True),
         (refusal("x", lambda: default_params(("a=1",)), "^parameters: "), True),
         (refusal("x", lambda: default_params(("a=1",)), "^b: "), False),
-        (refusal("x", lambda: TypeAdapter(int).validate_python("a"), "int"), False),  # in several lines
+        # in several lines
+        (refusal("x", lambda: TypeAdapter(int).validate_python("a"), "int"), False),
         (refusal("x", lambda: None, ""), False),
     ],
 )
@@ -32,5 +33,8 @@ def test_errors_are_relative_to_the_largest_number_of_the_exact_array():
     assert max_rel_error([1.0, 2.0], [1.0, 4.0]) == 0.5
     assert max_rel_error([0.25, 0.0], [0.0, 0.0]) == 0.25
     assert max_rel_error([1.0], [1.0, 1.0]) == max_rel_error([math.nan], [1.0]) == math.inf
-    assert share_different([1, 2, 3, 4], [1, 2, 4, 3]) == 0.5 and share_different([1], [1, 2]) == math.inf
+    assert (
+        share_different([1, 2, 3, 4], [1, 2, 4, 3]) == 0.5
+        and share_different([1], [1, 2]) == math.inf
+    )
     assert share_not_finite([1.0, math.nan, math.inf, 2.0]) == 0.5

@@ -30,7 +30,9 @@ def test_the_confusion_of_few_answers_has_as_much_colour_as_that_of_many():
     answers = [("object", "mug", "mug", 90), ("object", "mug", "pen", 10)]
     answers += [("object", "pen", "mug", 0), ("object", "pen", "pen", 0)]
     answers += [("whole", "mug", "mug", 0), ("whole", "mug", "pen", 1)]
-    rows = pd.DataFrame(answers, columns=["protocol", "object", "predicted", "count"]).assign(rev="workspace")
+    rows = pd.DataFrame(answers, columns=["protocol", "object", "predicted", "count"]).assign(
+        rev="workspace"
+    )
     template = json.loads((PLOTS / "confusion_counts.json").read_text())
     colour = template["spec"]["encoding"]["color"]
     values = drawn(template, rows)[colour["field"]]

@@ -1,4 +1,6 @@
-"""The files of an evaluation, its row in MLflow and its lines of text, of trials whose numbers are known."""
+"""The files of an evaluation, its row in MLflow and its lines of text, of trials whose numbers are
+known.
+"""
 
 import csv
 import json
@@ -25,7 +27,11 @@ from tests.records import RECORD
 
 CLASSES = ["cup", "pen, red", "tape"]
 LABELS = np.array([0, 0, 1, 1], dtype=np.int16)
-LATENCY = {"single": {"median": 1.5, "p95": 2.25}, "batch": {"median": 0.5}, "whole": {"median": 3.0}}
+LATENCY = {
+    "single": {"median": 1.5, "p95": 2.25},
+    "batch": {"median": 0.5},
+    "whole": {"median": 3.0},
+}
 COUNTS = {"resolved.model.members": "svm + trees"}
 RECORDS = {
     "pretrain": replace(RECORD, seconds=12.34567, peak_mb=900.0, counts={"weights.backbone": 7}),
@@ -36,12 +42,22 @@ TIMING = costs(LATENCY, RECORDS, 50.0, 1000.0)
 
 @pytest.fixture
 def evaluation():
-    """Two trials of four anchors: three and two of them right by object, two and one by recording; two recordings."""
-    answers = {"object": [[0, 0, 1, 2], [0, 2, 1, 2]], "recording": [[0, 2, 1, 2], [2, 2, 1, 0]], "whole": [[0, 2]]}
-    others = {0: (1, 2), 1: (0, 2), 2: (1, 3)}  # what follows each answer; cup is not among the three after tape
+    """Two trials of four anchors: three and two of them right by object, two and one by recording;
+    two recordings.
+    """
+    answers = {
+        "object": [[0, 0, 1, 2], [0, 2, 1, 2]],
+        "recording": [[0, 2, 1, 2], [2, 2, 1, 0]],
+        "whole": [[0, 2]],
+    }
+    # what follows each answer; cup is not among the three after tape
+    others = {0: (1, 2), 1: (0, 2), 2: (1, 3)}
     trials = {}
     for name, rows in answers.items():
-        best, groups = np.array([[(one, *others[one]) for one in row] for row in rows]), np.array([0, 0, 1, 1])
+        best, groups = (
+            np.array([[(one, *others[one]) for one in row] for row in rows]),
+            np.array([0, 0, 1, 1]),
+        )
         at = [0, 2] if name == "whole" else [0, 1, 2, 3]
         trials[name] = Trials(best, LABELS[at], groups[at], groups[at], 4 if len(at) > 2 else 30)
     trials["recording"].fewer[1] = np.array([[1, 0, 0, 0], [0, 0, 0, 0]])
@@ -53,7 +69,9 @@ def evaluation():
 
 
 @pytest.mark.parametrize(("source", "total"), [(VIRTUAL, 1341.8), ("my_glove", 1296.8)])
-def test_the_total_has_the_simulation_where_its_recordings_were_read(tmp_path, monkeypatch, source, total):
+def test_the_total_has_the_simulation_where_its_recordings_were_read(
+    tmp_path, monkeypatch, source, total
+):
     monkeypatch.chdir(tmp_path)
     ingest = replace(RECORD, stage="ingest", seconds=0.0, inputs={"source": {"path": source}})
     simulate = replace(RECORD, stage="simulate", seconds=45.0)
@@ -65,7 +83,9 @@ def test_the_total_has_the_simulation_where_its_recordings_were_read(tmp_path, m
 
 def test_the_error_for_a_new_session_is_that_of_the_training():
     note = Note("", topic="new session", value={"mean": 0.3, "low": 0.1, "high": 0.5})
-    assert new_session({"finetune": replace(RECORD, notes=[note])}) == {"new_session": {"error": note.value}}
+    assert new_session({"finetune": replace(RECORD, notes=[note])}) == {
+        "new_session": {"error": note.value}
+    }
 
 
 @pytest.mark.parametrize("content", ["", '{"stage": "ingest", "seconds": 1}', "[]"])
@@ -99,11 +119,19 @@ def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tm
     assert by_views[0][3:] == [str(metrics["object"]["error"][end]) for end in ("low", "high")]
     heading, *by_object = rows("per_class.csv")
     assert heading == ["protocol", "object", "answers", "error"] and len(by_object) == 3 * 2
-    assert by_object[2:4] == [["recording", "cup", "4", "0.75"], ["recording", "pen, red", "4", "0.5"]]
+    assert by_object[2:4] == [
+        ["recording", "cup", "4", "0.75"],
+        ["recording", "pen, red", "4", "0.5"],
+    ]
     heading, *confusion = rows("confusion.csv")
     assert heading == ["protocol", "object", "predicted", "count"]
     assert len(confusion) == 3 * 9 and sum(int(count) for *_, count in confusion) == 2 * 2 * 4 + 2
-    assert ["object", "cup", "tape", "1"] in confusion and ["object", "pen, red", "tape", "2"] in confusion
+    assert ["object", "cup", "tape", "1"] in confusion and [
+        "object",
+        "pen, red",
+        "tape",
+        "2",
+    ] in confusion
 
 
 def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation):
@@ -113,10 +141,21 @@ def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation)
     assert f"object protocol: error {text} %, std over trials 17.7, top-3 error 12.5 %" in lines
     tags, parameters, scores = row_tags_parameters_metrics(metrics, TIMING, RECORDS)
     assert tags["resolved.model.members"] == "svm + trees"
-    assert (parameters["classes"], parameters["frames.test"], parameters["weights.backbone"]) == (4, 4, 7)
-    expected = {"error.object": 3 / 8, "error.recording": 5 / 8, "error.whole": 1 / 2, "ms_per_recording": 3.0}
+    assert (parameters["classes"], parameters["frames.test"], parameters["weights.backbone"]) == (
+        4,
+        4,
+        7,
+    )
+    expected = {
+        "error.object": 3 / 8,
+        "error.recording": 5 / 8,
+        "error.whole": 1 / 2,
+        "ms_per_recording": 3.0,
+    }
     expected |= {"top3_error.object": 1 / 8, "top3_error.recording": 3 / 8, "top3_error.whole": 0}
     seconds = {"pretrain": 12.346, "finetune": 1234.5, "evaluate": 50.0, "total": 1296.846}
-    expected |= {f"seconds.{name}": value for name, value in seconds.items()} | {"ms_per_answer": 1.5}
+    expected |= {f"seconds.{name}": value for name, value in seconds.items()} | {
+        "ms_per_answer": 1.5
+    }
     assert scores == pytest.approx(expected | {"peak_mb": 1300.5})  # of the hungriest stage
     assert costs(LATENCY, RECORDS, 50.0, 2000.04)["peak_mb"] == 2000.0

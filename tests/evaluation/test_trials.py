@@ -1,4 +1,6 @@
-"""Trials of classifiers with chosen answers: the view sets that a classifier sees, and the scores of its answers."""
+"""Trials of classifiers with chosen answers: the view sets that a classifier sees, and the scores
+of its answers.
+"""
 
 from itertools import pairwise
 from types import SimpleNamespace
@@ -8,7 +10,12 @@ import pytest
 from sklearn.metrics import confusion_matrix
 
 from tactile_viewgcn.evaluation.evaluate import evaluate_table
-from tactile_viewgcn.evaluation.trials import answer_recordings, read_predictions, run_trials, write_predictions
+from tactile_viewgcn.evaluation.trials import (
+    answer_recordings,
+    read_predictions,
+    run_trials,
+    write_predictions,
+)
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 from tests.glove_data import CPU, fewer_anchors, recipe, table, trained
 
@@ -29,29 +36,49 @@ def frames_of(labels, recording=None):
 
 
 def run(answer, table, values, *changes, views, trials=2, protocol="object", **classifier):
-    """Trials of a classifier that answers view sets by a function of their values, with these attributes."""
+    """Trials of a classifier that answers view sets by a function of their values, with these
+    attributes.
+    """
     attributes = {"takes_fewer": False, "views": views} | classifier
     system = SimpleNamespace(view_sets=lambda values, sets: answer(values[sets]), **attributes)
-    return run_trials(system, values, table, recipe(*changes, f"evaluate.trials={trials}"), protocol)
+    return run_trials(
+        system, values, table, recipe(*changes, f"evaluate.trials={trials}"), protocol
+    )
 
 
 def test_the_three_best_follow_the_logits_and_ties_go_to_the_lowest_class():
     scores, table = np.array([1.0, 1, 1, 1, 2]), frames_of(np.arange(5))
     result = run(lambda nodes: np.tile(scores, (len(nodes), 1)), table, np.zeros((5, 3)), views=2)
-    assert result.best.tolist() == [[[4, 0, 1]] * 5] * 2 and result.labels.tolist() == [0, 1, 2, 3, 4]
+    assert result.best.tolist() == [[[4, 0, 1]] * 5] * 2 and result.labels.tolist() == [
+        0,
+        1,
+        2,
+        3,
+        4,
+    ]
 
 
 def test_each_recording_is_answered_once_from_its_frames_in_their_order():
     """Of 3 and 6 frames and 1; that of two split groups is two."""
-    recording, answers = np.repeat([0, 1, 2], [3, 6, 1]), np.array([[2.0, 1.9, 0.0], [0.0, 1.9, 2.0], [2.0, 2.0, 2.0]])
+    recording, answers = (
+        np.repeat([0, 1, 2], [3, 6, 1]),
+        np.array([[2.0, 1.9, 0.0], [0.0, 1.9, 2.0], [2.0, 2.0, 2.0]]),
+    )
     table = frames_of(np.zeros(10, int), recording)
     table.group = np.array([0, 0, 0, 1, 1, 1, 2, 2, 2, 3])
     classifier = SimpleNamespace(
-        recording=lambda values, points: answers[recording[values[-1]]] if values[0] <= values[-1] else None
+        recording=lambda values, points: (
+            answers[recording[values[-1]]] if values[0] <= values[-1] else None
+        )
     )
     trials = answer_recordings(classifier, np.arange(10), table, recipe())
     assert trials.best.tolist() == [[[0, 1, 2], [2, 1, 0], [2, 1, 0], [0, 1, 2]]]
-    assert trials.recordings.tolist() == ["a", "b", "b", "c"] and trials.groups.tolist() == [0, 1, 2, 3]
+    assert trials.recordings.tolist() == ["a", "b", "b", "c"] and trials.groups.tolist() == [
+        0,
+        1,
+        2,
+        3,
+    ]
     assert (trials.frames, trials.errors) == (3, 0.5)
 
 
@@ -72,8 +99,14 @@ def test_fewer_views_are_the_anchor_and_nested_others_of_its_set_and_move_no_oth
         return run(answer, frames_of(labels), numbers, changes, views=6, takes_fewer=takes_fewer)
 
     asked, alone = asked_for(True), asked_for(False)
-    assert [correct.mean(axis=1).tolist() for correct in asked.fewer.values()] == [[k * 5 / 24] * 2 for k in (1, 2, 4)]
-    assert list(asked.fewer) == [1, 2, 4] and (asked.best[..., 0] == labels).all() and alone.fewer == {}
+    assert [correct.mean(axis=1).tolist() for correct in asked.fewer.values()] == [
+        [k * 5 / 24] * 2 for k in (1, 2, 4)
+    ]
+    assert (
+        list(asked.fewer) == [1, 2, 4]
+        and (asked.best[..., 0] == labels).all()
+        and alone.fewer == {}
+    )
     for start, whole in zip((0, 4), sets[False], strict=True):
         *parts, again = sets[True][start : start + 4]
         np.testing.assert_array_equal(again, whole)
@@ -87,7 +120,10 @@ def test_fewer_views_are_the_anchor_and_nested_others_of_its_set_and_move_no_oth
 
 @pytest.mark.parametrize(
     ("side", "code", "changes"),
-    [("test", TEST, ()), ("validation", VALIDATION, ("split.validation=0.3", "evaluate.side=validation"))],
+    [
+        ("test", TEST, ()),
+        ("validation", VALIDATION, ("split.validation=0.3", "evaluate.side=validation")),
+    ],
 )
 def test_answers_belong_to_the_anchors_of_the_evaluated_side(tmp_path, side, code, changes):
     params, frames = recipe(*changes), fewer_anchors(table(*changes), 5)
@@ -99,13 +135,20 @@ def test_answers_belong_to_the_anchors_of_the_evaluated_side(tmp_path, side, cod
     firsts = np.flatnonzero(on_side)[np.unique(frames.recording[on_side], return_index=True)[1]]
     firsts = firsts[np.argsort(frames.label[firsts], kind="stable")]
     assert predictions.classes.tolist() == frames.classes
-    assert metrics["groups"] == metrics["recordings"] == {side: len(np.unique(frames.group[on_side]))}
-    assert metrics["frames"] == {"train": (frames.anchor & (frames.side == TRAIN)).sum(), side: len(anchors)}
+    assert (
+        metrics["groups"] == metrics["recordings"] == {side: len(np.unique(frames.group[on_side]))}
+    )
+    assert metrics["frames"] == {
+        "train": (frames.anchor & (frames.side == TRAIN)).sum(),
+        side: len(anchors),
+    }
     assert list(predictions.trials) == ["object", "recording", "whole"]
     for asked, trials in predictions.trials.items():
         count = 1 if asked == "whole" else params.evaluate.trials
         at = firsts if asked == "whole" else anchors
-        assert trials.best.shape == (count, len(at), 3) and (trials.labels == frames.label[at]).all()
+        assert (
+            trials.best.shape == (count, len(at), 3) and (trials.labels == frames.label[at]).all()
+        )
         assert (trials.groups == frames.group[at]).all()
         assert trials.recordings.tolist() == [frames.recordings[i] for i in frames.recording[at]]
         assert trials.errors.mean() == pytest.approx(metrics[asked]["error"]["mean"])

@@ -66,7 +66,11 @@ def test_what_is_set_is_kept(glove, baseline, kept):
     asked = f"preprocess.baseline={baseline}", "preprocess.scale=100", f"preprocess.filter={kept}"
     choice = chosen(glove, *asked, *BY_RECORDING)
     assert values(choice) == {} and choice.params.contact_sensors == 5
-    assert (choice.params.baseline, choice.params.filter, choice.params.scale) == (baseline, kept, 100.0)
+    assert (choice.params.baseline, choice.params.filter, choice.params.scale) == (
+        baseline,
+        kept,
+        100.0,
+    )
     if baseline == "none":
         assert choice.baseline.mean.tolist() == [[[500.0] * 8] * 5]
 
@@ -83,16 +87,23 @@ def test_flags_are_taken_if_every_object_has_some(tmp_path, flagged, baseline, e
     made = drifting(recordings=2, grasps=2)
     valid = ~made.open & flagged(made.columns["object"])
     recordings = made.table(tmp_path / "t", valid=valid)
-    assert values(chosen(recordings, f"preprocess.baseline={baseline}", *BY_RECORDING))["filter"] == expected
+    assert (
+        values(chosen(recordings, f"preprocess.baseline={baseline}", *BY_RECORDING))["filter"]
+        == expected
+    )
 
 
 def states_by_hand(recordings, contact):
     """States in which the frames bool (T,) are in contact, all others open, at a noise of 1."""
     sensors = int(recordings.live.sum())
-    return HandStates(recordings.live_counts(), np.ones((1, sensors)), contact, ~contact, np.zeros((1, sensors)))
+    return HandStates(
+        recordings.live_counts(), np.ones((1, sensors)), contact, ~contact, np.zeros((1, sensors))
+    )
 
 
-@pytest.mark.parametrize(("opening", "touched", "shown"), [(9, 9, True), (4, 9, False), (9, 4, False)])
+@pytest.mark.parametrize(
+    ("opening", "touched", "shown"), [(9, 9, True), (4, 9, False), (9, 4, False)]
+)
 def test_an_open_hand_is_shown_where_most_recordings_have_five_frames_of_it_and_one_of_contact(
     tmp_path, opening, touched, shown
 ):
@@ -104,10 +115,17 @@ def test_an_open_hand_is_shown_where_most_recordings_have_five_frames_of_it_and_
 
 
 @pytest.mark.parametrize(("untouched", "kind"), [(2, "contact"), (3, "none")])
-def test_contact_is_no_filter_where_more_than_a_twentieth_of_the_recordings_has_none(tmp_path, untouched, kind):
+def test_contact_is_no_filter_where_more_than_a_twentieth_of_the_recordings_has_none(
+    tmp_path, untouched, kind
+):
     number = np.repeat(np.arange(40), 2)
-    recordings = written(tmp_path / "t", np.arange(480).reshape(80, 2, 3), object=1 + number % 2, recording=number)
-    assert module._filter(recordings, states_by_hand(recordings, number >= untouched), "grasp")[0] == kind
+    recordings = written(
+        tmp_path / "t", np.arange(480).reshape(80, 2, 3), object=1 + number % 2, recording=number
+    )
+    assert (
+        module._filter(recordings, states_by_hand(recordings, number >= untouched), "grasp")[0]
+        == kind
+    )
 
 
 @pytest.mark.parametrize(
@@ -120,7 +138,8 @@ def test_contact_is_no_filter_where_more_than_a_twentieth_of_the_recordings_has_
 def test_the_released_scale_is_kept_at_one_to_ten_times_the_readings_and_none_is_taken_that_params_refuses(
     glove, reading, scale, monkeypatch
 ):
-    readings = np.repeat([reading / 10, reading, 10 * reading], [900, 99, 1])  # one alone is stronger
+    # one alone is stronger
+    readings = np.repeat([reading / 10, reading, 10 * reading], [900, 99, 1])
     monkeypatch.setattr(module, "contact_readings", lambda *_: readings[readings > 0])
     if scale:
         assert chosen(glove, *BY_RECORDING).params.scale == scale
@@ -129,8 +148,12 @@ def test_the_released_scale_is_kept_at_one_to_ten_times_the_readings_and_none_is
             chosen(glove, *BY_RECORDING)
 
 
-def test_the_scale_is_of_all_sensors_in_contact_and_all_frames_of_contact_but_the_empty_hand_s(tmp_path):
-    """Readings of 10 to 50 above the baseline, in a fifth of 12,000 frames each; two sensors are in the noise."""
+def test_the_scale_is_of_all_sensors_in_contact_and_all_frames_of_contact_but_the_empty_hand_s(
+    tmp_path,
+):
+    """Readings of 10 to 50 above the baseline, in a fifth of 12,000 frames each; two sensors are in
+    the noise.
+    """
     frame, counts = np.arange(12_000), np.zeros((12_000, 2, 3), dtype=np.int16)
     counts[:, 0] = 500 + (10 * (1 + frame // 2400))[:, None]
     counts[:, 1], counts[::2, 1, 2] = 504, 590
@@ -145,16 +168,30 @@ def test_the_scale_is_of_all_sensors_in_contact_and_all_frames_of_contact_but_th
 
 
 def test_the_fewest_sensors_in_contact_are_a_fortieth_of_the_array(glove):
-    assert [sensors_in_contact(count) for count in (1, 15, 16, 96, 384, 548, 1400)] == [1, 1, 2, 3, 10, 14, 14]
-    assert chosen(glove, "preprocess.contact_sensors=auto", *BY_RECORDING).params.contact_sensors == 2  # of 40
+    assert [sensors_in_contact(count) for count in (1, 15, 16, 96, 384, 548, 1400)] == [
+        1,
+        1,
+        2,
+        3,
+        10,
+        14,
+        14,
+    ]
+    # of 40
+    assert (
+        chosen(glove, "preprocess.contact_sensors=auto", *BY_RECORDING).params.contact_sensors == 2
+    )
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "smallest"), [(0, 100, 0), (5, 105, 0), (6, 106, 6), (-6, 94, -6), (1234, 9999, 1230)]
+    ("low", "high", "smallest"),
+    [(0, 100, 0), (5, 105, 0), (6, 106, 6), (-6, 94, -6), (1234, 9999, 1230)],
 )
 def test_the_smallest_reading_is_0_within_a_twentieth_of_the_range_and_not_that_of_a_single_spike(
     tmp_path, low, high, smallest
 ):
-    counts = np.where(np.arange(2000)[:, None, None] % 2, high, low) + np.zeros((3, 4), dtype=np.int16)
+    counts = np.where(np.arange(2000)[:, None, None] % 2, high, low) + np.zeros(
+        (3, 4), dtype=np.int16
+    )
     counts[:2, 0, 0] = -30_000, 30_000
     assert smallest_reading(written(tmp_path / "t", counts.astype(np.int16))) == smallest

@@ -22,18 +22,30 @@ def resting(baseline, frames, seed=0):
     return np.round(baseline + noise).astype(np.int16)
 
 
-def test_the_baseline_of_each_session_is_estimated_to_a_twentieth_of_a_count_below_outliers(tmp_path):
+def test_the_baseline_of_each_session_is_estimated_to_a_twentieth_of_a_count_below_outliers(
+    tmp_path,
+):
     baseline = np.array([[[514.3, 515.0]], [[516.5, 513.8]]])
     parts = [(0, 0), (0, 1), (1, 0), (1, 1)]  # session and object of each recording
-    counts = np.concatenate([resting(baseline[session] + 30 * label, 5000, session) for session, label in parts])
+    counts = np.concatenate(
+        [resting(baseline[session] + 30 * label, 5000, session) for session, label in parts]
+    )
     sessions, objects = (np.repeat(ids, 5000) for ids in zip(*parts, strict=True))
     counts[np.random.default_rng(1).random(counts.shape) < 0.01] += 20
     recordings = written(tmp_path / "t", counts, session=sessions, object=objects)
     second = recordings.part(np.flatnonzero(sessions))
     kind = PreprocessSection(baseline="empty_hand")
-    measured, alone = (measure_baseline(one, kind, session_moments(one)) for one in (recordings, second))
-    assert (measured.mean.shape, measured.mean.dtype, measured.noise.dtype) == ((2, 1, 2), np.float32, np.float32)
-    np.testing.assert_array_equal((alone.mean[0], alone.noise[0]), (measured.mean[1], measured.noise[1]))
+    measured, alone = (
+        measure_baseline(one, kind, session_moments(one)) for one in (recordings, second)
+    )
+    assert (measured.mean.shape, measured.mean.dtype, measured.noise.dtype) == (
+        (2, 1, 2),
+        np.float32,
+        np.float32,
+    )
+    np.testing.assert_array_equal(
+        (alone.mean[0], alone.noise[0]), (measured.mean[1], measured.noise[1])
+    )
     np.testing.assert_allclose(measured.mean, baseline, atol=0.05)
     np.testing.assert_allclose(measured.noise, np.hypot(SD, ROUNDING_SD), atol=0.05)
     np.testing.assert_array_equal(measured.of_frame, sessions)
@@ -41,7 +53,8 @@ def test_the_baseline_of_each_session_is_estimated_to_a_twentieth_of_a_count_bel
 
 def test_each_sensor_loses_its_own_outliers_and_no_other_s():
     counts = resting(np.full((2, 2), 514.0), 60)
-    counts[:3, 0, 0] += np.array([400, 30, 9], dtype=np.int16)  # the least of them is one once the others are gone
+    # the least of them is one once the others are gone
+    counts[:3, 0, 0] += np.array([400, 30, 9], dtype=np.int16)
     mean, noise = trimmed_moments(counts)
     kept = {at: counts[3 * (at == (0, 0)) :, *at] for at in np.ndindex(2, 2)}
     np.testing.assert_allclose(mean.ravel(), [each.mean() for each in kept.values()], rtol=1e-6)
@@ -57,8 +70,12 @@ def test_noise_that_is_cut_off_at_the_smallest_reading_is_measured_as_if_it_were
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("digits", [0, 1, 2, 4])
 @pytest.mark.parametrize("step", [0.1, 0.7, 1 / 3])
-def test_the_step_of_readings_in_tenths_is_a_tenth_though_they_differ_in_the_last_digits(dtype, digits, step):
-    """A sensor that never changes has the noise of rounding, a twelfth of a step squared, which others show."""
+def test_the_step_of_readings_in_tenths_is_a_tenth_though_they_differ_in_the_last_digits(
+    dtype, digits, step
+):
+    """A sensor that never changes has the noise of rounding, a twelfth of a step squared, which
+    others show.
+    """
     rng = np.random.default_rng(0)
     readings = (step * rng.integers(0, 100, (400, 3))).astype(dtype)
     readings[:, 0] = dtype(40 * step)

@@ -8,8 +8,10 @@ from tactile_viewgcn.readers.source import Form
 from tests.glove_data import of_arrays
 from tests.readers.files import ingested, save
 
-R, N = np.arange(24)[:, None], np.arange(40)  # number of each recording, six of each of four objects; of each frame
-OBJECT, STARTED = R // 6, 300 * R + 5 * (R % 5)  # frames before it where the objects are recorded in turn
+# number of each recording, six of each of four objects; of each frame
+R, N = np.arange(24)[:, None], np.arange(40)
+# frames before it where the objects are recorded in turn
+OBJECT, STARTED = R // 6, 300 * R + 5 * (R % 5)
 SHUFFLED = np.random.default_rng(1).permuted(np.arange(24).reshape(4, 6), axis=1).reshape(-1, 1)
 OF_DAY = 300 * (3 * OBJECT + R % 3)  # each object in three recordings of each of two days
 DRAWN = np.random.default_rng(2)
@@ -19,7 +21,8 @@ def tremble(size=1.0):
     return DRAWN.normal(0, size, (24, 40))
 
 
-#: Readings (24, frames) of a column that has nothing of touch, and of sensors that predict the object.
+#: Readings (24, frames) of a column that has nothing of touch, and of sensors that predict the
+#: object.
 NO_SENSORS = {
     "number of the recording": R + 0 * N, "number in no order": SHUFFLED + 0 * N,
     "label": np.array([7, 1, 9, 4])[OBJECT] + 0 * N, "person of two objects each": OBJECT // 2 + 0 * N,
@@ -65,10 +68,15 @@ def test_a_column_that_moves_as_no_sensor_is_warned_of(name, names):
     column = (NO_SENSORS | WIDE | CLOCKS | SENSORS)[name]
     notes = column_notes(recordings_of(column, *(tremble() for _ in range(3)), names=names))
     remedy = ("data.columns", ["leave_out:it"]) if names else ("", None)
-    assert [(note.level, note.key, note.value) for note in notes] == [("warning", *remedy)] * (name not in SENSORS)
+    assert [(note.level, note.key, note.value) for note in notes] == [("warning", *remedy)] * (
+        name not in SENSORS
+    )
     for note in notes:
         assert f"{names[0] if names else 'column 1'} " in note.text and "s1" not in note.text
-        assert ("range" in note.text, "beginning" in note.text) == (name in WIDE, name in NO_SENSORS)
+        assert ("range" in note.text, "beginning" in note.text) == (
+            name in WIDE,
+            name in NO_SENSORS,
+        )
 
 
 def test_recordings_of_one_frame_and_sensors_that_all_stand_still_have_no_odd_column():
@@ -96,7 +104,9 @@ def test_columns_that_tell_the_object_only_together_are_named_with_the_error_of_
     assert "together" in note.text and "0.0 %, chance 91.7 %" in note.text
 
 
-@pytest.mark.parametrize(("rate", "warned"), [(1000 / 17 / 1000, True), (1.5e5, True), (1.2, False), (4000.0, False)])
+@pytest.mark.parametrize(
+    ("rate", "warned"), [(1000 / 17 / 1000, True), (1.5e5, True), (1.2, False), (4000.0, False)]
+)
 def test_a_frame_rate_that_no_glove_has_is_asked_about(rate, warned):
     recordings = recordings_of(tremble(), tremble(), names=[])
     recordings.columns["time"] = (N / rate + 0 * R).ravel()
@@ -108,17 +118,22 @@ def test_a_frame_rate_that_no_glove_has_is_asked_about(rate, warned):
 def test_sensors_of_an_array_that_stand_still_are_no_labels():
     drawn = np.random.default_rng(5)
     X = np.rint(drawn.normal(0, 1, (24, 40, 8, 8)))
-    X[..., 0, 0] = drawn.integers(0, 2, 24)[:, None]  # a sensor at the edge, which reads 0 or 1 all the time
+    # a sensor at the edge, which reads 0 or 1 all the time
+    X[..., 0, 0] = drawn.integers(0, 2, 24)[:, None]
     recordings = of_arrays([*X], [*"abcd"], OBJECT[:, 0], np.zeros(24, dtype=int))
     assert column_notes(recordings) == []
 
 
-@pytest.mark.parametrize(("rate", "warned"), [(20 + 10 * OBJECT, 1), (20 + 0.1 * OBJECT, 0), (20 + 30 * (R % 2), 0)])
+@pytest.mark.parametrize(
+    ("rate", "warned"), [(20 + 10 * OBJECT, 1), (20 + 0.1 * OBJECT, 0), (20 + 30 * (R % 2), 0)]
+)
 def test_objects_recorded_at_different_rates_are_warned_of(rate, warned):
     recordings = recordings_of(tremble(), names=[])
     recordings.columns["time"] = (N / rate).ravel()
     notes = column_notes(recordings)
-    assert [(note.topic, "20 to 50" in note.text) for note in notes] == [("frame rate", True)] * warned
+    assert [(note.topic, "20 to 50" in note.text) for note in notes] == [
+        ("frame rate", True)
+    ] * warned
 
 
 def test_rates_that_are_not_known_of_all_recordings_are_not_asked_about():

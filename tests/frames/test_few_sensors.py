@@ -10,7 +10,9 @@ EMPTY = -1
 
 
 def grip(number, pressed, rng, *, sensors, opened=10, dead=0):
-    """A recording (opened + 30, sensors + dead): the open hand, then an object that presses the `pressed` sensors."""
+    """A recording (opened + 30, sensors + dead): the open hand, then an object that presses the
+    `pressed` sensors.
+    """
     counts = 300 + rng.normal(0, 1, (opened + HELD, sensors))
     if number != EMPTY:
         force = (20 + 25 * number) * (1 + rng.normal(0, 0.1, HELD))
@@ -30,7 +32,9 @@ GLOVES = {
 
 
 @pytest.mark.filterwarnings("error")  # frames without contact are no leak
-@pytest.mark.parametrize("opened", [0, 10], ids=["held from the first frame", "the hand open first"])
+@pytest.mark.parametrize(
+    "opened", [0, 10], ids=["held from the first frame", "the hand open first"]
+)
 @pytest.mark.parametrize("with_empty_hand", [False, True])
 @pytest.mark.parametrize("glove", GLOVES.values(), ids=GLOVES)
 def test_a_glove_of_few_sensors_recognises_objects_and_has_no_leak(glove, with_empty_hand, opened):
@@ -47,7 +51,10 @@ def test_a_glove_of_few_sensors_recognises_objects_and_has_no_leak(glove, with_e
     y = [*"abc"] * 6 + ["empty_hand"] * 6 * with_empty_hand
     classifier = TactileClassifier("kernels").fit(X, y)
     assert classifier.score(new, [*"abc"] * 6) == 1
-    contact = [answer.contact for answer in classifier.recogniser_.answer_recordings(classifier._recordings(new))[0]]
+    contact = [
+        answer.contact
+        for answer in classifier.recogniser_.answer_recordings(classifier._recordings(new))[0]
+    ]
     if with_empty_hand:
         assert contact == [HELD] * 18
 
@@ -56,6 +63,8 @@ def test_the_open_hand_does_not_follow_a_single_sensor_through_a_long_grasp():
     rng = np.random.default_rng(0)
     X = [grip(number, [0], rng, sensors=1) for number in [0, 1, 2, EMPTY] * 5]
     classifier = TactileClassifier("kernels").fit(X, ["a", "b", "c", "empty_hand"] * 5)
-    long = np.concatenate([grip(1, [0], rng, sensors=1), *[grip(1, [0], rng, sensors=1, opened=0)] * 9])
+    long = np.concatenate(
+        [grip(1, [0], rng, sensors=1), *[grip(1, [0], rng, sensors=1, opened=0)] * 9]
+    )
     (answer,), _ = classifier.recogniser_.answer_recordings(classifier._recordings([long]))
     assert answer.contact == 10 * HELD and classifier.predict([long]) == ["b"]

@@ -15,7 +15,9 @@ from tests.glove_data import FILE, written
 
 FRAMES, SHAPE = 60, (3, 4)
 RNG = np.random.default_rng(0)
-COUNTS = (514 + RNG.integers(-3, 30, size=(FRAMES, *SHAPE)) * (RNG.random((FRAMES, *SHAPE)) < 0.5)).astype(np.int16)
+COUNTS = (
+    514 + RNG.integers(-3, 30, size=(FRAMES, *SHAPE)) * (RNG.random((FRAMES, *SHAPE)) < 0.5)
+).astype(np.int16)
 COUNTS[:, 2, 3] = 530  # a cell without a sensor, far above the baseline
 OBJECTS = np.repeat([0, 1, 2], 20)
 SESSIONS = np.tile([0, 1], 30)
@@ -42,12 +44,16 @@ def test_contact_is_the_result_of_counting_sensor_by_sensor(recordings, sensors,
     above = np.zeros(FRAMES, dtype=int)
     for frame, row, column in np.ndindex(COUNTS.shape):
         at = SESSIONS[frame], row, column
-        above[frame] += COUNTS[frame, row, column] > BASELINE.mean[at] + CONTACT_SIGMAS * noise[at] and at[1:] != (2, 3)
+        above[frame] += COUNTS[frame, row, column] > BASELINE.mean[at] + CONTACT_SIGMAS * noise[
+            at
+        ] and at[1:] != (2, 3)
     assert contact.dtype == bool and contact.tolist() == (above >= sensors).tolist()
 
 
 def test_pressed_sensors_lie_above_the_threshold_and_not_on_it(tmp_path):
-    counts = np.array([[520, 520, 520], [521, 520, 520], [521, 520, 540], [510, 510, 510]], dtype=np.int16)[:, None]
+    counts = np.array(
+        [[520, 520, 520], [521, 520, 520], [521, 520, 540], [510, 510, 510]], dtype=np.int16
+    )[:, None]
     entry = np.ones((1, 1, 3), dtype=np.float32)
     baseline = Baseline(510 * entry, 2 * entry, np.zeros(4, dtype=np.int16))
     contact = pressed_frames(written(tmp_path / "t", counts, object=1), baseline, 2)
@@ -55,18 +61,36 @@ def test_pressed_sensors_lie_above_the_threshold_and_not_on_it(tmp_path):
 
 
 def test_the_steady_part_of_a_grasp_counts_before_the_valid_label(tmp_path):
-    flags = {"valid": np.array([1, 1, 1, 0], dtype=bool), "grasp_valid": np.array([0, 1, 0, 1], dtype=bool)}
-    assert flagged(written(tmp_path / "a", COUNTS[:4], **flags)).tolist() == [False, True, False, True]
-    assert flagged(written(tmp_path / "b", COUNTS[:4], valid=flags["valid"])).tolist() == [True, True, True, False]
+    flags = {
+        "valid": np.array([1, 1, 1, 0], dtype=bool),
+        "grasp_valid": np.array([0, 1, 0, 1], dtype=bool),
+    }
+    assert flagged(written(tmp_path / "a", COUNTS[:4], **flags)).tolist() == [
+        False,
+        True,
+        False,
+        True,
+    ]
+    assert flagged(written(tmp_path / "b", COUNTS[:4], valid=flags["valid"])).tolist() == [
+        True,
+        True,
+        True,
+        False,
+    ]
 
 
 @pytest.mark.parametrize("kind", ["none", "flags", "contact"])
 def test_notes_count_the_frames_that_a_filter_drops(recordings, kind):
-    preprocess = load(FILE, (f"preprocess.filter={kind}", "preprocess.contact_sensors=12")).preprocess
+    preprocess = load(
+        FILE, (f"preprocess.filter={kind}", "preprocess.contact_sensors=12")
+    ).preprocess
     passed, notes = passing(recordings, BASELINE, preprocess)
-    flags = {"none": OBJECTS >= 0, "flags": OBJECTS == 1, "contact": OBJECTS == 0}  # all of the empty hand
+    # all of the empty hand
+    flags = {"none": OBJECTS >= 0, "flags": OBJECTS == 1, "contact": OBJECTS == 0}
     np.testing.assert_array_equal(passed, flags[kind])
-    assert [note.topic for note in notes] == ["filter"] * len(notes) and bool(notes) == (kind != "none")
+    assert [note.topic for note in notes] == ["filter"] * len(notes) and bool(notes) == (
+        kind != "none"
+    )
     assert not notes or f"{(~passed).sum()} of 60 frames" in notes[0].text
 
 

@@ -1,4 +1,6 @@
-"""What `inspect` recommends for gloves that the project does not know, and that `preprocess` does the same."""
+"""What `inspect` recommends for gloves that the project does not know, and that `preprocess` does
+the same.
+"""
 
 import shlex
 from functools import partial
@@ -10,7 +12,13 @@ import pytest
 
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.messages import warnings_of
-from tactile_viewgcn.pages.inspection import WIDTH, command_lines, inspection_lines, verdict, warnings
+from tactile_viewgcn.pages.inspection import (
+    WIDTH,
+    command_lines,
+    inspection_lines,
+    verdict,
+    warnings,
+)
 from tactile_viewgcn.pages.source_inspection import inspect_source
 from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.source import Form
@@ -35,18 +43,29 @@ GLOVES = {
     "real numbers": (floats, GRASP, 40, 18),
     "noise cut off at 0": (lambda path: floats(path, open_hand=0.0), GRASP, 40, 17),
     "a dense array": (dense, GRASP, 40, 38),
-    "few sensors": (partial(dense, side=7), {"baseline": "none", "filter": "none", "zero": 474}, 80, 0),
+    "few sensors": (
+        partial(dense, side=7),
+        {"baseline": "none", "filter": "none", "zero": 474},
+        80,
+        0,
+    ),
 }
 
 
 @pytest.mark.parametrize("name", GLOVES)
-def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(tmp_path, name, monkeypatch):
+def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(
+    tmp_path, name, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     write, expected, contact, opened = GLOVES[name]
     page = inspect_source(write(Path("my glöve")))
     settings, lines = recommended(page), inspection_lines(page)
     assert expected.items() <= settings.items() and ("zero" in settings) == ("zero" in expected)
-    assert (settings["split.by"], settings["split.folds"], settings["preset"]) == ("recording", 2, "best")
+    assert (settings["split.by"], settings["split.folds"], settings["preset"]) == (
+        "recording",
+        2,
+        "best",
+    )
     assert "scale" not in settings  # which the preset `best` does not read
     np.testing.assert_allclose(page.counts["in contact"], contact, atol=2)
     np.testing.assert_allclose(page.counts["open hand"], opened, atol=6)
@@ -62,11 +81,20 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(tmp_p
     made = preprocessed(page.recordings, *changes)
     assert warnings_of(made.notes) == [] and made.choice.params == page.choice.params
     chosen = {note.key.removeprefix("preprocess.") for note in made.notes if note.level == "choice"}
-    assert chosen == {"baseline", "filter", "contact_sensors", "scale"} | ({"zero"} & settings.keys())
+    assert chosen == {"baseline", "filter", "contact_sensors", "scale"} | (
+        {"zero"} & settings.keys()
+    )
     if name == "all contact":  # every frame is kept as it is
-        np.testing.assert_array_equal(made.frames.inputs(np.arange(160), "counts"), made.frames.counts)
-        (note,) = warnings_of(preprocessed(page.recordings, *changes, "preprocess.baseline=grasp").notes)
-        assert (note.key, note.value) == ("preprocess.baseline", "auto") and "subtracts signal" in note.text
+        np.testing.assert_array_equal(
+            made.frames.inputs(np.arange(160), "counts"), made.frames.counts
+        )
+        (note,) = warnings_of(
+            preprocessed(page.recordings, *changes, "preprocess.baseline=grasp").notes
+        )
+        assert (note.key, note.value) == (
+            "preprocess.baseline",
+            "auto",
+        ) and "subtracts signal" in note.text
     if write is floats:
         assert sorted(page.recordings.objects) == sorted(FOREIGN_NAMES)
         assert page.recordings.sessions == ["Übung 1", "Übung 2"]
@@ -74,7 +102,8 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(tmp_p
         assert np.median(page.states.noise) == pytest.approx(0.015, rel=0.4)
         np.testing.assert_allclose(page.choice.baseline.mean, 0.05, atol=0.03)
     Path("my glöve.dvc").touch()
-    assert "  -S 'data.source=\"my glöve\"' \\" in inspection_lines(page)  # a source that DVC tracks, as typed
+    # a source that DVC tracks, as typed
+    assert "  -S 'data.source=\"my glöve\"' \\" in inspection_lines(page)
 
 
 def test_the_line_leaves_out_the_columns_that_are_warned_of_beside_what_the_user_has_said(tmp_path):
@@ -82,7 +111,10 @@ def test_the_line_leaves_out_the_columns_that_are_warned_of_beside_what_the_user
     for number in range(18):
         columns = {"tick": np.arange(40) + 300 * number, "no, [of trial]": number, "place": 0}
         columns |= {name: rng.normal(500, 9, 40) for name in ("s1", "s2", "s3")}
-        save(tmp_path / "glove" / "abc"[number // 6] / f"{number}.csv", pd.DataFrame(columns).to_csv(index=False))
+        save(
+            tmp_path / "glove" / "abc"[number // 6] / f"{number}.csv",
+            pd.DataFrame(columns).to_csv(index=False),
+        )
     form = Form(columns=["session:place"])
     page = inspect_source(tmp_path / "glove", form)
     (note,) = (note for note in page.remarks if note.key == "data.columns")
@@ -92,7 +124,10 @@ def test_the_line_leaves_out_the_columns_that_are_warned_of_beside_what_the_user
     data = load(FILE, [words[i + 1] for i, word in enumerate(words) if word == "-S"]).data
     assert data.columns == [*form.columns, *note.value]
     again = inspect_source(tmp_path / "glove", Form(data.shape, data.layout, data.columns))
-    assert again.recordings.channel_names == ["s1", "s2", "s3"] and warnings_of(again.choice.notes) == []
+    assert (
+        again.recordings.channel_names == ["s1", "s2", "s3"]
+        and warnings_of(again.choice.notes) == []
+    )
 
 
 def test_recordings_of_one_frame_are_views_of_one(tmp_path):

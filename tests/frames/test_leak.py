@@ -19,9 +19,14 @@ def checked(recordings, *, by="grasp", baseline="empty_hand", zero=0.0):
     return check_leak(recordings, measured, states, split_groups(recordings.columns, by))
 
 
-@pytest.mark.parametrize("offset", [1.5, 60.0], ids=["of one count and a half", "of twice the signal"])
-def test_drift_between_recordings_predicts_their_objects_but_not_above_the_baseline_of_each_grasp(tmp_path, offset):
-    recordings = drifting(objects=6, between=offset, same=True).table(tmp_path / "t")  # touch predicts nothing
+@pytest.mark.parametrize(
+    "offset", [1.5, 60.0], ids=["of one count and a half", "of twice the signal"]
+)
+def test_drift_between_recordings_predicts_their_objects_but_not_above_the_baseline_of_each_grasp(
+    tmp_path, offset
+):
+    # touch predicts nothing
+    recordings = drifting(objects=6, between=offset, same=True).table(tmp_path / "t")
     leak = checked(recordings)
     assert (leak.error, leak.chance, leak.groups) == (0, pytest.approx(5 / 6), 36)
     assert leak.high < 0.12 and leak.beats_chance
@@ -30,8 +35,12 @@ def test_drift_between_recordings_predicts_their_objects_but_not_above_the_basel
 
 
 def test_a_drift_during_the_grasp_is_visible_above_the_baseline_before_it(tmp_path):
-    """Each recording drifts by 2 counts a grasp; above the baseline after the grasp an open hand would show nothing."""
-    leak = checked(drifting(objects=6, within=12.0, same=True).table(tmp_path / "t"), baseline="grasp")
+    """Each recording drifts by 2 counts a grasp; above the baseline after the grasp an open hand
+    would show nothing.
+    """
+    leak = checked(
+        drifting(objects=6, within=12.0, same=True).table(tmp_path / "t"), baseline="grasp"
+    )
     assert leak.error < 0.2 and leak.beats_chance
 
 
@@ -45,20 +54,28 @@ def test_what_drifts_alike_for_all_objects_is_no_leak_of_recordings(tmp_path, by
 
 
 def test_sessions_are_held_out_for_all_objects_at_once(tmp_path):
-    """Each object is in three of four sessions; a session that other objects of the training have would name them."""
+    """Each object is in three of four sessions; a session that other objects of the training have
+    would name them.
+    """
     glove = drifting(objects=4, recordings=3, grasps=3)
     label = glove.columns["object"]
     session = (label + glove.columns["recording"] % 3) % 4
     rng, shift = np.random.default_rng(1), np.zeros((2, 5, 5, 8))
     shift[0, 1:, :2], shift[1, :4, 2:] = rng.normal(0, 4, (4, 2, 8)), rng.normal(0, 4, (4, 3, 8))
     glove.counts[:] = np.rint(glove.counts + shift[0, label] + shift[1, session])
-    leak = checked(glove.table(tmp_path / "t", session=session), by="session", baseline="none", zero=514.0)
+    leak = checked(
+        glove.table(tmp_path / "t", session=session), by="session", baseline="none", zero=514.0
+    )
     assert (leak.error, leak.groups) == (0, 4)
 
 
 @pytest.mark.parametrize(
     ("high", "advised", "warning"),
-    [(0.08, True, [("preprocess.baseline", "grasp")]), (0.08, False, [("", None)]), (0.97, True, [])],
+    [
+        (0.08, True, [("preprocess.baseline", "grasp")]),
+        (0.08, False, [("", None)]),
+        (0.97, True, []),
+    ],
 )
 def test_a_leak_is_a_warning_whose_remedy_is_the_baseline_of_each_grasp(high, advised, warning):
     note = leak_note(QuickError(0.05, 0.02, high, 0.96, 1, 2000), advised=advised)
@@ -74,21 +91,38 @@ def test_objects_are_recognised_in_groups_that_are_held_out_and_labels_at_random
     readings = rng.normal(0, 1, (180, 20)) + 2 * (np.arange(20) % 3 == label[:, None])
     usable = np.ones(180, dtype=bool)
     apart = quick_error(lambda index: readings[index], usable, label, group)
-    assert (apart.error, apart.groups, apart.frames, apart.chance) == (0, 18, 180, pytest.approx(2 / 3))
+    assert (apart.error, apart.groups, apart.frames, apart.chance) == (
+        0,
+        18,
+        180,
+        pytest.approx(2 / 3),
+    )
     by_group = rng.normal(0, 1, (18, 20))[group]  # a group is alike, an object is not
     alike = quick_error(lambda index: by_group[index], usable, label, group)
     assert alike.error > 0.4 and not alike.beats_chance and apart.beats_chance
     once = np.where(label == 0, group, label)
     assert quick_error(lambda index: readings[index], usable, label, once) is None
-    trend = 100.0 * np.tile(np.arange(64), 12)[:, None] / 64  # alike in all groups: means over all of a group lose it
+    # alike in all groups: means over all of a group lose it
+    trend = 100.0 * np.tile(np.arange(64), 12)[:, None] / 64
     label, group = np.repeat([0, 1], 384), np.repeat(np.arange(12), 64)
-    assert quick_error((trend + 20 * label[:, None]).__getitem__, np.ones(768, dtype=bool), label, group).error == 0
-    mostly = np.where(np.arange(768) % 8 < 6, 1.0, -1.0) * (2 * label - 1)  # the eighth frames are in one mean each
-    assert quick_error(mostly[:, None].__getitem__, np.ones(768, dtype=bool), label, group).error == 0.25
+    assert (
+        quick_error(
+            (trend + 20 * label[:, None]).__getitem__, np.ones(768, dtype=bool), label, group
+        ).error
+        == 0
+    )
+    # the eighth frames are in one mean each
+    mostly = np.where(np.arange(768) % 8 < 6, 1.0, -1.0) * (2 * label - 1)
+    assert (
+        quick_error(mostly[:, None].__getitem__, np.ones(768, dtype=bool), label, group).error
+        == 0.25
+    )
 
 
 def designs():
-    """Random designs: the objects and the groups of frames, where groups span objects as sessions do."""
+    """Random designs: the objects and the groups of frames, where groups span objects as sessions
+    do.
+    """
     for seed in range(60):
         rng = np.random.default_rng(seed)
         objects, sessions = rng.integers(3, 12), rng.integers(6, 15)
@@ -105,7 +139,9 @@ def test_readings_that_are_the_object_are_recognised_whatever_sessions_it_was_he
         sessions = np.array([len(np.unique(group[label == one])) for one in range(label.max() + 1)])
         everything = np.ones(len(label), dtype=bool)
         offset = label[:, None] + rng.normal(0, 0.05, (len(label), 5))  # all sensors share it
-        pattern = rng.normal(0, 1, (len(sessions), 30))[label] + rng.normal(0, 0.05, (len(label), 30))
+        pattern = rng.normal(0, 1, (len(sessions), 30))[label] + rng.normal(
+            0, 0.05, (len(label), 30)
+        )
         for readings in (label[:, None].astype(np.float64), offset, pattern):
             leak = quick_error(readings.__getitem__, everything, label, group)
             if np.count_nonzero(sessions > 1) < 2:
@@ -120,11 +156,18 @@ def test_readings_that_are_the_object_are_recognised_whatever_sessions_it_was_he
 def test_readings_at_random_are_no_leak_whatever_sessions_the_objects_were_held_in():
     """About one in forty such intervals lies below chance by chance."""
     leaks = [
-        quick_error(rng.normal(0, 1, (len(label), 30)).__getitem__, np.ones(len(label), dtype=bool), label, group)
+        quick_error(
+            rng.normal(0, 1, (len(label), 30)).__getitem__,
+            np.ones(len(label), dtype=bool),
+            label,
+            group,
+        )
         for label, group, rng in designs()
     ]
     assert np.mean([leak.beats_chance for leak in leaks if leak]) < 0.1
-    assert np.mean([leak.error - leak.chance for leak in leaks if leak]) == pytest.approx(0.03, abs=0.06)
+    assert np.mean([leak.error - leak.chance for leak in leaks if leak]) == pytest.approx(
+        0.03, abs=0.06
+    )
 
 
 def test_a_leak_note_counts_the_objects_that_were_left_out():
@@ -144,7 +187,9 @@ def test_many_objects_of_two_recordings_each_are_told_by_a_number_without_a_word
 
 
 @pytest.mark.parametrize(("by_chance", "beats_chance"), [(0.0, True), (0.05, False)])
-def test_an_error_a_little_below_chance_is_no_leak_where_random_objects_do_as_well(by_chance, beats_chance):
+def test_an_error_a_little_below_chance_is_no_leak_where_random_objects_do_as_well(
+    by_chance, beats_chance
+):
     error = QuickError(0.91, 0.85, 0.956, 0.9615, 78, 1111, by_chance=by_chance)
     assert error.beats_chance == beats_chance
 

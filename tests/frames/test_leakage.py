@@ -15,28 +15,46 @@ BY = ("source", "recording", "grasp", "session")
 BASELINES, FILTERS = ("auto", "empty_hand", "grasp", "none"), ("auto", "flags", "contact", "none")
 EMPTY, NO_EMPTY = "the empty hand recorded", "no empty hand"
 CASES = [
-    *(case for case in product(BY, BASELINES, FILTERS, [EMPTY]) if case[1:3] != ("none", "contact")),  # is refused
-    *product(BY, ("auto", "grasp", "none"), ("auto", "none"), [NO_EMPTY]),  # noise is that of successive frames
+    # is refused
+    *(
+        case
+        for case in product(BY, BASELINES, FILTERS, [EMPTY])
+        if case[1:3] != ("none", "contact")
+    ),
+    # noise is that of successive frames
+    *product(BY, ("auto", "grasp", "none"), ("auto", "none"), [NO_EMPTY]),
 ]
 
 
 @pytest.fixture(scope="module")
 def glove():
-    """An array, the empty hand and two objects, four recordings of two grasps each; one sensor is dead."""
+    """An array, the empty hand and two objects, four recordings of two grasps each; one sensor is
+    dead.
+    """
     made = drifting(objects=2, recordings=4, grasps=2, between=1.0, shape=(8, 9))
     made.counts[:, 0, 0] = 500
     return made
 
 
 def training_side(recordings, params):
-    """All that the training side has and all that is chosen or fitted, by name, and which frames are not of it."""
+    """All that the training side has and all that is chosen or fitted, by name, and which frames
+    are not of it.
+    """
     made = preprocess_recordings(recordings, params.preprocess, params.split)
     frames, choice, train = made.frames, made.choice, made.frames.on(TRAIN)
-    values = {name: getattr(frames, name) for name in ("live", "noise", "scale", "transform", "classes", "kept_share")}
-    values |= {name: getattr(frames, name)[train] for name in ("label", "group", "anchor", "recording")}
+    values = {
+        name: getattr(frames, name)
+        for name in ("live", "noise", "scale", "transform", "classes", "kept_share")
+    }
+    values |= {
+        name: getattr(frames, name)[train] for name in ("label", "group", "anchor", "recording")
+    }
     values |= {"rows": np.flatnonzero(made.keep)[train], "passed": made.passed[made.sides.training]}
     values |= {"above baseline": frames.inputs(train, "counts"), "input": frames.inputs(train)}
-    values |= {"choice": choice.params, "notes": [note for note in choice.notes if note.level == "choice"]}
+    values |= {
+        "choice": choice.params,
+        "notes": [note for note in choice.notes if note.level == "choice"],
+    }
     if params.preprocess.filter == "auto":  # clustering takes longest
         views = views_of(frames, params)
         values |= {"cluster": views.cluster[train], "pool": views.pool[train]}
@@ -46,11 +64,15 @@ def training_side(recordings, params):
     return values, ~made.sides.training
 
 
-@pytest.mark.parametrize(("by", "baseline", "filtered", "empty"), CASES, ids=["-".join(case) for case in CASES])
+@pytest.mark.parametrize(
+    ("by", "baseline", "filtered", "empty"), CASES, ids=["-".join(case) for case in CASES]
+)
 def test_no_reading_of_the_other_sides_reaches_the_training_side(
     tmp_path, glove, monkeypatch, by, baseline, filtered, empty
 ):
-    """In test and validation frames each object presses other sensors, by far more, and the rest read 0."""
+    """In test and validation frames each object presses other sensors, by far more, and the rest
+    read 0.
+    """
     monkeypatch.setattr(filter, "CONTACT_SHARE", 0.042)  # 3 of 71 sensors, 4 of 72
     monkeypatch.setattr(split, "MINIMUM", 4)
     label, number, grasp = (glove.columns[name] for name in ("object", "recording", "grasp"))
@@ -58,23 +80,37 @@ def test_no_reading_of_the_other_sides_reaches_the_training_side(
     part = (label > 0) | (empty == EMPTY)
     columns = {
         "session": number if by == "session" else number % 2,
-        "valid": ~glove.open & ((number + grasp) % 3 > 0) & ((label == 1) | (filtered != "auto") | (empty != EMPTY)),
+        "valid": ~glove.open
+        & ((number + grasp) % 3 > 0)
+        & ((label == 1) | (filtered != "auto") | (empty != EMPTY)),
     }
-    if by == "source":  # elsewhere it would spare the measurement of baselines; recordings are on both sides
+    # elsewhere it would spare the measurement of baselines; recordings are on both sides
+    if by == "source":
         columns["split"] = ((number == 3) | ((number == 1) & (grasp == 1))).astype(np.int8)
-    asked = (f"preprocess.baseline={baseline}", f"preprocess.filter={filtered}", "cluster.restarts=1")
+    asked = (
+        f"preprocess.baseline={baseline}",
+        f"preprocess.filter={filtered}",
+        "cluster.restarts=1",
+    )
     dealt = f"split.by={by}", f"split.folds={2 if by == 'grasp' else 4}", "split.validation=0.3"
     params = recipe(*asked, *dealt)
     expected, other = training_side(glove.table(tmp_path / "a", part, **columns), params)
     changed = np.zeros(len(part), dtype=bool)
     changed[np.flatnonzero(part)[other]] = True
-    changed &= (label > 0) | (by == "session")  # a session's empty hand gives its baseline on whichever side it is
-    counts, sensors = glove.counts.copy().reshape(len(part), -1), np.arange(72) // 24 == label[changed, None]
+    # a session's empty hand gives its baseline on whichever side it is
+    changed &= (label > 0) | (by == "session")
+    counts, sensors = (
+        glove.counts.copy().reshape(len(part), -1),
+        np.arange(72) // 24 == label[changed, None],
+    )
     alternating = np.arange(changed.sum())[:, None] % 2
     counts[changed] = np.where(sensors, 900 + 300 * alternating, 0)
-    columns["valid"] = np.where(changed, label == 2, columns["valid"])  # where it was the only object without flags
+    # where it was the only object without flags
+    columns["valid"] = np.where(changed, label == 2, columns["valid"])
     planted = {name: values[part] for name, values in (glove.columns | columns).items()}
-    actual, _ = training_side(written(tmp_path / "b", counts.reshape(glove.counts.shape)[part], **planted), params)
+    actual, _ = training_side(
+        written(tmp_path / "b", counts.reshape(glove.counts.shape)[part], **planted), params
+    )
     assert actual.keys() == expected.keys() and changed.any()
     for name, value in expected.items():
         np.testing.assert_array_equal(actual[name], value, err_msg=name)
@@ -84,11 +120,15 @@ def test_the_empty_hand_of_another_side_gives_baseline_and_noise_alone(tmp_path,
     """It is the only one in which the dead sensor varies, and the only one that reads 0."""
     columns = glove.columns | {"session": glove.columns["recording"] % 2}
     params = recipe("preprocess.baseline=auto", "split.by=recording", "split.folds=4")
-    made = preprocess_recordings(written(tmp_path / "a", glove.counts, **columns), params.preprocess, params.split)
+    made = preprocess_recordings(
+        written(tmp_path / "a", glove.counts, **columns), params.preprocess, params.split
+    )
     other = (columns["object"] == 0) & ~made.sides.training
     counts = glove.counts.copy()
     counts[other, 0, 0] = 500 * (np.arange(other.sum()) % 2)
-    again = preprocess_recordings(written(tmp_path / "b", counts, **columns), params.preprocess, params.split)
+    again = preprocess_recordings(
+        written(tmp_path / "b", counts, **columns), params.preprocess, params.split
+    )
     assert other.any() and not made.frames.live[0, 0]
     np.testing.assert_array_equal(again.frames.live, made.frames.live)
     assert again.choice.params == made.choice.params

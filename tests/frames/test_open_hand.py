@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames import open_hand as module
-from tactile_viewgcn.frames.baseline import grasps, measure_baseline, session_moments, trimmed_moments
+from tactile_viewgcn.frames.baseline import (
+    grasps,
+    measure_baseline,
+    session_moments,
+    trimmed_moments,
+)
 from tactile_viewgcn.frames.open_hand import MARGIN
 from tactile_viewgcn.params import PreprocessSection
 from tests.glove_data import CLOSED, NOISE, OPEN, SIGNAL, drifting, states_of
@@ -32,7 +37,9 @@ def away(opened):
     """Frames of the open hand that are not near a touch in their recording, frame by frame."""
     each = 6 * (OPEN + CLOSED)
     recordings = opened.reshape(-1, each)
-    return np.array([one[max(t - MARGIN, 0) : t + MARGIN + 1].all() for one in recordings for t in range(each)])
+    return np.array(
+        [one[max(t - MARGIN, 0) : t + MARGIN + 1].all() for one in recordings for t in range(each)]
+    )
 
 
 BETWEEN = "each sensor between recordings", "all sensors between recordings"
@@ -40,13 +47,17 @@ BETWEEN = "each sensor between recordings", "all sensors between recordings"
 
 @pytest.mark.parametrize(
     ("drift", "first"),
-    [*((drift, "empty_hand") for drift in DRIFTS), *((drift, "cloth") for drift in BETWEEN)],  # a cloth presses nothing
+    # a cloth presses nothing
+    [*((drift, "empty_hand") for drift in DRIFTS), *((drift, "cloth") for drift in BETWEEN)],
 )
 def test_the_open_hand_and_contact_are_detected_whatever_drifts(tmp_path, drift, first):
     glove = drifting(**DRIFTS[drift])
-    states = states_of(glove.table(tmp_path / "t", objects=[first, "mug", "pen", "ball", "coin"]), CONTACT)
+    states = states_of(
+        glove.table(tmp_path / "t", objects=[first, "mug", "pen", "ball", "coin"]), CONTACT
+    )
     np.testing.assert_array_equal(states.contact, ~glove.open)
-    assert (states.open != away(glove.open)).mean() < 0.01  # drift during a grasp lifts sensors at its end
+    # drift during a grasp lifts sensors at its end
+    assert (states.open != away(glove.open)).mean() < 0.01
     if first == "cloth":
         np.testing.assert_allclose(states.noise, np.full((1, 40), SD), atol=0.15)
 
@@ -56,7 +67,9 @@ def test_a_flag_makes_contact_where_nothing_is_pressed_but_not_of_the_empty_hand
     glove = drifting()
     pressed = np.where(glove.open[:, None, None], glove.counts, np.rint(glove.baseline))
     flags = {flag: ~glove.open | (glove.columns["object"] == 0)}
-    states = states_of(replace(glove, counts=pressed.astype(np.int16)).table(tmp_path / "t", **flags), CONTACT)
+    states = states_of(
+        replace(glove, counts=pressed.astype(np.int16)).table(tmp_path / "t", **flags), CONTACT
+    )
     np.testing.assert_array_equal(states.open, away(glove.open))
     np.testing.assert_array_equal(states.contact, ~glove.open)
 
@@ -88,7 +101,9 @@ def test_a_grasp_begins_when_the_hand_opens_after_contact_and_frames_between_bel
     assert "".join(map(str, grasps(opened, contact))) == "1" * 10 + "2" * 7 + "3" * 5
 
 
-@pytest.mark.parametrize("drift", [{}, {"between": 2 * SIGNAL, "common": 2 * SIGNAL}, {"between": 5, "within": 10}])
+@pytest.mark.parametrize(
+    "drift", [{}, {"between": 2 * SIGNAL, "common": 2 * SIGNAL}, {"between": 5, "within": 10}]
+)
 def test_each_grasp_has_the_baseline_of_the_open_hand_before_it(tmp_path, drift):
     glove = drifting(**drift)
     recordings = glove.table(tmp_path / "t")
@@ -100,7 +115,9 @@ def test_each_grasp_has_the_baseline_of_the_open_hand_before_it(tmp_path, drift)
         numbers = baseline.of_frame[at & ~glove.open]
         assert np.unique(numbers).tolist() == [1 + 6 * recording + grasp]
         truth = glove.baseline[at & glove.open].mean(axis=0)
-        np.testing.assert_allclose(baseline.mean[numbers[0]], truth, atol=5 * SD / np.sqrt(OPEN - 2 * MARGIN))
+        np.testing.assert_allclose(
+            baseline.mean[numbers[0]], truth, atol=5 * SD / np.sqrt(OPEN - 2 * MARGIN)
+        )
     assert (baseline.mean.dtype, baseline.noise.dtype) == (np.float32, np.float32)
 
 
@@ -119,10 +136,17 @@ def test_the_noise_is_that_of_the_grasp_s_session(tmp_path):
 def test_a_grasp_without_open_hand_has_the_nearest_one_s_of_its_recording(tmp_path):
     glove = drifting(between=SIGNAL)
     recording, grasp = glove.columns["recording"], glove.columns["grasp"]
-    brief = (recording == 1) & np.isin(grasp, [0, 3]) & glove.open & (np.arange(len(grasp)) % (OPEN + CLOSED) >= 6)
+    brief = (
+        (recording == 1)
+        & np.isin(grasp, [0, 3])
+        & glove.open
+        & (np.arange(len(grasp)) % (OPEN + CLOSED) >= 6)
+    )
     recordings = glove.table(tmp_path / "t", ~brief)  # 4 and 3 open-hand frames are left
     baseline = of_grasps(recordings, states_of(recordings, CONTACT))
-    last = dict(zip(zip(recording[~brief], grasp[~brief], strict=True), baseline.of_frame, strict=True))
+    last = dict(
+        zip(zip(recording[~brief], grasp[~brief], strict=True), baseline.of_frame, strict=True)
+    )
     assert last[1, 0] == last[1, 1] and last[1, 3] == last[1, 2] != last[1, 1]
     assert len(baseline.mean) == 1 + 24 - 2
 
@@ -144,15 +168,22 @@ def test_a_recording_without_open_hand_is_named_and_has(tmp_path, case):
     objects = ["empty_hand" if has_empty else "cloth", "mug", "pen", "ball"]
     recordings = glove.table(tmp_path / "t", session=session, objects=objects)
     states = states_of(recordings, CONTACT)
-    states = replace(states, open=states.open & ~np.isin(recording, [4, 5] if has_open else range(8)))
+    states = replace(
+        states, open=states.open & ~np.isin(recording, [4, 5] if has_open else range(8))
+    )
     trained = [(np.full((5, 8), 500.0 + number), np.ones((5, 8))) for number in range(2)]
     baseline = of_grasps(recordings, states, trained if has_trained else None)
     for number in (4, 5):
         of_session = session == number % 2
-        used = of_session & (glove.columns["object"] == 0) if has_empty else of_session & states.open
+        used = (
+            of_session & (glove.columns["object"] == 0) if has_empty else of_session & states.open
+        )
         expected = trained[number % 2][0] if has_trained else states.quiet[number].reshape(5, 8)
         if has_open:
             expected = trimmed_moments(glove.counts[used])[0]
         (row,) = np.unique(baseline.of_frame[recording == number])
         np.testing.assert_array_equal(baseline.mean[row], expected.astype(np.float32))
-        assert any(f"recording{number}" in note.text and note.topic == "baseline" for note in baseline.notes)
+        assert any(
+            f"recording{number}" in note.text and note.topic == "baseline"
+            for note in baseline.notes
+        )

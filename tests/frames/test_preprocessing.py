@@ -1,4 +1,6 @@
-"""From raw recordings to the frames that a system learns from: baseline, filter, sides, classes, anchors, refusals."""
+"""From raw recordings to the frames that a system learns from: baseline, filter, sides, classes,
+anchors, refusals.
+"""
 
 import numpy as np
 import pytest
@@ -11,7 +13,9 @@ from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN
 from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 from tests.glove_data import COLUMNS, COUNTS, FILE, FIXED, GRIP_FRAMES, prepared, written
 
-OBJECT, RECORDING, SESSION, VALID = (COLUMNS[name] for name in ("object", "recording", "session", "valid"))
+OBJECT, RECORDING, SESSION, VALID = (
+    COLUMNS[name] for name in ("object", "recording", "session", "valid")
+)
 
 
 def notes_on(made, topic, text=""):
@@ -21,27 +25,40 @@ def notes_on(made, topic, text=""):
 
 def test_the_baseline_of_the_frame_s_session_is_subtracted(tmp_path):
     frames, made = prepared(tmp_path)
-    np.testing.assert_array_equal(*np.split(frames.baseline_mean, 2))  # of the training side, and of the test side
-    np.testing.assert_allclose(frames.baseline_mean.mean(axis=(1, 2)), [514, 516, 514, 516], atol=0.1)
+    # of the training side, and of the test side
+    np.testing.assert_array_equal(*np.split(frames.baseline_mean, 2))
+    np.testing.assert_allclose(
+        frames.baseline_mean.mean(axis=(1, 2)), [514, 516, 514, 516], atol=0.1
+    )
     np.testing.assert_allclose(frames.noise, np.hypot(0.95, 12**-0.5), rtol=0.3)
     assert frames.kept_share == VALID.mean() == made.passed.mean()
     inputs = frames.inputs(np.arange(len(frames)))
     for label, pressed in enumerate([range(0), range(5), range(7, 12)]):
         mean = inputs[frames.label == label].mean(axis=0).ravel() * 150
         expected = 40.0 * np.isin(np.arange(12), pressed)
-        np.testing.assert_allclose(mean, expected, atol=0.6)  # noise that is cut at the baseline leaves 0.4 counts
+        # noise that is cut at the baseline leaves 0.4 counts
+        np.testing.assert_allclose(mean, expected, atol=0.6)
 
 
 def test_without_a_baseline_a_constant_is_subtracted(tmp_path):
-    frames, _ = prepared(tmp_path, "preprocess.baseline=none", "preprocess.zero=510", "preprocess.scale=20")
+    frames, _ = prepared(
+        tmp_path, "preprocess.baseline=none", "preprocess.zero=510", "preprocess.scale=20"
+    )
     excess = COUNTS[VALID].astype(float) - 510
-    np.testing.assert_allclose(frames.inputs(np.arange(len(frames))), np.clip(excess / 20, 0, 1), rtol=1e-6)
+    np.testing.assert_allclose(
+        frames.inputs(np.arange(len(frames))), np.clip(excess / 20, 0, 1), rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize("by", ["source", "recording", "grasp", "session"])
 @pytest.mark.parametrize("fold", [0, 1])
 def test_no_group_is_on_two_sides_both_have_every_class(tmp_path, by, fold):
-    changes = (f"split.by={by}", "split.folds=2", f"split.fold={fold}", f"split.validation={0.3 * (by == 'grasp')}")
+    changes = (
+        f"split.by={by}",
+        "split.folds=2",
+        f"split.fold={fold}",
+        f"split.validation={0.3 * (by == 'grasp')}",
+    )
     frames, made = prepared(tmp_path, *changes)
     for group in np.unique(frames.group):
         assert len(np.unique(frames.side[frames.group == group])) == 1
@@ -60,7 +77,9 @@ def test_no_group_is_on_two_sides_both_have_every_class(tmp_path, by, fold):
             assert counts[f"{column}s.{name}"] == len(set(getattr(frames, column)[on]))
 
 
-def test_the_published_split_is_taken_as_it_is_and_the_recordings_that_it_shares_are_counted(tmp_path):
+def test_the_published_split_is_taken_as_it_is_and_the_recordings_that_it_shares_are_counted(
+    tmp_path,
+):
     split = COLUMNS["split"].copy()
     split[np.isin(RECORDING, [0, 4, 7]) & (COLUMNS["frame"] >= 12)] = 1
     split[(RECORDING == 9) & ~VALID] = 1  # frames that the filter drops share nothing
@@ -78,7 +97,9 @@ def test_groups_of_a_training_leave_no_test_side(tmp_path):
     assert (made.frames.side == TRAIN).all()
     np.testing.assert_array_equal(made.frames.group, groups[VALID])
     baseline = made.choice.baseline
-    np.testing.assert_array_equal(baseline.mean[baseline.of_frame], made.frames.baseline_mean[SESSION])
+    np.testing.assert_array_equal(
+        baseline.mean[baseline.of_frame], made.frames.baseline_mean[SESSION]
+    )
 
 
 @pytest.mark.parametrize("by", ["recording", "source"])
@@ -106,7 +127,9 @@ def test_a_class_without_training_frames_is_dropped_and_one_without_test_frames_
 def test_a_class_whose_only_used_group_the_filter_empties_is_dropped(tmp_path):
     first = np.unique(RECORDING[OBJECT == 2])[1]  # the first of fold 0 is its test group
     changes = ("split.by=recording", "split.folds=3", "split.train_groups=1")
-    frames, made = prepared(tmp_path, *changes, columns=COLUMNS | {"valid": VALID & (first != RECORDING)})
+    frames, made = prepared(
+        tmp_path, *changes, columns=COLUMNS | {"valid": VALID & (first != RECORDING)}
+    )
     assert frames.classes == ["empty_hand", "object1"] and notes_on(made, "objects", "object2")
 
 
@@ -114,7 +137,10 @@ def test_a_recording_and_an_object_that_the_filter_empties_are_named(tmp_path):
     valid = VALID & (OBJECT != 2) & (RECORDING != 4)
     frames, made = prepared(tmp_path, columns=COLUMNS | {"valid": valid})
     dropped, emptied, warning = notes_on(made, "filter")
-    assert f"{360 - valid.sum()} of 360 frames" in dropped.text and "recording15, recording16" in emptied.text
+    assert (
+        f"{360 - valid.sum()} of 360 frames" in dropped.text
+        and "recording15, recording16" in emptied.text
+    )
     assert warning.level == "warning" and "object2" in warning.text
     assert frames.classes == ["empty_hand", "object1"]
     np.testing.assert_array_equal(made.keep, valid)
@@ -126,7 +152,8 @@ def test_the_source_s_balanced_frames_are_the_anchors_of_its_split_and_flags_alo
     frames, _ = prepared(tmp_path, columns=columns)
     np.testing.assert_array_equal(frames.anchor, balanced[VALID])
     for change in ("split.by=recording", "preprocess.filter=contact"):
-        assert prepared(tmp_path, change, columns=columns)[0].anchor.all()  # no class has more than the fewest anchors
+        # no class has more than the fewest anchors
+        assert prepared(tmp_path, change, columns=columns)[0].anchor.all()
 
 
 def without(name):
@@ -137,7 +164,9 @@ def test_the_first_grasps_of_each_training_recording_are_trained_on_and_all_are_
     every, few = (prepared(tmp_path, f"split.train_grasps={most}")[0] for most in ('"all"', 1))
     grasps = every.recording * 100 + every.grasp
     first = [grasps[every.recording == one].min() for one in np.unique(every.recording)]
-    assert len(np.unique(grasps[every.side == TRAIN])) > len(np.unique(few.recording[few.side == TRAIN]))
+    assert len(np.unique(grasps[every.side == TRAIN])) > len(
+        np.unique(few.recording[few.side == TRAIN])
+    )
     for side, left in ((TRAIN, np.isin(grasps, first)), (TEST, True)):
         of_side = (every.side == side) & left
         np.testing.assert_array_equal(few.counts[few.side == side], every.counts[of_side])
@@ -147,16 +176,36 @@ NO_EMPTY = ("preprocess.empty_hand_class=false",)
 LATE = (SESSION == 1) & (OBJECT == 0)  # the empty hand of the second session
 FOUR_LATE = np.where(LATE & (np.cumsum(LATE) > 4), 2, OBJECT)
 REFUSED = {
-    "four frames of the empty hand in a session": ((), COLUMNS | {"object": FOUR_LATE}, "fewer than 5 .* in session1;"),
+    "four frames of the empty hand in a session": (
+        (),
+        COLUMNS | {"object": FOUR_LATE},
+        "fewer than 5 .* in session1;",
+    ),
     "no flags": ((), without("valid"), r"glove\.h5: .*preprocess\.filter flags"),
     "no published split": ((), without("split"), "no column 'split': set split"),
     "no grasps": (("split.by=grasp",), without("grasp"), "no column 'grasp': set split"),
-    "no grasps to count": (("split.train_grasps=1",), without("grasp"), "split.train_grasps to all"),
+    "no grasps to count": (
+        ("split.train_grasps=1",),
+        without("grasp"),
+        "split.train_grasps to all",
+    ),
     "one class": (NO_EMPTY, COLUMNS | {"object": np.minimum(OBJECT, 1)}, "one class, object1"),
     "one class left": (NO_EMPTY, COLUMNS | {"valid": OBJECT < 2}, r"two classes .*\(object1\)"),
-    "no test side": ((), COLUMNS | {"split": 0 * COLUMNS["split"]}, r"the test side of split\.by source"),
-    "no group for the fold": (("split.by=recording", "split.folds=9", "split.fold=8"), COLUMNS, "test side .*8 of 9"),
-    "no group to validate": (("split.by=session", "split.folds=2", "split.validation=0.5"), COLUMNS, "validation side"),
+    "no test side": (
+        (),
+        COLUMNS | {"split": 0 * COLUMNS["split"]},
+        r"the test side of split\.by source",
+    ),
+    "no group for the fold": (
+        ("split.by=recording", "split.folds=9", "split.fold=8"),
+        COLUMNS,
+        "test side .*8 of 9",
+    ),
+    "no group to validate": (
+        ("split.by=session", "split.folds=2", "split.validation=0.5"),
+        COLUMNS,
+        "validation side",
+    ),
 }
 
 

@@ -7,12 +7,20 @@ from hypothesis import strategies as st
 
 from tactile_viewgcn.frames import split as module
 from tactile_viewgcn.frames.folds import complete_folds, in_fold, left_out
-from tactile_viewgcn.frames.split import draw_anchors, published_test, split_groups, surplus_groups, validation_sides
+from tactile_viewgcn.frames.split import (
+    draw_anchors,
+    published_test,
+    split_groups,
+    surplus_groups,
+    validation_sides,
+)
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 
 
 def made(objects=4, sessions=3, recordings=2, grasps=3, frames=2):
-    """Columns of a table in which every object is recorded in every session, each recording with its grasps."""
+    """Columns of a table in which every object is recorded in every session, each recording with
+    its grasps.
+    """
     size = (sessions, objects, recordings, grasps, frames)
     session, label, number, grasp, _ = (axis.ravel() for axis in np.indices(size))
     recording = (session * objects + label) * recordings + number
@@ -45,7 +53,8 @@ def test_the_published_validation_is_tested_where_there_is_no_test_side():
     [
         # the groups of each class are dealt in turn; a class of one group is trained on
         (False, [0, 0, 1, 2, 3, 4, 4, 5, 7], [0, 0, 0, 0, 0, 1, 1, 1, 2], [[0, 2, 4], [1, 3, 5]]),
-        (True, [0, 1, 2, 1, 2, 3], [0, 0, 0, 1, 1, 1], [[0, 2], [1, 3]]),  # sessions: once for all classes
+        # sessions: once for all classes
+        (True, [0, 1, 2, 1, 2, 3], [0, 0, 0, 1, 1, 1], [[0, 2], [1, 3]]),
     ],
 )
 def test_groups_are_dealt_to_the_folds_in_turn(across, groups, labels, tested):
@@ -60,17 +69,29 @@ def test_a_deal_shuffles_the_groups_of_each_class_independently_of_other_classes
 
     def tested(deal, of=slice(None), across=False):
         """bool (4, 24) or fewer: the groups that each fold tests."""
-        return np.stack([in_fold(groups[of], labels[of], folds=4, fold=i, across=across, deal=deal) for i in range(4)])
+        return np.stack(
+            [
+                in_fold(groups[of], labels[of], folds=4, fold=i, across=across, deal=deal)
+                for i in range(4)
+            ]
+        )
 
     assert tested(3).reshape(4, 2, 12).sum(axis=2).tolist() == [[3, 3]] * 4
     np.testing.assert_array_equal(tested(3)[:, 12:], tested(3, labels == 1))
     assert (tested(3)[:, :12] != tested(3)[:, 12:]).any()
-    assert len({tested(deal, across=across).tobytes() for deal in range(5) for across in (False, True)}) == 9
+    assert (
+        len(
+            {tested(deal, across=across).tobytes() for deal in range(5) for across in (False, True)}
+        )
+        == 9
+    )
 
 
 @pytest.mark.parametrize("by", ["recording", "grasp", "session"])
 @settings(max_examples=25, deadline=None)
-@given(st.tuples(*(st.integers(1, most) for most in (4, 4, 3))), st.integers(2, 5), st.integers(0, 9))
+@given(
+    st.tuples(*(st.integers(1, most) for most in (4, 4, 3))), st.integers(2, 5), st.integers(0, 9)
+)
 def test_every_group_is_on_one_side_and_is_tested_in_exactly_one_fold(by, size, folds, deal):
     columns = made(*size)
     groups, label, across = split_groups(columns, by), columns["object"], by == "session"
@@ -78,7 +99,9 @@ def test_every_group_is_on_one_side_and_is_tested_in_exactly_one_fold(by, size, 
     for fold in range(folds):
         inside = in_fold(groups, label, folds=folds, fold=fold, across=across, deal=deal)
         side = np.where(inside, TEST, TRAIN).astype(np.int8)
-        side = validation_sides(side, groups, label, share=0.2, across=across, rng=np.random.default_rng(0))
+        side = validation_sides(
+            side, groups, label, share=0.2, across=across, rng=np.random.default_rng(0)
+        )
         assert len(np.unique(np.stack([groups, side]), axis=1).T) == len(np.unique(groups))
         times += side == TEST
     pairs = np.unique(np.stack([label, groups]), axis=1)
@@ -99,13 +122,19 @@ def test_every_group_is_on_one_side_and_is_tested_in_exactly_one_fold(by, size, 
         (6, 14, 0.5, 3),
     ],
 )
-def test_a_share_of_each_class_s_training_groups_is_drawn_and_the_last_stays(trained, tested, share, count, across):
+def test_a_share_of_each_class_s_training_groups_is_drawn_and_the_last_stays(
+    trained, tested, share, count, across
+):
     each, draws = np.repeat(np.arange(trained + tested), 3), set[bytes]()
     groups, labels = np.concatenate([each, each + 100 * (not across)]), np.repeat([0, 1], len(each))
     side = np.tile(np.where(each < tested, TEST, TRAIN), 2).astype(np.int8)
     for seed in range(6):
-        drawn = validation_sides(side, groups, labels, share=share, across=across, rng=np.random.default_rng(seed))
-        of_class = [len(np.unique(groups[(drawn == VALIDATION) & (labels == label)])) for label in (0, 1)]
+        drawn = validation_sides(
+            side, groups, labels, share=share, across=across, rng=np.random.default_rng(seed)
+        )
+        of_class = [
+            len(np.unique(groups[(drawn == VALIDATION) & (labels == label)])) for label in (0, 1)
+        ]
         assert of_class == [count, count] and ((drawn == TEST) == (side == TEST)).all()
         draws.add(drawn.tobytes())
     assert (len(draws) > 1) == (0 < count < trained)
@@ -119,20 +148,26 @@ def test_anchors_number_the_smallest_class_or_the_minimum_or_all_there_are(sizes
     keep = np.arange(len(side)) % 3 > 0
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "MINIMUM", minimum)
-        anchor = draw_anchors({"object": labels}, side, keep, np.random.default_rng(0), published=False)
+        anchor = draw_anchors(
+            {"object": labels}, side, keep, np.random.default_rng(0), published=False
+        )
     assert not (anchor & ~keep).any()
     for code in (TRAIN, VALIDATION):
         of_class = [(labels == label) & (side == code) for label in range(3)]
         kept = [(frames & keep).sum() for frames in of_class]
         count = max(minimum, min(filter(None, kept), default=0))
-        assert [(frames & anchor).sum() for frames in of_class] == [min(size, count) for size in kept]
+        assert [(frames & anchor).sum() for frames in of_class] == [
+            min(size, count) for size in kept
+        ]
 
 
 def test_every_frame_is_as_often_an_anchor(monkeypatch):
     monkeypatch.setattr(module, "MINIMUM", 5)
     side, keep, rng = np.full(22, TRAIN), np.ones(22, bool), np.random.default_rng(0)
     columns = {"object": np.repeat([0, 1], [20, 2])}
-    share = np.mean([draw_anchors(columns, side, keep, rng, published=False) for _ in range(1000)], axis=0)
+    share = np.mean(
+        [draw_anchors(columns, side, keep, rng, published=False) for _ in range(1000)], axis=0
+    )
     np.testing.assert_allclose(share, np.repeat([0.25, 1], [20, 2]), atol=0.06)
 
 
@@ -146,7 +181,9 @@ def test_surplus_groups_are_those_after_the_first_of_each_class_on_the_training_
 
 
 def test_what_a_fit_answers_is_left_out_of_it_and_every_class_stays_in():
-    """The groups span classes; both groups of class 2 are in the first fold, so that its members are in all fits."""
+    """The groups span classes; both groups of class 2 are in the first fold, so that its members
+    are in all fits.
+    """
     groups, labels = np.array([0, 1, 2, 0, 1, 2, 0, 3, 3]), np.repeat([0, 1, 2], 3)
     masks = left_out(groups, labels, 3)
     assert [np.flatnonzero(left).tolist() for left in masks] == [[0, 3], [1, 4], [2, 5]]

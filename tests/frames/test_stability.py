@@ -10,7 +10,12 @@ import numpy as np
 import pytest
 
 from benchmarks.stability.rows import max_rel_error, share_different
-from tactile_viewgcn.frames.baseline import ROUNDING_SD, measure_baseline, session_moments, trimmed_moments
+from tactile_viewgcn.frames.baseline import (
+    ROUNDING_SD,
+    measure_baseline,
+    session_moments,
+    trimmed_moments,
+)
 from tactile_viewgcn.frames.filter import pressed_frames
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tests.glove_data import recipe, table, written
@@ -27,12 +32,20 @@ PARAMS = recipe(
 
 
 def input_error(counts, baseline=None, transform="clip"):
-    """Error of the network input of counts (n, H, W) above a baseline (1, H, W), of the small table or another."""
+    """Error of the network input of counts (n, H, W) above a baseline (1, H, W), of the small table
+    or another.
+    """
     mean = table().baseline_mean[:1] if baseline is None else baseline
     of_frame = np.zeros(len(counts), dtype=int)
-    frames = replace(table(), counts=counts, baseline=of_frame, baseline_mean=mean, transform=transform)
+    frames = replace(
+        table(), counts=counts, baseline=of_frame, baseline_mean=mean, transform=transform
+    )
     excess = counts.astype(np.float64) - mean.astype(np.float64)
-    exact = np.clip(excess / frames.scale, 0, 1) if transform == "clip" else np.log1p(np.maximum(excess, 0))
+    exact = (
+        np.clip(excess / frames.scale, 0, 1)
+        if transform == "clip"
+        else np.log1p(np.maximum(excess, 0))
+    )
     return max_rel_error(frames.inputs(np.arange(len(exact))), exact)
 
 
@@ -41,7 +54,10 @@ def exact_moments(counts):
     columns = [[float(x) for x in column] for column in counts.reshape(len(counts), -1).T]
     means = [math.fsum(column) / len(column) for column in columns]
     pairs = zip(columns, means, strict=True)
-    spreads = [math.sqrt(math.fsum((x - mean) ** 2 for x in column) / len(column)) for column, mean in pairs]
+    spreads = [
+        math.sqrt(math.fsum((x - mean) ** 2 for x in column) / len(column))
+        for column, mean in pairs
+    ]
     return tuple(np.array(values).reshape(counts.shape[1:]) for values in (means, spreads))
 
 
@@ -55,7 +71,8 @@ def test_network_input_of_frames_that_no_hand_makes(row):
 
 @pytest.mark.stability("a large offset")
 @pytest.mark.parametrize(
-    ("name", "offset", "kind"), [("32-bit counts", 10**9, np.int32), ("real numbers", 1e9 + 1 / 3, np.float64)]
+    ("name", "offset", "kind"),
+    [("32-bit counts", 10**9, np.int32), ("real numbers", 1e9 + 1 / 3, np.float64)],
 )
 def test_a_signal_in_the_last_digits_of_a_billion(row, tmp_path, name, offset, kind):
     counts = (offset + np.random.default_rng(0).integers(-3, 4, (400, 2, 2))).astype(kind)
@@ -73,7 +90,11 @@ def test_a_signal_in_the_last_digits_of_a_billion(row, tmp_path, name, offset, k
 @pytest.mark.stability("a million frames of drift")
 def test_a_baseline_that_drifts_over_a_million_frames(row):
     drift = BASELINE + np.arange(10**6) // 10**4
-    counts = np.stack([drift, 2 * drift - 300, 30 * drift, -drift], axis=1).reshape(-1, 2, 2).astype(np.int16)
+    counts = (
+        np.stack([drift, 2 * drift - 300, 30 * drift, -drift], axis=1)
+        .reshape(-1, 2, 2)
+        .astype(np.int16)
+    )
     (mean, noise), (exact, spread) = trimmed_moments(counts), exact_moments(counts)
     row("mean baseline", max_rel_error(mean, exact), ROUNDING)
     row("noise of the baseline", max_rel_error(noise, spread), ROUNDING)
@@ -84,7 +105,9 @@ def test_a_baseline_that_drifts_over_a_million_frames(row):
     ("name", "kind", "unit"),
     [("counts", np.int16, 1), ("real numbers", np.float32, 0.1), ("volts", np.float64, 5 / 1023)],
 )
-def test_of_a_sensor_without_noise_one_count_more_is_noise_and_two_are_contact(row, tmp_path, name, kind, unit):
+def test_of_a_sensor_without_noise_one_count_more_is_noise_and_two_are_contact(
+    row, tmp_path, name, kind, unit
+):
     quiet, pressed = np.full((20, 3, 3), 500), np.repeat([0, 1, 2, 3, 40], 4)
     quiet[::3, 2, 2] += 1  # one sensor alone has noise
     touched = np.broadcast_to(500 + pressed[:, None, None], (20, 3, 3))
@@ -93,14 +116,18 @@ def test_of_a_sensor_without_noise_one_count_more_is_noise_and_two_are_contact(r
     baseline = measure_baseline(recordings, PARAMS.preprocess, session_moments(recordings))
     contact = pressed_frames(recordings, baseline, 8)
     noise = baseline.noise.ravel()[:8]
-    row(f"noise of the baseline, {name}", max_rel_error(noise, np.full(8, ROUNDING_SD * unit)), 1e-4)
+    row(
+        f"noise of the baseline, {name}", max_rel_error(noise, np.full(8, ROUNDING_SD * unit)), 1e-4
+    )
     row(f"frames in contact, {name}", share_different(contact[20:], pressed > 5 * ROUNDING_SD))
 
 
 def prepared(path, counts, **columns):
     """Frames of recordings (R, T, H, W), each with a different name; folds are recordings."""
     recording = np.repeat(np.arange(len(counts)), counts.shape[1])
-    recordings = written(path, counts.reshape(-1, *counts.shape[2:]), recording=recording, **columns)
+    recordings = written(
+        path, counts.reshape(-1, *counts.shape[2:]), recording=recording, **columns
+    )
     return preprocess_recordings(recordings, PARAMS.preprocess, PARAMS.split).frames
 
 
@@ -109,11 +136,17 @@ def prepared(path, counts, **columns):
 def test_sensors_that_never_change_are_refused(row, tmp_path, reading):
     columns = {"object": np.repeat([0, 1, 1], 30)}
     counts = np.full((3, 30, 4, 4), reading)
-    row.refused(f"all counts {reading}", lambda: prepared(tmp_path / "t", counts, **columns), "no sensor varies")
+    row.refused(
+        f"all counts {reading}",
+        lambda: prepared(tmp_path / "t", counts, **columns),
+        "no sensor varies",
+    )
 
 
 def two_grasped_objects():
-    """Readings (R, T, 8, 8) around 0 of six recordings, each a grasp of one of two objects with an open hand around."""
+    """Readings (R, T, 8, 8) around 0 of six recordings, each a grasp of one of two objects with an
+    open hand around.
+    """
     rng = np.random.default_rng(0)
     readings = rng.normal(0, 1, (6, 24, 8, 8)) - 40
     for number, grasp in enumerate(readings):
@@ -124,7 +157,11 @@ def two_grasped_objects():
 def automatic(path, readings):
     """What `auto` becomes, and the network input with it."""
     label, recording = np.arange(6) % 2, np.arange(6)
-    columns = {"object": np.repeat(label, 24), "recording": np.repeat(recording, 24), "objects": ["mug", "ball"]}
+    columns = {
+        "object": np.repeat(label, 24),
+        "recording": np.repeat(recording, 24),
+        "objects": ["mug", "ball"],
+    }
     recordings = written(path, readings.reshape(-1, 8, 8), **columns)
     params = recipe("split.by=recording", "split.folds=3")
     made = preprocess_recordings(recordings, params.preprocess, params.split)
@@ -135,23 +172,44 @@ def automatic(path, readings):
 @pytest.mark.stability("readings far from one")
 @pytest.mark.parametrize("kind", [np.float64, np.float32])
 def test_what_is_recommended_and_the_network_input_do_not_depend_on_the_unit(row, tmp_path, kind):
-    """From 1e3 on the unit is not that of the released scale; zero and contact_sensors are no units."""
+    """From 1e3 on the unit is not that of the released scale; zero and contact_sensors are no
+    units.
+    """
     chosen, expected = automatic(tmp_path / "reference", (1e3 * two_grasped_objects()).astype(kind))
     for number, factor in enumerate((1e-30, 1e-20, 1e20, 8e27)):
-        of_unit, inputs = automatic(tmp_path / f"{number}", (factor * two_grasped_objects()).astype(kind))
-        others = [key for key in chosen if of_unit.get(key) != chosen[key] and key != "preprocess.scale"]
-        row(f"settings that differ, {factor:g} times, {kind.__name__}", len(others), 0, ", ".join(others))
+        of_unit, inputs = automatic(
+            tmp_path / f"{number}", (factor * two_grasped_objects()).astype(kind)
+        )
+        others = [
+            key for key in chosen if of_unit.get(key) != chosen[key] and key != "preprocess.scale"
+        ]
+        row(
+            f"settings that differ, {factor:g} times, {kind.__name__}",
+            len(others),
+            0,
+            ", ".join(others),
+        )
         ratio = of_unit["preprocess.scale"] / factor / (chosen["preprocess.scale"] / 1e3)
         row(f"scale in the unit, {factor:g} times, {kind.__name__}", abs(ratio - 1), 1e-6)
-        row(f"network input, {factor:g} times, {kind.__name__}", max_rel_error(inputs, expected), 2 * ROUNDING)
+        row(
+            f"network input, {factor:g} times, {kind.__name__}",
+            max_rel_error(inputs, expected),
+            2 * ROUNDING,
+        )
 
 
 @pytest.mark.stability("readings far from one")
 @pytest.mark.parametrize(
     ("factor", "message"),
     [
-        (1e-300, "no sensor varies by more than .*e-299; expected 1e-30 or more: rescale the readings"),
-        (2e28, "strongest hundredth of the sensors in contact .* expected 1e-30 to 1e.30: rescale the readings"),
+        (
+            1e-300,
+            "no sensor varies by more than .*e-299; expected 1e-30 or more: rescale the readings",
+        ),
+        (
+            2e28,
+            "strongest hundredth of the sensors in contact .* expected 1e-30 to 1e.30: rescale the readings",
+        ),
         (1e30, r"expected real numbers from -1e\+30 to 1e\+30"),
     ],
 )
@@ -168,6 +226,11 @@ def test_the_least_and_the_most_that_16_bits_hold_are_65_535_apart(row, tmp_path
     for number, grasp in enumerate(counts):
         grasp[7:18, 4 * (number % 2) : 4 * (number % 2) + 4] = highest - number
     chosen, inputs = automatic(tmp_path / "t", counts.astype(np.int16))
-    row("scale", abs(chosen["preprocess.scale"] / (highest - lowest) - 1), 0.02, f"{chosen['preprocess.scale']:g}")
+    row(
+        "scale",
+        abs(chosen["preprocess.scale"] / (highest - lowest) - 1),
+        0.02,
+        f"{chosen['preprocess.scale']:g}",
+    )
     row("network input out of [0, 1]", float(((inputs < 0) | (inputs > 1)).sum()))
     row("sensors that read neither 0 nor 1", float(((inputs > 1e-4) & (inputs < 0.99)).mean()))

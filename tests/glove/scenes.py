@@ -24,27 +24,37 @@ GRASPS = (
     (2e8, 1e9, 0.01, 30.0), (5e9, 2.5e10, 0.01, 30.0), (5e10, 2.5e11, 0.01, 30.0), (3e10, 1e11, 0.0007, 2.0),
     (3e11, 1e12, 0.0007, 2.0),
 )  # fmt: skip
-BALL, BALL_AT = sphere(0.034), (0.075, 0.0, 0.037)  # m: above the palm, so that only fingers touch it at first
+# m: above the palm, so that only fingers touch it at first
+BALL, BALL_AT = sphere(0.034), (0.075, 0.0, 0.037)
 TILES = 4  # patches of a bed along each side
 SPHERE_RADIUS = 0.1  # m, of the sphere on a bed
 RTOL, MOST = 1e-6, 60_000  # of Radau, and the evaluations it may take
 FLAT = (0.08, 0.04, 0.03)  # m: a plate that lies on the palm between the fingers and the thumb
-MIDDLE, FIRM = 0.02, 15_000.0  # m: its x; N/m of its sensors together, or more: so it sinks in by less than
+# m: its x; N/m of its sensors together, or more: so it sinks in by less than
+MIDDLE, FIRM = 0.02, 15_000.0
 SUNK = 2e-4  # m: its two outer rows of sensors carry it, the next ones are 0.5 mm lower
 OBJECTS_BY_NAME = {one.name: one for one in OBJECTS}
-GRIPPED = [OBJECTS_BY_NAME[name] for name in ("ball", "mug", "chain", "empty_hand", "tea_box", "safety_glasses")]
-FITS = [USUAL, (1.03, (0, 0)), (1.0, (0.002, -0.001)), USUAL, (0.97, (0, 0)), USUAL]  # of the hands that grip them
+GRIPPED = [
+    OBJECTS_BY_NAME[name]
+    for name in ("ball", "mug", "chain", "empty_hand", "tea_box", "safety_glasses")
+]
+# of the hands that grip them
+FITS = [USUAL, (1.03, (0, 0)), (1.0, (0.002, -0.001)), USUAL, (0.97, (0, 0)), USUAL]
 
 
 def bed(count: int, width: float, *, hands: int = 1) -> Hands:
-    """Flat palms of count x count sensors that fill a square about the origin, z up; the fingers feel nothing."""
+    """Flat palms of count x count sensors that fill a square about the origin, z up; the fingers
+    feel nothing.
+    """
     pitch = width / count
     row, column = np.mgrid[:count, :count].reshape(2, -1)
     patch = LINK_PATCHES + row * TILES // count * TILES + column * TILES // count
     order = np.argsort(patch, kind="stable")
     row, column, patch = row[order], column[order], patch[order]
     middle = (count - 1) / 2
-    local = np.stack([(column - middle) * pitch, (row - middle) * pitch, np.zeros(len(row))], axis=1)
+    local = np.stack(
+        [(column - middle) * pitch, (row - middle) * pitch, np.zeros(len(row))], axis=1
+    )
     normal = np.tile([0.0, 0.0, 1.0], (len(row), 1))
     values = (local, normal, np.full(len(row), pitch**2), BASES, LINKS)
     return Hands(row, column, patch, *(np.stack([each] * hands) for each in values))
@@ -54,31 +64,51 @@ def scene(
     parts: list[list[Primitive]], position, *, posture=0.0, hands: Hands | None = None, stiffness=2e7, layer=LAYER,
     motion=True, knots=2, squeeze=0.0, opposition=0.3, rotation=(0.0, 0.0, 0.0), load=(0.0, 0.0, 0.0),
 ) -> Mechanics:  # fmt: skip
-    """B hands around objects, the drive the same at all knots: one union of `parts` for all, or one each.
+    """B hands around objects, the drive the same at all knots: one union of `parts` for all, or one
+    each.
 
     B is the number of positions (B, 3) m; without `hands` they are STAG's.
     """
     position = np.atleast_2d(np.asarray(position, dtype=float))
     count = len(position)
-    shapes = {"posture": (5, 2), "squeeze": (5,), "opposition": (), "position": (3,), "rotation": (3,), "load": (3,)}
+    shapes = {
+        "posture": (5, 2),
+        "squeeze": (5,),
+        "opposition": (),
+        "position": (3,),
+        "rotation": (3,),
+        "load": (3,),
+    }
     values = {
         "posture": posture, "squeeze": squeeze, "opposition": opposition, "position": position[:, None],
         "rotation": rotation, "load": load,
     }  # fmt: skip
     drive = Drive(
-        **{name: np.broadcast_to(values[name], (count, knots, *size)).astype(float) for name, size in shapes.items()}
+        **{
+            name: np.broadcast_to(values[name], (count, knots, *size)).astype(float)
+            for name, size in shapes.items()
+        }
     )
     solids = Solids([list(one) for one in parts] * (count if len(parts) == 1 else 1))
     stiffness = np.broadcast_to(np.asarray(stiffness, dtype=float), count)
-    return Mechanics(hands or stag_hands(*[USUAL] * count), solids, stiffness, drive, layer, motion=motion)
+    return Mechanics(
+        hands or stag_hands(*[USUAL] * count), solids, stiffness, drive, layer, motion=motion
+    )
 
 
 def gripping_hands(*, motion: bool, seed: int = 0) -> tuple[Mechanics, np.ndarray]:
-    """Half-closed fingers around the objects of GRIPPED, pressed a little into the palm, and their state (B, n)."""
+    """Half-closed fingers around the objects of GRIPPED, pressed a little into the palm, and their
+    state (B, n).
+    """
     rng = np.random.default_rng(seed)
-    rotations = [Rotation.from_rotvec(rng.normal(0, 0.2, 3)) * Rotation.from_rotvec(o.orientation) for o in GRIPPED]
+    rotations = [
+        Rotation.from_rotvec(rng.normal(0, 0.2, 3)) * Rotation.from_rotvec(o.orientation)
+        for o in GRIPPED
+    ]
     count = len(GRIPPED)
-    height = np.array([one.lowest(turned.as_matrix()) for one, turned in zip(GRIPPED, rotations, strict=True)])
+    height = np.array(
+        [one.lowest(turned.as_matrix()) for one, turned in zip(GRIPPED, rotations, strict=True)]
+    )
     position = np.stack([np.full(count, 0.07), rng.normal(0, 0.004, count), height - 0.001], axis=1)
     q = rng.uniform(0.5, 1.3, (count, 5, 2))
     q[0, 3] = 1.75, 2.0  # beyond the joints' limits
@@ -88,11 +118,15 @@ def gripping_hands(*, motion: bool, seed: int = 0) -> tuple[Mechanics, np.ndarra
         rotation=np.stack([one.as_rotvec() for one in rotations])[:, None], load=(0.1, -0.2, -0.5),
     )  # fmt: skip
     y = q.reshape(count, 10)
-    return mechanics, np.concatenate([y, position + rng.normal(0, 3e-4, position.shape)], axis=1) if motion else y
+    return mechanics, np.concatenate(
+        [y, position + rng.normal(0, 3e-4, position.shape)], axis=1
+    ) if motion else y
 
 
 def sphere_on_bed() -> tuple[Mechanics, np.ndarray]:
-    """A sphere that stays in contact with all of a small bed's sensors while it moves, and its state (1, 13)."""
+    """A sphere that stays in contact with all of a small bed's sensors while it moves, and its
+    state (1, 13).
+    """
     mechanics = scene(
         [[sphere(SPHERE_RADIUS)]], [0.002, 0.001, SPHERE_RADIUS - 0.001], posture=0.3, hands=bed(4, 0.01),
         stiffness=1e12, layer=replace(LAYER, stiffness=1e6), load=(0, 0, -3.0), squeeze=0.05,
@@ -103,12 +137,23 @@ def sphere_on_bed() -> tuple[Mechanics, np.ndarray]:
 def free_finger(*, posture=0.3, squeeze=0.0, knots=2, **layer: float) -> Mechanics:
     """Fingers and an object's position without any contact."""
     layer = replace(LAYER, **layer)
-    return scene([[]], [0, 0, 0.5], posture=posture, hands=bed(4, 0.01), layer=layer, squeeze=squeeze, knots=knots)
+    return scene(
+        [[]],
+        [0, 0, 0.5],
+        posture=posture,
+        hands=bed(4, 0.01),
+        layer=layer,
+        squeeze=squeeze,
+        knots=knots,
+    )
 
 
 def rod(damping: float) -> Mechanics:
     """Fingers, with a `damping` in N m s/rad, that would close behind a rod within a frame."""
-    across, layer = capsule(0.012, 0.2, rotation=(np.pi / 2, 0, 0)), replace(LAYER, joint_damping=damping)
+    across, layer = (
+        capsule(0.012, 0.2, rotation=(np.pi / 2, 0, 0)),
+        replace(LAYER, joint_damping=damping),
+    )
     mechanics = scene([[across]], [0.105, 0, 0.05], posture=0.1, layer=layer, knots=3, motion=False)
     mechanics.drive.posture[0, 2:] = 1.5
     return mechanics
@@ -126,12 +171,19 @@ def lambda_h(mechanics: Mechanics, states: np.ndarray) -> str:
 
 def around_a_ball(setting: tuple[float, float, float, float], posture, **drive) -> Mechanics:
     """A hand around a ball above the palm, the stiffness and damping one of GRASPS."""
-    options = {"posture": posture, "layer": skin(setting), "stiffness": setting[1], "opposition": 0.9}
+    options = {
+        "posture": posture,
+        "layer": skin(setting),
+        "stiffness": setting[1],
+        "opposition": 0.9,
+    }
     return scene([[BALL]], BALL_AT, **options, **drive)
 
 
 def grasp(setting: tuple[float, float, float, float], *, seed: int, frames: int) -> Mechanics:
-    """A grasp of a ball from the moment the fingers begin to close; the ball is in place and the hand open."""
+    """A grasp of a ball from the moment the fingers begin to close; the ball is in place and the
+    hand open.
+    """
     return ball_grasp(*setting, seed=seed).mechanics(9, 9 + frames)
 
 
@@ -145,25 +197,33 @@ def forces(mechanics: Mechanics, states: np.ndarray) -> np.ndarray:
     return out
 
 
-def radau(mechanics: Mechanics, y: np.ndarray, frames: int, *, frame: float = FRAME, rtol: float = RTOL) -> np.ndarray:
+def radau(
+    mechanics: Mechanics, y: np.ndarray, frames: int, *, frame: float = FRAME, rtol: float = RTOL
+) -> np.ndarray:
     """States (1, frames, n) of the first hand from y (1, n)."""
-    states, _ = integrate_with_scipy("Radau", mechanics, 0, y[0], frames, frame, rtol=rtol, max_evaluations=MOST)
+    states, _ = integrate_with_scipy(
+        "Radau", mechanics, 0, y[0], frames, frame, rtol=rtol, max_evaluations=MOST
+    )
     return states[None]
 
 
 def rel_norm_error(values: np.ndarray, exact: np.ndarray) -> float:
-    """Norm of the difference over frames and sensors, over the exact values' norm; NaN where that is 0."""
+    """Norm of the difference over frames and sensors, over the exact values' norm; NaN where that
+    is 0.
+    """
     return float(np.linalg.norm(values - exact) / np.linalg.norm(exact))
 
 
 def plate(lambda_h: float, *, frames: int) -> tuple[Mechanics, np.ndarray, np.ndarray]:
-    """A plate that lies on two rows of the palm's sensors and is loaded more and less from frame to frame.
+    """A plate that lies on two rows of the palm's sensors and is loaded more and less from frame to
+    frame.
 
-    As long as the same sensors carry it, its equation is linear: D dd/dt = f(t) - K d for the depth d, f linear
-    between the frames, so that d has a closed form.
+    As long as the same sensors carry it, its equation is linear: D dd/dt = f(t) - K d for the depth
+    d, f linear between the frames, so that d has a closed form.
 
     Returns:
-        The mechanics, the state (1, 13) at first, and the exact forces (1, frames, S) N on the sensors.
+        The mechanics, the state (1, 13) at first, and the exact forces (1, frames, S) N on the
+            sensors.
     """
     hand = stag_hands()
     (x, y, z), area = hand.local[0].T, hand.area[0]
@@ -174,23 +234,43 @@ def plate(lambda_h: float, *, frames: int) -> tuple[Mechanics, np.ndarray, np.nd
     whole = damping * lambda_h / FRAME  # N/m: sensors and holding
     per_area = (whole - HOLDING) / area[carry].sum()
     height = z[carry].mean() + FLAT[2] / 2
-    # Layer and plate in series, half as stiff as each; the open fingers are no stiffer than the plate.
+    # Layer and plate in series, half as stiff as each; the open fingers are no stiffer than the
+    # plate.
     layer = Layer(2 * per_area, THICKNESS, max(LAYER.joint_damping, FRAME / lambda_h), damping)
     place = [MIDDLE, 0, height]
-    mechanics = scene([[box(*FLAT)]], place, posture=OPEN - 0.2, layer=layer, stiffness=2 * per_area, knots=frames + 1)
+    mechanics = scene(
+        [[box(*FLAT)]],
+        place,
+        posture=OPEN - 0.2,
+        layer=layer,
+        stiffness=2 * per_area,
+        knots=frames + 1,
+    )
     load = min(8.0, 1.5 * SUNK * whole) * np.where(np.arange(frames + 1) % 2, 1.0, 0.5)  # N
     mechanics.drive.load[0, :, 2] = -load
-    start, depth, exact = mechanics.drive.position[:, 0] - [0, 0, load[1] / whole], load[1] / whole, []
+    start, depth, exact = (
+        mechanics.drive.position[:, 0] - [0, 0, load[1] / whole],
+        load[1] / whole,
+        [],
+    )
     for begin, end in pairwise(load):
         lag = (end - begin) / FRAME * damping / whole
-        depth = (end - lag) / whole + (depth - (begin - lag) / whole) * np.exp(-FRAME * whole / damping)
+        depth = (end - lag) / whole + (depth - (begin - lag) / whole) * np.exp(
+            -FRAME * whole / damping
+        )
         exact.append(depth)
     force = np.array(exact)[:, None] * np.where(carry, per_area * area, 0.0)
-    return mechanics, np.concatenate([mechanics.drive.posture[:, 0].reshape(1, 10), start], axis=1), force[None]
+    return (
+        mechanics,
+        np.concatenate([mechanics.drive.posture[:, 0].reshape(1, 10), start], axis=1),
+        force[None],
+    )
 
 
 def points(hands: Hands, hand: int, pose: Pose, row: int) -> np.ndarray:
-    """Positions (S, 3) m of the sensors of one of the hands, which is a row of the pose, computed one by one."""
+    """Positions (S, 3) m of the sensors of one of the hands, which is a row of the pose, computed
+    one by one.
+    """
     sensors = zip(hands.patch, hands.local[hand], strict=True)
     return np.array([pose.origin[row, n] + pose.axes[row, n] @ local for n, local in sensors])
 
@@ -198,7 +278,11 @@ def points(hands: Hands, hand: int, pose: Pose, row: int) -> np.ndarray:
 def recipe(objects=("ball", "coin"), *, without=(), **changes) -> Recipe:
     """Two sessions of one grasp, 22 frames, all effects but those in `without`."""
     defaults = {"sessions": 2, "frames": 22, "grasps": 1, "seed": 0, "layer": LAYER}
-    return Recipe(select_objects(list(objects)), effects=frozenset(EFFECTS) - set(without), **(defaults | changes))
+    return Recipe(
+        select_objects(list(objects)),
+        effects=frozenset(EFFECTS) - set(without),
+        **(defaults | changes),
+    )
 
 
 def simulated_counts(recipe: Recipe) -> tuple[np.ndarray, Simulation]:

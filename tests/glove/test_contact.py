@@ -1,4 +1,6 @@
-"""Contact: forces are slopes of the energy, and a sphere on a flat bed obeys the elastic foundation's closed form."""
+"""Contact: forces are slopes of the energy, and a sphere on a flat bed obeys the elastic
+foundation's closed form.
+"""
 
 import numpy as np
 import pytest
@@ -38,7 +40,9 @@ def test_the_residual_is_the_slope_of_the_energy(motion):
         ahead, behind = y.copy(), y.copy()
         ahead[:, unknown] += step
         behind[:, unknown] -= step
-        slope = (balanced(mechanics, ahead).energy - balanced(mechanics, behind).energy) / (2 * step)
+        slope = (balanced(mechanics, ahead).energy - balanced(mechanics, behind).energy) / (
+            2 * step
+        )
         np.testing.assert_allclose(balance.residual[:, unknown], slope, rtol=2e-5, atol=2e-6)
 
 
@@ -51,7 +55,9 @@ def test_solving_by_blocks_equals_solving_the_whole(seed, motion):
     shift, residual = rng.uniform(0, 5, y.shape), rng.normal(size=y.shape)
     whole = hessian(mechanics, balance) + shift[:, :, None] * np.eye(mechanics.size)
     expected = np.linalg.solve(whole, residual[..., None])[..., 0]
-    np.testing.assert_allclose(mechanics.solve(balance, shift, residual), expected, rtol=1e-7, atol=1e-10)
+    np.testing.assert_allclose(
+        mechanics.solve(balance, shift, residual), expected, rtol=1e-7, atol=1e-10
+    )
 
 
 @pytest.mark.parametrize("motion", [False, True])
@@ -62,7 +68,9 @@ def test_the_change_of_the_forces_is_that_of_a_small_step(motion):
     after = balanced(mechanics, y + dy)
     np.testing.assert_array_equal(after.contacts.sensor, balance.contacts.sensor)
     change = mechanics.force_change(balance, np.arange(len(y)), dy)
-    np.testing.assert_allclose(change, after.force - balance.force, atol=1e-3 * np.abs(change).max())
+    np.testing.assert_allclose(
+        change, after.force - balance.force, atol=1e-3 * np.abs(change).max()
+    )
 
 
 @pytest.mark.parametrize("palm", [True, False])
@@ -82,11 +90,17 @@ def test_collisions_are_those_of_a_loop_over_every_sensor_and_primitive(palm, se
                 local = shapes.rotation[row, p].T @ (local - shapes.centre[row, p])
                 depth = -shapes.distance(one + row, one + p, local[None])[0]
                 if depth > 0 and (palm or hands.patch[s] < LINK_PATCHES):
-                    slope = rotation[r] @ shapes.rotation[row, p] @ shapes.gradient(one + row, one + p, local[None])[0]
+                    slope = (
+                        rotation[r]
+                        @ shapes.rotation[row, p]
+                        @ shapes.gradient(one + row, one + p, local[None])[0]
+                    )
                     naive.append((r, s, hands.patch[s], depth, *slope, *places[s]))
     naive = np.array(naive)
     assert len(naive) > 50
-    np.testing.assert_array_equal(np.stack([contacts.row, contacts.sensor, contacts.patch], axis=1), naive[:, :3])
+    np.testing.assert_array_equal(
+        np.stack([contacts.row, contacts.sensor, contacts.patch], axis=1), naive[:, :3]
+    )
     np.testing.assert_allclose(contacts.depth, naive[:, 3], atol=1e-15)
     np.testing.assert_allclose(contacts.normal, naive[:, 4:7], atol=1e-12)
     np.testing.assert_allclose(contacts.point, naive[:, 7:], atol=1e-15)
@@ -95,15 +109,19 @@ def test_collisions_are_those_of_a_loop_over_every_sensor_and_primitive(palm, se
 def test_facing_is_the_cosine_between_the_skin_and_the_pressure():
     balance = pressed(16, [(0, 0, RADIUS - DEPTH)])
     np.testing.assert_allclose(balance.facing, -balance.contacts.normal[:, 2], rtol=1e-12)
-    under = pressed(16, [(0, 0, DEPTH - RADIUS)])  # a sphere that comes from behind presses no sensor
+    # a sphere that comes from behind presses no sensor
+    under = pressed(16, [(0, 0, DEPTH - RADIUS)])
     assert len(under.facing) == len(balance.facing) and not under.facing.any()
 
 
 def test_finer_beds_come_ever_closer_to_the_closed_form():
-    """The exact form: depth R - s at distance s from the centre, R - d <= s <= R, so F_z = pi k (R - d) d^2."""
+    """The exact form: depth R - s at distance s from the centre, R - d <= s <= R, so F_z = pi k (R
+    - d) d^2.
+    """
     stiff, height = 1 / (1 / LAYER.stiffness + 1 / 1e9), RADIUS - DEPTH
     load = np.pi * stiff * height * DEPTH**2
-    total = np.pi * stiff * (RADIUS * DEPTH**2 - 2 / 3 * DEPTH**3)  # of the forces' sizes, whatever their directions
+    # of the forces' sizes, whatever their directions
+    total = np.pi * stiff * (RADIUS * DEPTH**2 - 2 / 3 * DEPTH**3)
     edge = np.sqrt(2 * RADIUS * DEPTH - DEPTH**2)
     errors = []
     for count in (8, 16, 32, 64):
@@ -117,7 +135,8 @@ def test_finer_beds_come_ever_closer_to_the_closed_form():
         shares = np.stack([
             np.bincount(row, -balance.force * balance.contacts.normal[:, 2]) / load,
             np.bincount(row, balance.force) / total,
-            np.sqrt(np.bincount(row) / np.pi) * pitch / edge,  # the radius of a disc of the same area
+            # the radius of a disc of the same area
+            np.sqrt(np.bincount(row) / np.pi) * pitch / edge,
         ])  # fmt: skip
         errors.append(np.sqrt(((shares - 1) ** 2).mean(axis=1)))
     assert (np.array(errors[0]) < 0.05).all() and (np.array(errors[-1]) < 1e-3).all()

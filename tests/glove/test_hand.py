@@ -10,7 +10,9 @@ from tests.glove.scenes import points
 from tests.stag_files import SENSORS
 
 THUMB = 4  # the last finger
-angles = st.lists(st.floats(-0.5, 2.0), min_size=10, max_size=10).map(lambda x: np.reshape(x, (1, 5, 2)))
+angles = st.lists(st.floats(-0.5, 2.0), min_size=10, max_size=10).map(
+    lambda x: np.reshape(x, (1, 5, 2))
+)
 
 
 def chained(hand, q, opposition):
@@ -26,9 +28,13 @@ def chained(hand, q, opposition):
         else:
             rotation = Rotation.from_euler("Z", FINGER_SPREAD[finger])
         position = hand.bases[0, finger].copy()
-        for joint, angle in enumerate((q[finger, 0], q[finger, 1], q[finger, 1] * 2 / 3)[: link + 1]):
+        for joint, angle in enumerate(
+            (q[finger, 0], q[finger, 1], q[finger, 1] * 2 / 3)[: link + 1]
+        ):
             rotation = rotation * Rotation.from_euler("Y", -angle)
-            position += rotation.apply([hand.links[0, finger, joint], 0, 0] if joint < link else hand.local[0, s])
+            position += rotation.apply(
+                [hand.links[0, finger, joint], 0, 0] if joint < link else hand.local[0, s]
+            )
         places[s], normals[s] = position, rotation.apply(hand.normal[0, s])
     return places, normals
 
@@ -47,5 +53,7 @@ def test_every_sensor_is_where_its_own_chain_of_rotations_takes_it(q, opposition
     pose = hand.pose(np.array([0]), q, np.array([opposition]))
     places, normals = chained(hand, q[0], opposition)
     np.testing.assert_allclose(points(hand, 0, pose, 0), places, atol=1e-14)
-    turned = np.array([pose.axes[0, n] @ normal for n, normal in zip(hand.patch, hand.normal[0], strict=True)])
+    turned = np.array(
+        [pose.axes[0, n] @ normal for n, normal in zip(hand.patch, hand.normal[0], strict=True)]
+    )
     np.testing.assert_allclose(turned, normals, atol=1e-14)

@@ -1,4 +1,6 @@
-"""Integration: its order, its tolerance, what a far too long step does, and that no hand waits for another."""
+"""Integration: its order, its tolerance, what a far too long step does, and that no hand waits for
+another.
+"""
 
 import numpy as np
 import pytest
@@ -9,7 +11,8 @@ from tactile_viewgcn.glove.integrator import ImplicitIntegrator
 from tests.glove.scenes import LAYER, free_finger, radau, sphere_on_bed
 
 FRAME = 0.1  # s
-UNITS = np.array([0.05] * 10 + [1.0] * 3)  # m per rad and per m: makes errors of joints and positions comparable
+# m per rad and per m: makes errors of joints and positions comparable
+UNITS = np.array([0.05] * 10 + [1.0] * 3)
 
 
 def test_half_the_step_leaves_a_quarter_of_the_error():
@@ -36,7 +39,9 @@ def test_without_contact_a_finger_relaxes_exponentially_to_its_posture(damping):
     for knot, now in enumerate(time):
         exact = end + (0.2 - end) * np.exp(-now * JOINT / damping)
         np.testing.assert_allclose(states[knot, :10].reshape(5, 2), exact, atol=1e-4)
-    np.testing.assert_allclose(states[:, 12], 0.5 - 0.05 * np.exp(-time * HOLDING / LAYER.object_damping), atol=2e-6)
+    np.testing.assert_allclose(
+        states[:, 12], 0.5 - 0.05 * np.exp(-time * HOLDING / LAYER.object_damping), atol=2e-6
+    )
 
 
 def test_where_no_step_is_good_enough_the_smallest_ones_end_the_frame(monkeypatch):
@@ -44,4 +49,7 @@ def test_where_no_step_is_good_enough_the_smallest_ones_end_the_frame(monkeypatc
     solver = ImplicitIntegrator(free_finger(joint_damping=0.05), FRAME, 1e-13)
     states = solver.run(np.array([[0.2] * 10 + [0, 0, 0.45]]), 1)
     assert np.isfinite(states).all()
-    assert solver.statistics["steps"] - solver.statistics["rejected"] == 20 and solver.statistics["forced"] >= 19
+    assert (
+        solver.statistics["steps"] - solver.statistics["rejected"] == 20
+        and solver.statistics["forced"] >= 19
+    )

@@ -14,7 +14,8 @@ from tests.glove.scenes import OBJECTS_BY_NAME
 FIXED = sum(scene.PHASES.values())
 FRAMES, GRASPS = 50, 2
 PHASE, _, GRASP = schedule(FRAMES, GRASPS)
-ARRIVED = 1 + np.flatnonzero(list(scene.PHASES).index("arrive") >= PHASE)  # knots before the object is held
+# knots before the object is held
+ARRIVED = 1 + np.flatnonzero(list(scene.PHASES).index("arrive") >= PHASE)
 
 
 def solids(objects):
@@ -24,7 +25,10 @@ def solids(objects):
 def planned(names, *effects):
     """The drive of one recording of each object."""
     objects = [OBJECTS_BY_NAME[name] for name in names]
-    habits, rngs = [stream(0, name) for name in names], [stream(0, f"scene {name}") for name in names]
+    habits, rngs = (
+        [stream(0, name) for name in names],
+        [stream(0, f"scene {name}") for name in names],
+    )
     hands, sizes = stag_hands(*[USUAL] * len(objects)), {"frames": FRAMES, "grasps": GRASPS}
     return plan(objects, hands, solids(objects), habits, rngs, effects=frozenset(effects), **sizes)
 
@@ -41,18 +45,26 @@ def test_a_recording_begins_with_an_open_hand_and_between_grasps_the_object_is_a
         away = drive.position[:, first, None] + [0, 0, scene.AWAY]
         np.testing.assert_allclose(drive.position[:, [end]], away)
         if number == 0:
-            np.testing.assert_allclose(drive.position[:, opening], np.repeat(away, len(opening), axis=1))
+            np.testing.assert_allclose(
+                drive.position[:, opening], np.repeat(away, len(opening), axis=1)
+            )
         assert (drive.posture[:, end] >= scene.OPEN - 1e-12).all()
         assert (drive.posture[:, end] <= drive.posture[:, first]).all()
         assert (drive.posture[:, end] < drive.posture[:, first]).any()
-    np.testing.assert_allclose(drive.posture[:, opening], np.broadcast_to(scene.OPEN, (2, len(opening), 5, 2)))
+    np.testing.assert_allclose(
+        drive.posture[:, opening], np.broadcast_to(scene.OPEN, (2, len(opening), 5, 2))
+    )
     np.testing.assert_array_equal(drive.squeeze[:, ARRIVED], 0)
     for values in vars(drive).values():
-        np.testing.assert_array_equal(values[:, 0], values[:, 1])  # before the first frame all stands still
+        # before the first frame all stands still
+        np.testing.assert_array_equal(values[:, 0], values[:, 1])
 
 
 def test_weight_pulls_down_with_mass_times_gravity_while_the_object_is_held():
-    load, grams = planned(["ball", "mug", "empty_hand"], "weight").load, np.array([[55], [509], [0]])
+    load, grams = (
+        planned(["ball", "mug", "empty_hand"], "weight").load,
+        np.array([[55], [509], [0]]),
+    )
     steady = np.concatenate([holds(0), holds(1)])
     np.testing.assert_array_equal(load[..., :2], 0)
     np.testing.assert_allclose(load[:, steady, 2], np.tile(-1e-3 * grams * GRAVITY, len(steady)))
@@ -68,7 +80,9 @@ def test_fingers_close_until_they_touch():
 
     def touched(part):
         """(B, 5): whether fingers that are closed so far are inside the object."""
-        pose = hands.pose(rows, scene.OPEN + part[..., None] * (scene.CLOSED - scene.OPEN), np.full(3, 0.95))
+        pose = hands.pose(
+            rows, scene.OPEN + part[..., None] * (scene.CLOSED - scene.OPEN), np.full(3, 0.95)
+        )
         turned = Rotation.from_rotvec(rotation).as_matrix()
         contacts = collisions(hands, shapes, rows, pose, position, turned, palm=False)
         out = np.zeros((3, 5), dtype=bool)

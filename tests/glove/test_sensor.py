@@ -22,16 +22,22 @@ PLAIN = {
 
 
 def frames_of(pressure, *effects, flexion=FLAT, **changes):
-    """Frames (B, T, 32, 32) of gloves of equal sensors, with baseline 100 and gain 1, for pressures (B, T, S) Pa."""
+    """Frames (B, T, 32, 32) of gloves of equal sensors, with baseline 100 and gain 1, for pressures
+    (B, T, S) Pa.
+    """
     count = len(pressure)
-    glove = Sensors(HAND, 0, [0] * count, [stream(0, "noise", n) for n in range(count)], frozenset(effects))
+    glove = Sensors(
+        HAND, 0, [0] * count, [stream(0, "noise", n) for n in range(count)], frozenset(effects)
+    )
     for name, values in (PLAIN | changes).items():
         setattr(glove, name, np.stack([values] * count))
     return glove.read(pressure, flexion)
 
 
 def read(pressure, *effects, **changes):
-    """Counts (T, S) above the baseline of pressures (T, S), or (T,) alike on all sensors, given in counts."""
+    """Counts (T, S) above the baseline of pressures (T, S), or (T,) alike on all sensors, given in
+    counts.
+    """
     pressure = np.asarray(pressure, dtype=float)
     if pressure.ndim == 1:
         pressure = np.repeat(pressure[:, None], COUNT, axis=1)
@@ -44,7 +50,9 @@ def test_counts_follow_pressure_and_with_bending_the_flexion_each_sensor_by_its_
     pressure, flexion = rng.uniform(0, 300, (4, COUNT)), rng.uniform(0, 1.5, (1, 4, COUNT))
     for effects, share in ((), 0), (("bending",), 1):
         counts = read(pressure, *effects, gain=gain, bend=bend, flexion=flexion)
-        np.testing.assert_array_equal(counts, np.rint(100 + gain * pressure + share * bend * flexion[0]) - 100)
+        np.testing.assert_array_equal(
+            counts, np.rint(100 + gain * pressure + share * bend * flexion[0]) - 100
+        )
 
 
 def test_at_the_saturation_pressure_a_sensor_reads_half_and_never_less_when_pressed_more():
@@ -52,7 +60,9 @@ def test_at_the_saturation_pressure_a_sensor_reads_half_and_never_less_when_pres
     pressure = sensor.SATURATION * sensor.SENSITIVITY
     options = {"gain": np.full(COUNT, 800 / pressure), "baseline": np.zeros(COUNT)}
     counts = read(np.linspace(0, 10, 101) * pressure, "saturation", **options)[:, 0]
-    np.testing.assert_array_equal(counts[[1, 10, 30, 100]], np.rint([80 / 1.1, 400, 600, 8000 / 11]))
+    np.testing.assert_array_equal(
+        counts[[1, 10, 30, 100]], np.rint([80 / 1.1, 400, 600, 8000 / 11])
+    )
     assert (np.diff(counts) >= 0).all()
 
 
@@ -64,12 +74,17 @@ def test_counts_are_integers_of_ten_bits_and_510_where_no_sensor_is():
     assert frames.shape == (2, 3, 32, 32) and frames.dtype == np.int16
     assert (frames[:, :, ~there] == sensor.NO_SENSOR).all() and there.sum() == 548
     assert (frames[0][:, there] == sensor.MAX_COUNT).all() and sensor.MAX_COUNT == 1023
-    np.testing.assert_array_equal(frames[1][:, HAND.row, HAND.column], np.where(pressure[1] < 0, 0, 100))
+    np.testing.assert_array_equal(
+        frames[1][:, HAND.row, HAND.column], np.where(pressure[1] < 0, 0, 100)
+    )
 
 
 def test_hysteresis_by_hand():
-    pressure, peak = [100.0, 40.0, 0.0, 0.0], 100 * sensor.RECOVERY ** np.arange(4.0)  # the peak fades, and is above 40
-    expected = [now + sensor.HYSTERESIS * (top - now) for now, top in zip(pressure, peak, strict=True)]
+    # the peak fades, and is above 40
+    pressure, peak = [100.0, 40.0, 0.0, 0.0], 100 * sensor.RECOVERY ** np.arange(4.0)
+    expected = [
+        now + sensor.HYSTERESIS * (top - now) for now, top in zip(pressure, peak, strict=True)
+    ]
     np.testing.assert_array_equal(read(pressure, "hysteresis")[:, 0], np.rint(expected))
 
 
@@ -100,5 +115,9 @@ def test_dead_sensors_never_move_and_stuck_ones_neither(monkeypatch):
     counts = glove.read(pressure, FLAT)[0][:, HAND.row, HAND.column]
     moves = np.ptp(counts, axis=0) > 0
     assert not moves[dead | stuck].any() and moves[~dead & ~stuck].mean() > 0.95
-    np.testing.assert_array_equal(counts[:, dead], np.rint(glove.baseline[0, dead])[None].repeat(30, 0))
-    np.testing.assert_array_equal(counts[:, stuck], np.rint(glove.baseline + glove.stuck)[0, stuck][None].repeat(30, 0))
+    np.testing.assert_array_equal(
+        counts[:, dead], np.rint(glove.baseline[0, dead])[None].repeat(30, 0)
+    )
+    np.testing.assert_array_equal(
+        counts[:, stuck], np.rint(glove.baseline + glove.stuck)[0, stuck][None].repeat(30, 0)
+    )

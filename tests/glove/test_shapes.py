@@ -55,7 +55,8 @@ def test_the_gradient_is_a_unit_vector_and_the_slope_of_the_distance(part, at):
     step = 1e-6
     ahead, behind = distance(part, at + step * np.eye(3)), distance(part, at - step * np.eye(3))
     here = distance(part, at)
-    assume(np.abs(ahead + behind - 2 * here).max() < 1e-3 * step)  # no edge, axis or middle surface in between
+    # no edge, axis or middle surface in between
+    assume(np.abs(ahead + behind - 2 * here).max() < 1e-3 * step)
     slope = gradient(part, at)[0]
     np.testing.assert_allclose(slope, (ahead - behind) / (2 * step), atol=1e-3)
     assert np.linalg.norm(slope) == pytest.approx(1, abs=1e-12)

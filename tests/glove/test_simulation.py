@@ -12,7 +12,13 @@ from tactile_viewgcn.glove.contact import Mechanics
 from tactile_viewgcn.glove.hand import stag_hands
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
 from tactile_viewgcn.glove.scene import HOLD, OPEN, OPENING, schedule
-from tactile_viewgcn.glove.simulation import EFFECTS, VERSION, Simulation, recipe_from_params, simulate
+from tactile_viewgcn.glove.simulation import (
+    EFFECTS,
+    VERSION,
+    Simulation,
+    recipe_from_params,
+    simulate,
+)
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.formats import open_source
@@ -24,7 +30,9 @@ HAND, PARAMS = stag_hands(), Path(__file__).parents[2] / "params.yaml"
 @pytest.mark.parametrize(("sessions", "sides"), [(2, "RE"), (3, "RRE"), (4, "RREE")])
 def test_two_sessions_at_most_are_the_training_side_and_never_all(sessions, sides):
     one = recipe_from_params(load(PARAMS, (f"glove.sessions={sessions}",)).glove)
-    assert [one.side(session) for session in range(sessions)] == [{"R": "train", "E": "test"}[side] for side in sides]
+    assert [one.side(session) for session in range(sessions)] == [
+        {"R": "train", "E": "test"}[side] for side in sides
+    ]
 
 
 def test_a_recording_is_the_same_whatever_other_objects_and_sessions_are_simulated():
@@ -43,11 +51,14 @@ def test_sensor_inputs_are_force_per_area_where_the_skin_faces_it_and_the_joints
     naive = np.zeros((2, 548))
     for entry in range(len(balance.force)):
         row, sensor = balance.contacts.row[entry], balance.contacts.sensor[entry]
-        naive[row, sensor] += balance.force[entry] * balance.facing[entry] / run.hands.area[row, sensor]
+        naive[row, sensor] += (
+            balance.force[entry] * balance.facing[entry] / run.hands.area[row, sensor]
+        )
     np.testing.assert_allclose(pressure[:, frame], naive)
     assert naive[1].max() > 0
     bend = np.maximum(states[1, frame, :10].reshape(5, 2) - OPEN, 0)
-    joints = np.array([bend[:, 0], bend[:, 1], 2 / 3 * bend[:, 1]])  # the last one is coupled to the middle one
+    # the last one is coupled to the middle one
+    joints = np.array([bend[:, 0], bend[:, 1], 2 / 3 * bend[:, 1]])
     for sensor, patch in enumerate(HAND.patch):
         expected = bend[:, 0].mean() if patch >= 15 else joints[patch % 3, patch // 3]
         assert flexion[1, frame, sensor] == pytest.approx(expected)
@@ -64,17 +75,24 @@ def test_every_effect_changes_the_counts(all_effects, effect):
     assert without.shape == all_effects.shape == (2, 22, 548)
     changed = without != all_effects
     assert np.count_nonzero(changed) >= 5
-    if effect in ("weight", "shift"):  # of the object: to an empty hand only the solver's steps differ, by rounding
+    # of the object: to an empty hand only the solver's steps differ, by rounding
+    if effect in ("weight", "shift"):
         assert np.abs(without[0] - all_effects[0]).max() <= 1 and changed[0].mean() < 1e-3
 
 
-def test_the_files_hold_each_object_of_each_session_with_the_last_session_on_the_test_side(tmp_path):
+def test_the_files_hold_each_object_of_each_session_with_the_last_session_on_the_test_side(
+    tmp_path,
+):
     folder, names = tmp_path / "recordings", ["000-empty_hand", "001-ball", "002-coin"]
     assert simulate(recipe(frames=45, grasps=2, seed=7), folder)["steps"] > 6 * 45
-    files = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*") if file.is_file())
+    files = sorted(
+        file.relative_to(folder).as_posix() for file in folder.rglob("*") if file.is_file()
+    )
     assert files == [f"{session}/{name}.h5" for session in ("000", "001") for name in names]
     phase, _, grasp = schedule(45, 2)
-    for path, split, weight in zip(files, ["train"] * 3 + ["test"] * 3, [0, 55, 14] * 2, strict=True):
+    for path, split, weight in zip(
+        files, ["train"] * 3 + ["test"] * 3, [0, 55, 14] * 2, strict=True
+    ):
         with h5py.File(folder / path) as file:
             assert dict(file.attrs) == {
                 "object": path[8:-3], "session": path[:3], "weight": weight, "split": split,
@@ -86,10 +104,15 @@ def test_the_files_hold_each_object_of_each_session_with_the_last_session_on_the
             np.testing.assert_array_equal(file["grasp"], grasp)
             np.testing.assert_array_equal(file["valid"], phase == HOLD)
     source = open_source(folder)
-    assert source.names["object"] == ["empty_hand", "ball", "coin"] and source.names["session"] == ["000", "001"]
+    assert source.names["object"] == ["empty_hand", "ball", "coin"] and source.names["session"] == [
+        "000",
+        "001",
+    ]
 
 
-def test_one_seed_gives_the_same_files_whatever_the_number_of_processes_and_another_others(tmp_path, monkeypatch):
+def test_one_seed_gives_the_same_files_whatever_the_number_of_processes_and_another_others(
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr(simulation, "MIN_RECORDINGS_PER_WORKER", 1)
     for name, seed, workers in (("a", 0, 1), ("b", 0, 2), ("c", 1, 1)):
         simulate(recipe(["coin"], seed=seed), tmp_path / name, workers=workers)

@@ -1,9 +1,10 @@
 """The virtual glove's contact: stiff, sudden, deep and for long.
 
-The contact is solved with `ImplicitIntegrator`, as the pipeline does. Where forces are compared, the error is the norm
-of the difference over frames and sensors relative to the reference's. What is right follows from the integrator's own
-tolerance: it allows the sensors' forces a relative error of TOLERANCE in a step. Steps of a frame may add their errors
-up, though on the way to rest they fade; so TOLERANCE for a whole grasp asks for more.
+The contact is solved with `ImplicitIntegrator`, as the pipeline does. Where forces are compared,
+the error is the norm of the difference over frames and sensors relative to the reference's. What is
+right follows from the integrator's own tolerance: it allows the sensors' forces a relative error of
+TOLERANCE in a step. Steps of a frame may add their errors up, though on the way to rest they fade;
+so TOLERANCE for a whole grasp asks for more.
 """
 
 from dataclasses import replace
@@ -43,14 +44,29 @@ def solved(mechanics, y, frames, **options):
     """States (B, frames, n), and a remark on the integrator's work."""
     integrator = ImplicitIntegrator(mechanics, FRAME, **options)
     states = integrator.run(y, frames)
-    names = {"steps": "steps", "rejected": "rejected", "unsolved": "stages unsolved", "forced": "forced"}
-    return states, ", ".join(f"{integrator.statistics[name]} {text}" for name, text in names.items())
+    names = {
+        "steps": "steps",
+        "rejected": "rejected",
+        "unsolved": "stages unsolved",
+        "forced": "forced",
+    }
+    return states, ", ".join(
+        f"{integrator.statistics[name]} {text}" for name, text in names.items()
+    )
 
 
 def wedge(setting):
-    """A ball amid the tips of thumb and index finger, which lean towards each other and squeeze ever harder."""
+    """A ball amid the tips of thumb and index finger, which lean towards each other and squeeze
+    ever harder.
+    """
     posture, layer = np.array([[0.1, 0.1]] * 3 + [[0.8, 0.64], [0.3, 0.24]]), skin(setting)
-    options = {"posture": posture, "layer": layer, "stiffness": setting[1], "knots": 6, "opposition": 0.95}
+    options = {
+        "posture": posture,
+        "layer": layer,
+        "stiffness": setting[1],
+        "knots": 6,
+        "opposition": 0.95,
+    }
     mechanics = scene([[sphere(0.03)]], [0.083, 0.027, 0.071], **options)  # m
     mechanics.drive.squeeze[..., 3:] = 0.05 * np.arange(6)[:, None]  # N m
     return mechanics
@@ -58,14 +74,19 @@ def wedge(setting):
 
 def case(check, make, frames):
     """A case of the test below."""
-    return pytest.param(make, frames, marks=[pytest.mark.stability(check), pytest.mark.slow], id=check)
+    return pytest.param(
+        make, frames, marks=[pytest.mark.stability(check), pytest.mark.slow], id=check
+    )
 
 
 @pytest.mark.parametrize(
     ("make", "frames"),
     [
         # Beyond lambda h = 1e6 Radau takes minutes.
-        *(case("stiffness of a grasp", partial(grasp, one, seed=3000, frames=6), 6) for one in GRASPS),
+        *(
+            case("stiffness of a grasp", partial(grasp, one, seed=3000, frames=6), 6)
+            for one in GRASPS
+        ),
         *(case("fingers stopped by a rod", partial(rod, damping), 2) for damping in (1e-3, 1e-4)),
         *(case("wedged between two fingers", partial(wedge, one), 5) for one in GRASPS[3:6]),
     ],
@@ -74,25 +95,33 @@ def test_the_sensors_forces_are_radau_s(row, make, frames):
     mechanics = make()
     y = mechanics.initial_state()
     states, work = solved(mechanics, y, frames)
-    error = rel_norm_error(forces(mechanics, states), forces(mechanics, radau(mechanics, y, frames)))
+    error = rel_norm_error(
+        forces(mechanics, states), forces(mechanics, radau(mechanics, y, frames))
+    )
     row(f"forces against Radau's, {lambda_h(mechanics, states)}", error, TOLERANCE, work)
 
 
 @pytest.mark.stability("stiffness of a plate")
 def test_a_loaded_plate_on_the_palm_has_the_forces_of_its_closed_form(row):
-    """From lambda h = 1e4 on the plate is at rest at every moment, and only that it is solved at all is asked for."""
+    """From lambda h = 1e4 on the plate is at rest at every moment, and only that it is solved at
+    all is asked for.
+    """
     for decade in range(-2, 9):
         mechanics, y, exact = plate(10.0**decade, frames=4)
         states, work = solved(mechanics, y, 4)
         error = rel_norm_error(forces(mechanics, states), exact)
-        row(f"forces against the closed form, {lambda_h(mechanics, states)}", error, TOLERANCE, work)
+        row(
+            f"forces against the closed form, {lambda_h(mechanics, states)}", error, TOLERANCE, work
+        )
 
 
 @pytest.mark.slow
 @pytest.mark.stability("steps of a whole frame")
 @pytest.mark.parametrize("setting", GRASPS[3:7], ids=lambda setting: f"{setting[0]:g}")
 def test_steps_far_too_long_stay_bounded_and_come_to_the_same_rest(row, setting):
-    """Bounded: the object stays nearer than the AWAY that it comes from, the fingers within half a turn."""
+    """Bounded: the object stays nearer than the AWAY that it comes from, the fingers within half a
+    turn.
+    """
     mechanics = around_a_ball(setting, HALF_CLOSED, knots=13, squeeze=0.1, load=(0.1, -0.2, -0.5))
     y = mechanics.initial_state()
     y[:, :10] = 0.15
@@ -107,12 +136,20 @@ def test_steps_far_too_long_stay_bounded_and_come_to_the_same_rest(row, setting)
 
 @pytest.mark.stability("damping")
 def test_with_next_to_no_damping_the_hand_is_where_the_springs_balance(row):
-    """Right: a torque within Newton's goal, 0.2 TOLERANCE of the least force counted, and the damping's own torque."""
+    """Right: a torque within Newton's goal, 0.2 TOLERANCE of the least force counted, and the
+    damping's own torque.
+    """
     goal = 0.2 * TOLERANCE * FORCE_FLOOR
     for smallness in (1e-3, 1e-6, 1e-9):
         joint, motion = LAYER.joint_damping * smallness, LAYER.object_damping * smallness
-        options = {"layer": replace(LAYER, joint_damping=joint, object_damping=motion), "squeeze": 0.1, "knots": 5}
-        mechanics = scene([[BALL]], [0.08, 0, 0.3], posture=HALF_CLOSED, load=(0, 0, -3.0), **options)
+        options = {
+            "layer": replace(LAYER, joint_damping=joint, object_damping=motion),
+            "squeeze": 0.1,
+            "knots": 5,
+        }
+        mechanics = scene(
+            [[BALL]], [0.08, 0, 0.3], posture=HALF_CLOSED, load=(0, 0, -3.0), **options
+        )
         mechanics.drive.posture[0] += 0.2 * np.sin(np.arange(5))[:, None, None]
         states, work = solved(mechanics, mechanics.initial_state(), 4)
         exact = mechanics.drive.posture[0, 1:] + 0.1 * TENDON / JOINT
@@ -133,9 +170,14 @@ def test_fingers_that_begin_inside_a_ball_come_out_where_radau_does(row, setting
     y[:, :10] = 1.2
     at = mechanics.evaluate(np.zeros(1, dtype=int), np.zeros(1), y, palm=True)
     states, work = solved(mechanics, y, 6)
-    stiff, remark = lambda_h(mechanics, states), f"{at.contacts.depth.max() * 1e3:.3g} mm deep; {work}"
+    stiff, remark = (
+        lambda_h(mechanics, states),
+        f"{at.contacts.depth.max() * 1e3:.3g} mm deep; {work}",
+    )
     row(f"states that are not finite, {stiff}", share_not_finite(states), 0, remark)
-    error = rel_norm_error(forces(mechanics, states)[:, -1], forces(mechanics, radau(mechanics, y, 6))[:, -1])
+    error = rel_norm_error(
+        forces(mechanics, states)[:, -1], forces(mechanics, radau(mechanics, y, 6))[:, -1]
+    )
     row(f"forces at the end against Radau's, {stiff}", error, TOLERANCE, remark)
 
 

@@ -12,16 +12,21 @@ BALL, NOTHING = [sphere(RADIUS)], []
 
 
 def over_a_bed(paths, parts=(BALL,)):
-    """Whether balls, or objects of these parts, on paths (B, 2, 3) m tunnel through a bed at z = 0; evaluations."""
+    """Whether balls, or objects of these parts, on paths (B, 2, 3) m tunnel through a bed at z = 0;
+    evaluations.
+    """
     paths, count = np.asarray(paths, dtype=float), len(paths)
     mechanics = scene(list(parts), paths[:, 0], hands=bed(20, 0.04, hands=count), stiffness=1e9)
     before, after = np.concatenate([np.zeros((2, count, 10)), paths.swapaxes(0, 1)], axis=2)
-    tunnelling, evaluations = tunnels(mechanics, np.arange(count), np.zeros(count), before, np.ones(count), after)
+    tunnelling, evaluations = tunnels(
+        mechanics, np.arange(count), np.zeros(count), before, np.ones(count), after
+    )
     return tunnelling.tolist(), evaluations
 
 
 def test_what_is_deeper_between_its_ends_than_at_them_tunnels():
-    deep, shallow, side = RADIUS - 10 * MM, RADIUS - 6 * MM, 0.2  # a finger's bone is 8 mm below its skin
+    # a finger's bone is 8 mm below its skin
+    deep, shallow, side = RADIUS - 10 * MM, RADIUS - 6 * MM, 0.2
     tunnelling, evaluations = over_a_bed([
         [[0, 0, 0.2], [0, 0, -0.2]],  # through the bed
         [[-side, 0, deep], [side, 0, deep]],
@@ -50,5 +55,7 @@ def test_steps_that_would_tunnel_are_rejected(monkeypatch):
     solver = ImplicitIntegrator(mechanics, FRAME)
     assert np.abs(solver.run(y, frames)[0, 1] - exact).max() < 0.02  # rad
     assert solver.statistics["rejected"] > 0
-    monkeypatch.setattr(integrator, "tunnels", lambda mechanics, rows, *length: (np.zeros(len(rows), dtype=bool), 0))
+    monkeypatch.setattr(
+        integrator, "tunnels", lambda mechanics, rows, *length: (np.zeros(len(rows), dtype=bool), 0)
+    )
     assert np.abs(ImplicitIntegrator(mechanics, FRAME).run(y, frames)[0, 1] - exact).max() > 0.2

@@ -38,9 +38,11 @@ def test_the_stem_is_convolution_normalisation_relu_and_pooling():
     plain_weights = [plain[0].weight, plain[1].weight, plain[1].bias]
     slope = torch.randn_like(maps)
     torch.testing.assert_close(
-        torch.autograd.grad(maps, weights, slope), torch.autograd.grad(expected, plain_weights, slope)
+        torch.autograd.grad(maps, weights, slope),
+        torch.autograd.grad(expected, plain_weights, slope),
     )
-    torch.testing.assert_close(stem.eval()(2 * frames), plain.eval()(2 * frames))  # by the running moments
+    # by the running moments
+    torch.testing.assert_close(stem.eval()(2 * frames), plain.eval()(2 * frames))
 
 
 def maps_and_features(backbone, frames):
@@ -53,9 +55,15 @@ def maps_and_features(backbone, frames):
 
 
 def grid_of(maps):
-    """Means of 4 x 4 parts of maps (B, C, H, W) side by side, map by map and row by row: (B, C * 16)."""
-    parts = [[slice(i * side // 4, -(-(i + 1) * side // 4)) for i in range(4)] for side in maps.shape[2:]]
-    return torch.stack([maps[:, :, rows, columns].mean(dim=(2, 3)) for rows, columns in product(*parts)], 2).flatten(1)
+    """Means of 4 x 4 parts of maps (B, C, H, W) side by side, map by map and row by row: (B, C *
+    16).
+    """
+    parts = [
+        [slice(i * side // 4, -(-(i + 1) * side // 4)) for i in range(4)] for side in maps.shape[2:]
+    ]
+    return torch.stack(
+        [maps[:, :, rows, columns].mean(dim=(2, 3)) for rows, columns in product(*parts)], 2
+    ).flatten(1)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (12, 12), (5, 40), (32, 32)])

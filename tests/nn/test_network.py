@@ -20,7 +20,11 @@ def test_a_network_is_made_ready_for_answers():
     assert not any(part.training for part in network.modules())
     weights = list(network.parameters())
     assert {weight.dtype for weight in weights} == {torch.float32}
-    assert all(weight.is_contiguous(memory_format=torch.channels_last) for weight in weights if weight.ndim == 4)
+    assert all(
+        weight.is_contiguous(memory_format=torch.channels_last)
+        for weight in weights
+        if weight.ndim == 4
+    )
     network.prepare(Compute(torch.device("meta"), "float32"))
     assert {weight.device.type for weight in network.parameters()} == {"meta"}
 
@@ -33,7 +37,9 @@ def test_a_shape_classifier_drops_half_of_its_units_in_training_alone():
 
 
 class Recorder(ViewSystem):
-    """Keeps the sizes of its batches; its logits are the first view of each set less the sum of all."""
+    """Keeps the sizes of its batches; its logits are the first view of each set less the sum of
+    all.
+    """
 
     def __init__(self, in_time_order):
         torch.nn.Module.__init__(self)
@@ -56,8 +62,12 @@ def test_logits_of_view_sets_are_those_of_each_alone(monkeypatch, most, batches,
     assert head.batches == batches and torch.equal(logits, expected)
 
 
-@pytest.mark.parametrize(("count", "views"), [(1, 3), (7, 8), (8, 8), (9, 8), (48, 8), (50, 8), (5, 1), (3, 2)])
-def test_the_fewest_sets_use_each_frame_in_the_order_of_time_and_none_more_than_twice_if_there_are_v(count, views):
+@pytest.mark.parametrize(
+    ("count", "views"), [(1, 3), (7, 8), (8, 8), (9, 8), (48, 8), (50, 8), (5, 1), (3, 2)]
+)
+def test_the_fewest_sets_use_each_frame_in_the_order_of_time_and_none_more_than_twice_if_there_are_v(
+    count, views
+):
     sets = recording_sets(count, views)
     used = np.bincount(sets.ravel(), minlength=count)
     assert sets.shape == (-(-count // views), views) and (np.diff(sets, axis=1) >= 0).all()
@@ -68,11 +78,19 @@ def test_the_fewest_sets_use_each_frame_in_the_order_of_time_and_none_more_than_
 @pytest.mark.parametrize("name", ["mean", "vote", "view_gcn", "stag", "cnn_lstm"])
 @pytest.mark.parametrize(
     ("count", "of_sets"),  # worked by hand: of ten frames two are in two sets
-    [(10, [[0, 2, 5, 7], [1, 3, 6, 8], [2, 4, 7, 9]]), (8, [[0, 2, 4, 6], [1, 3, 5, 7]]), (3, [[0, 1, 1, 2]])],
+    [
+        (10, [[0, 2, 5, 7], [1, 3, 6, 8], [2, 4, 7, 9]]),
+        (8, [[0, 2, 4, 6], [1, 3, 5, 7]]),
+        (3, [[0, 1, 1, 2]]),
+    ],
 )
-def test_a_whole_recording_is_one_set_of_all_frames_or_the_mean_of_the_log_probabilities_of_sets(name, count, of_sets):
+def test_a_whole_recording_is_one_set_of_all_frames_or_the_mean_of_the_log_probabilities_of_sets(
+    name, count, of_sets
+):
     network = built(name, "model.neighbours=2")
-    features = torch.randn(count, *network.feature_shape, generator=torch.Generator().manual_seed(0))
+    features = torch.randn(
+        count, *network.feature_shape, generator=torch.Generator().manual_seed(0)
+    )
     with torch.inference_mode():
         logits = network.head(features[torch.tensor(of_sets)])[0]
         expected = logits.log_softmax(dim=1).mean(dim=0)

@@ -1,6 +1,7 @@
 """The view-graph at extreme places and with as many nodes as are allowed, and sure selectors.
 
-The network is Tactile-ViewGCN's with random weights. References are the same in float64, and plain loops.
+The network is Tactile-ViewGCN's with random weights. References are the same in float64, and plain
+loops.
 """
 
 from copy import deepcopy
@@ -38,7 +39,9 @@ PLACES = {
 
 
 def view_gcn(places, *changes):
-    """Tactile-ViewGCN's network at places (V, 3), in evaluation mode, its weights drawn with seed 0."""
+    """Tactile-ViewGCN's network at places (V, 3), in evaluation mode, its weights drawn with seed
+    0.
+    """
     torch.manual_seed(0)
     model = recipe("model.neighbours=4", *changes).model
     return build_classifier(places, 27, model, (32, 32)).head.eval()
@@ -52,7 +55,9 @@ def logits_error(head, nodes):
     """Of logits in float32 against float64, of the same selected views."""
     with torch.inference_mode():
         return max_rel_error(
-            *with_the_same_views(lambda net: net(nodes)[0], lambda net: net.double()(nodes.double())[0], head)
+            *with_the_same_views(
+                lambda net: net(nodes)[0], lambda net: net.double()(nodes.double())[0], head
+            )
         )
 
 
@@ -77,7 +82,10 @@ def test_the_graph_and_its_network_at_extreme_places(row):
         single = places.float()
         if len(places) <= 8:
             squared = ranks(single)
-            row(f"neighbours, {name}", share_different(nearest(single, 4), squared.argsort(kind="stable")[:, :4]))
+            row(
+                f"neighbours, {name}",
+                share_different(nearest(single, 4), squared.argsort(kind="stable")[:, :4]),
+            )
             furthest = furthest_points(single, len(places))
             row(f"furthest points, {name}", share_different(furthest, looped_furthest(squared)))
         row(f"logits, {name}", logits_error(view_gcn(places), nodes_of(len(places))), SINGLE)
@@ -86,26 +94,44 @@ def test_the_graph_and_its_network_at_extreme_places(row):
 @pytest.mark.stability("every configuration")
 @pytest.mark.parametrize(
     ("kind", "counts"),
-    [("auto", range(1, 41)), ("circle", (7, 100, 1000)), ("sphere", (1000,)), ("random", (40, 1000))],
+    [
+        ("auto", range(1, 41)),
+        ("circle", (7, 100, 1000)),
+        ("sphere", (1000,)),
+        ("random", (40, 1000)),
+    ],
 )
-def test_the_graph_of_all_viewpoints_is_the_same_in_float64_and_on_the_device_in_float32(row, kind, counts):
+def test_the_graph_of_all_viewpoints_is_the_same_in_float64_and_on_the_device_in_float32(
+    row, kind, counts
+):
     device, wrong = "cuda" if torch.cuda.is_available() else "cpu", 0.0
     for count in counts:
         places = torch.from_numpy(viewpoints(count, kind))
         single = places.float().to(device)
         wrong += share_different(nearest(single, 8).cpu(), nearest(places, 8))
-        wrong += share_different(furthest_points(single, count).cpu(), furthest_points(places, count))
-    row(f"neighbours and furthest points on {device}, {kind}, {counts[0]} to {counts[-1]:,} views", wrong)
+        wrong += share_different(
+            furthest_points(single, count).cpu(), furthest_points(places, count)
+        )
+    row(
+        f"neighbours and furthest points on {device}, {kind}, {counts[0]} to {counts[-1]:,} views",
+        wrong,
+    )
 
 
 @pytest.mark.stability("distances without cancellation")
 def test_distances_keep_their_digits_a_million_away_from_the_origin(row):
     steps = list(product(range(3), repeat=3))
-    exact = torch.tensor([[sum((a - b) ** 2 for a, b in zip(p, q, strict=True)) / 16 for q in steps] for p in steps])
+    exact = torch.tensor(
+        [[sum((a - b) ** 2 for a, b in zip(p, q, strict=True)) / 16 for q in steps] for p in steps]
+    )
     everyone = torch.arange(len(steps)).expand(1, len(steps), -1)
     for offset in (0.0, 1e3, 1e6):
         grid = torch.tensor(steps) / 4 + offset
-        row(f"squared distances, {offset:g} away", max_rel_error(squared_distances(grid), exact), ROUNDING)
+        row(
+            f"squared distances, {offset:g} away",
+            max_rel_error(squared_distances(grid), exact),
+            ROUNDING,
+        )
         edges = edge_geometry(grid[None], everyone)[0, ..., 9]
         row(f"squared distances of edges, {offset:g} away", max_rel_error(edges, exact), ROUNDING)
     row("coincident points", squared_distances(torch.full((2, 3), 1e6 / 3)).max())

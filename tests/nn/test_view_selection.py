@@ -10,8 +10,12 @@ from tactile_viewgcn.nn.view_selection import SelectiveViewSampling, log_odds
 
 @pytest.mark.parametrize("dim", [1, -1])
 @pytest.mark.parametrize("size", [1, 10_000])
-def test_log_odds_are_each_logit_against_the_sum_of_the_others_even_where_a_probability_rounds_to_1(dim, size):
-    logits = size * torch.randn(3, 4, 5, 6, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+def test_log_odds_are_each_logit_against_the_sum_of_the_others_even_where_a_probability_rounds_to_1(
+    dim, size
+):
+    logits = size * torch.randn(
+        3, 4, 5, 6, generator=torch.Generator().manual_seed(0), dtype=torch.float64
+    )
     others = [[j for j in range(logits.shape[dim]) if j != i] for i in range(logits.shape[dim])]
     sums = [logits.index_select(dim, torch.tensor(each)).logsumexp(dim) for each in others]
     torch.testing.assert_close(log_odds(logits, dim), logits - torch.stack(sums, dim))

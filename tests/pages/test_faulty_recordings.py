@@ -1,4 +1,6 @@
-"""Recordings with a known fault, as `inspect` shows them: what is at fault is named, and sound recordings are not."""
+"""Recordings with a known fault, as `inspect` shows them: what is at fault is named, and sound
+recordings are not.
+"""
 
 import warnings
 
@@ -137,9 +139,13 @@ def test_a_channel_that_reads_the_same_everywhere_is_named(tmp_path):
 
 
 @pytest.mark.parametrize("columns", COLUMNS, ids=lambda columns: columns.__name__)
-def test_columns_that_are_no_sensor_are_named_with_the_change_that_leaves_them_out(columns, tmp_path):
+def test_columns_that_are_no_sensor_are_named_with_the_change_that_leaves_them_out(
+    columns, tmp_path
+):
     text = inspected(saved(tmp_path / "glove", columns=columns))
-    assert f"leave_out:{COLUMNS[columns]}" in text.replace(' "', '"').replace("leave_out: ", "leave_out:")
+    assert f"leave_out:{COLUMNS[columns]}" in text.replace(' "', '"').replace(
+        "leave_out: ", "leave_out:"
+    )
     assert "leave_out:s" not in text.replace("leave_out:slipped", "")
 
 
@@ -162,7 +168,9 @@ def test_times_in_another_unit_than_seconds_are_asked_about(unit, tmp_path):
 
 
 def windows(rng):
-    """Windows (40, 4) that overlap by half, of three wandering recordings of each object, and their objects."""
+    """Windows (40, 4) that overlap by half, of three wandering recordings of each object, and their
+    objects.
+    """
     parts, labels = [], []
     for name in OBJECTS:
         for _ in range(3):
@@ -175,7 +183,9 @@ def windows(rng):
 def test_overlapping_windows_are_named_and_count_as_the_recording_that_they_are_of(tmp_path):
     for number, (part, name) in enumerate(zip(*windows(np.random.default_rng(0)), strict=True)):
         (tmp_path / name).mkdir(exist_ok=True)
-        pd.DataFrame(part, columns=NAMES[:4]).to_csv(tmp_path / name / f"{number:03d}.csv", index=False)
+        pd.DataFrame(part, columns=NAMES[:4]).to_csv(
+            tmp_path / name / f"{number:03d}.csv", index=False
+        )
     text = inspected(tmp_path)
     assert "ball/001" in text and "Each object has 3 recordings" in text
 

@@ -28,10 +28,16 @@ PAGE = """{% extends "page.html" %}
 
 
 def parsed(text):
-    """The tags of a page and the addresses that it names; it is XML, so that every element is closed in order."""
+    """The tags of a page and the addresses that it names; it is XML, so that every element is
+    closed in order.
+    """
     elements = list(ElementTree.fromstring(text).iter())
-    addresses = [each.get(name) for each in elements for name in ("src", "href", "srcset", "action")]
-    return SimpleNamespace(tags={each.tag for each in elements}, addresses=list(filter(None, addresses)))
+    addresses = [
+        each.get(name) for each in elements for name in ("src", "href", "srcset", "action")
+    ]
+    return SimpleNamespace(
+        tags={each.tag for each in elements}, addresses=list(filter(None, addresses))
+    )
 
 
 def text_of(page):
@@ -53,14 +59,24 @@ def page_of(text):
 def test_everything_that_is_given_is_escaped_once():
     text = page_of(NASTY)
     assert "script" not in parsed(text).tags and "&amp;lt;" not in text
-    assert page_of("`a`").count("<li><b><code>a</code></b>") == 1  # in sentences; a name keeps its marks
+    # in sentences; a name keeps its marks
+    assert page_of("`a`").count("<li><b><code>a</code></b>") == 1
     places = page_of("QQQ").count("QQQ")
-    assert text.count("alert(") == text.count("&lt;script&gt;alert(&#34;x&#34;)&lt;/script&gt; &amp; ") == places > 8
+    assert (
+        text.count("alert(")
+        == text.count("&lt;script&gt;alert(&#34;x&#34;)&lt;/script&gt; &amp; ")
+        == places
+        > 8
+    )
 
 
 def test_a_page_names_no_address_but_its_own_parts_and_forbids_requests():
     text = page_of("Öl")
-    addresses = [address for address in parsed(text).addresses if not address.startswith("data:image/svg+xml;base64,")]
+    addresses = [
+        address
+        for address in parsed(text).addresses
+        if not address.startswith("data:image/svg+xml;base64,")
+    ]
     assert addresses == ["#next"]
     assert text.startswith("<!DOCTYPE html>") and "default-src 'none'" in text
     assert "http://" not in text and "url(" not in text

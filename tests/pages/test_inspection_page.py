@@ -58,19 +58,30 @@ def test_the_page_shows_the_facts_and_the_settings(overview):
     assert "12 recordings of 3 objects in 2 sessions" in text and "95 of 96 sensors vary" in text
     assert all(name in text for name in NAMES) and "-S 'data.source=\"" in text
     assert all(note.text in text and note.key in text for note in overview.settings)
-    assert verdict(overview, warnings(overview)).kind == "open"  # most healthy sensors are pressed by no object
+    # most healthy sensors are pressed by no object
+    assert verdict(overview, warnings(overview)).kind == "open"
     assert parsed(page).tags.isdisjoint({"script", "link", "iframe"})
     assert facts(changed(overview, rates={0: 20.0, 1: 21.0}))[4] == ("20.5 Hz", "is the frame rate")
     assert facts(changed(overview, rates={0: 20.0, 1: 40.0}))[4][0] == "20 to 40 Hz"
 
 
 def test_a_page_never_gives_an_all_clear_and_lists_what_was_checked_and_what_cannot_be(overview):
-    for text in (text_of(inspection_page(overview)), " ".join(" ".join(inspection_lines(overview)).split())):
-        assert warnings(overview) == [] and "Yes" not in text and "nothing was found that would" not in text
+    for text in (
+        text_of(inspection_page(overview)),
+        " ".join(" ".join(inspection_lines(overview)).split()),
+    ):
+        assert (
+            warnings(overview) == []
+            and "Yes" not in text
+            and "nothing was found that would" not in text
+        )
         assert "What was checked" in text and "recordings in another unit" in text
         assert "What the files cannot tell" in text and "augmented" in text and "windows" in text
         assert f"{100 * overview.error.error:.1f} %, is too low" in text
-    rows = checks(overview, [Note("", "warning", "unit"), Note("", "warning", "unit"), Note("", "warning", "names")])
+    rows = checks(
+        overview,
+        [Note("", "warning", "unit"), Note("", "warning", "unit"), Note("", "warning", "names")],
+    )
     outcomes = {row.what: (row.outcome, row.warned) for row in rows}
     assert outcomes["recordings in another unit"] == ("2 warnings", True)
     assert outcomes["all else"] == ("1 warning", True)
@@ -92,7 +103,9 @@ def test_how_readings_move_is_not_checked_where_every_recording_is_one_frame(ove
 
 @pytest.fixture(scope="module")
 def channels(tmp_path_factory):
-    """Three objects, four recordings each, of five channels of unlike unit, one of which has no name."""
+    """Three objects, four recordings each, of five channels of unlike unit, one of which has no
+    name.
+    """
     rng, folder = np.random.default_rng(0), tmp_path_factory.mktemp("glove") / "channels"
     scale = np.array([100, 60, 30, 0.1, 0.002])
     for number, name in enumerate(("ball", "mug", "pen")):
@@ -110,9 +123,17 @@ def test_channels_are_shown_as_curves_on_a_scale_each_and_nothing_is_said_of_con
     page = inspection_page(channels)
     text = text_of(page)
     for word in ("pressure", "contact", "open hand", "Pictures"):
-        assert word not in text.partition("What to do next")[0] + text.partition("Objects")[2].partition("Words")[0]
+        assert (
+            word
+            not in text.partition("What to do next")[0]
+            + text.partition("Objects")[2].partition("Words")[0]
+        )
     assert "contact" not in "\n".join(inspection_lines(channels)).partition("Can they be used?")[0]
-    pictures = [address for address in parsed(page).addresses if address.startswith("data:image/svg+xml;base64,")]
+    pictures = [
+        address
+        for address in parsed(page).addresses
+        if address.startswith("data:image/svg+xml;base64,")
+    ]
     assert len(pictures) == 3
     for picture in pictures:
         drawn = base64.b64decode(picture.partition(",")[2]).decode()
@@ -132,21 +153,29 @@ def test_a_channel_has_the_same_scale_for_all_objects(channels, monkeypatch):
 
 def test_the_size_of_a_small_page_is_not_0_mb(tmp_path):
     page = f"{html.GENERATOR}</html>"
-    assert re.search(r": [1-9]\d* kB;", html.write(tmp_path / "a.html", page + 5000 * " " + "</html>"))
+    assert re.search(
+        r": [1-9]\d* kB;", html.write(tmp_path / "a.html", page + 5000 * " " + "</html>")
+    )
     assert ": 2.5 MB;" in html.write(tmp_path / "b.html", page + 2_500_000 * " " + "</html>")
 
 
 def test_outside_a_clone_the_first_thing_to_do_is_to_go_to_one(overview, tmp_path, monkeypatch):
     monkeypatch.delenv("DVC_ROOT", raising=False)
     monkeypatch.chdir(tmp_path)
-    assert "root of a clone" in " ".join(inspection_lines(overview)) and "clone" in text_of(inspection_page(overview))
+    assert "root of a clone" in " ".join(inspection_lines(overview)) and "clone" in text_of(
+        inspection_page(overview)
+    )
     assert all(len(line) <= WIDTH for line in inspection_lines(overview) if "clone" in line)
     (tmp_path / "clone" / "data").mkdir(parents=True)
     for name in ("dvc.yaml", "params.yaml"):
         (tmp_path / "clone" / name).touch()
     monkeypatch.chdir(tmp_path / "clone" / "data")
     lines = inspection_lines(overview)
-    assert lines[lines.index("") + 1] == f"cd {tmp_path / 'clone'}" in text_of(inspection_page(overview))
+    assert (
+        lines[lines.index("") + 1]
+        == f"cd {tmp_path / 'clone'}"
+        in text_of(inspection_page(overview))
+    )
     assert lines[lines.index("") + 2].startswith("dvc exp run")
     monkeypatch.chdir(tmp_path / "clone")
     assert "clone of" not in text_of(inspection_page(overview))
@@ -183,12 +212,18 @@ def test_each_fault_has_a_warning_that_names_what_is_at_fault(overview):
     names = {"contact": ": mug.", "split": ": Öl & <b>."}
     assert all(name in texts[topic] for topic, name in names.items())
     assert verdict(faulty, warnings(faulty)).kind == "unsure"
-    for high, topics in ((0.3, ["session"]), (0.6, [])):  # below and above the error for a new session
-        errors = {name: replace(overview.error, error=0.5, low=0.0, high=high) for name in ("error", "session_error")}
+    # below and above the error for a new session
+    for high, topics in ((0.3, ["session"]), (0.6, [])):
+        errors = {
+            name: replace(overview.error, error=0.5, low=0.0, high=high)
+            for name in ("error", "session_error")
+        }
         assert [note.topic for note in warnings(changed(overview, **errors))] == topics
 
 
-def test_quick_errors_are_of_recordings_or_sessions_left_out_and_chance_of_what_is_answered(overview):
+def test_quick_errors_are_of_recordings_or_sessions_left_out_and_chance_of_what_is_answered(
+    overview,
+):
     assert [(e.groups, e.chance) for e in (overview.error, overview.session_error)] == [
         (12, pytest.approx(2 / 3)),
         (2, pytest.approx(2 / 3)),
@@ -198,11 +233,18 @@ def test_quick_errors_are_of_recordings_or_sessions_left_out_and_chance_of_what_
     assert (alone.groups, alone.chance) == (8, 0.5)
 
 
-GRIDS = [(1, 1024, "auto", "32 32"), (1, 48, "auto", "ROWS COLUMNS"), (1, 17, "auto", ""), (8, 8, "auto", "")]
+GRIDS = [
+    (1, 1024, "auto", "32 32"),
+    (1, 48, "auto", "ROWS COLUMNS"),
+    (1, 17, "auto", ""),
+    (8, 8, "auto", ""),
+]
 
 
 @pytest.mark.parametrize(("rows", "sensors", "asked", "advice"), [*GRIDS, (1, 64, [1, 64], "")])
-def test_sensors_in_one_row_may_be_a_grid_of_which_the_user_says_the_shape(rows, sensors, asked, advice):
+def test_sensors_in_one_row_may_be_a_grid_of_which_the_user_says_the_shape(
+    rows, sensors, asked, advice
+):
     texts = [note.text for note in grid_notes((rows, sensors), Form(asked))]
     assert [f"add `--shape {advice}`" in text for text in texts] == [True] * bool(advice)
 
@@ -216,7 +258,9 @@ def test_the_line_for_a_new_session_has_five_folds_at_most(overview, sessions, f
 
 def test_a_setting_that_is_asked_for_is_taken_and_named_in_the_line(overview):
     asked = inspect_source(overview.recordings.path, asked=PreprocessSection(contact_sensors=7))
-    assert asked.choice.params.contact_sensors == 7 and "preprocess.contact_sensors=7" in " ".join(command_lines(asked))
+    assert asked.choice.params.contact_sensors == 7 and "preprocess.contact_sensors=7" in " ".join(
+        command_lines(asked)
+    )
 
 
 def test_pictures_are_means_of_the_frames_in_contact_in_colours_of_one_scale(overview, monkeypatch):
@@ -226,15 +270,26 @@ def test_pictures_are_means_of_the_frames_in_contact_in_colours_of_one_scale(ove
     pictures, label = inspection._mean_frames(overview), overview.recordings.columns["object"]
     assert len({top for _, top in pictures.values()}) == 1
     for name, (frame, _) in pictures.items():
-        index = np.flatnonzero(overview.in_contact & (label == overview.recordings.objects.index(name)))
-        np.testing.assert_allclose(frame[overview.recordings.live], overview.excess(index).mean(axis=0), rtol=1e-5)
+        index = np.flatnonzero(
+            overview.in_contact & (label == overview.recordings.objects.index(name))
+        )
+        np.testing.assert_allclose(
+            frame[overview.recordings.live], overview.excess(index).mean(axis=0), rtol=1e-5
+        )
         assert np.isnan(frame[7, 11])
 
 
 def test_where_one_object_alone_is_touched_no_command_is_printed(overview):
     mug, counts = overview.recordings.objects.index("mug"), overview.counts
-    alone = changed(overview, counts=counts | {"in contact": np.where(overview.label == mug, counts["in contact"], 0)})
-    assert overview.choice.params.filter == "contact" and command_lines(overview) and command_lines(alone) == []
+    alone = changed(
+        overview,
+        counts=counts | {"in contact": np.where(overview.label == mug, counts["in contact"], 0)},
+    )
+    assert (
+        overview.choice.params.filter == "contact"
+        and command_lines(overview)
+        and command_lines(alone) == []
+    )
     judged = verdict(alone, warnings(alone))
     assert judged.kind == "bad" and "mug" in judged.answer
 
@@ -250,24 +305,43 @@ def test_where_one_object_alone_is_touched_no_command_is_printed(overview):
 )
 def test_what_can_be_held_out_is_judged_by_the_recommended_split(overview, groups, answer):
     judged = verdict(with_groups(overview, groups), [])
-    assert answer in " ".join([judged.answer, *judged.reasons]) and (judged.kind == "bad") == (len(groups) == 1)
+    assert answer in " ".join([judged.answer, *judged.reasons]) and (judged.kind == "bad") == (
+        len(groups) == 1
+    )
 
 
 @pytest.mark.parametrize(
-    ("recordings", "folds"), [([2, 30], 2), ([9, 60], 4), ([10, 60], 5), ([8, 8, 8], 2), ([8] * 5, 4), ([1, 6, 30], 3)]
+    ("recordings", "folds"),
+    [([2, 30], 2), ([9, 60], 4), ([10, 60], 5), ([8, 8, 8], 2), ([8] * 5, 4), ([1, 6, 30], 3)],
 )
-def test_each_fold_tests_two_recordings_of_an_object_and_ten_in_all_where_there_are_so_many(recordings, folds):
-    settings = {note.key: note.value for note in split_settings({"recording": np.array([0, *recordings])})}
+def test_each_fold_tests_two_recordings_of_an_object_and_ten_in_all_where_there_are_so_many(
+    recordings, folds
+):
+    settings = {
+        note.key: note.value for note in split_settings({"recording": np.array([0, *recordings])})
+    }
     assert settings == {"split.by": "recording", "split.folds": folds}
     tested = sum(recordings) // folds
-    assert (tested >= FEW and min(each for each in recordings if each > 1) // folds >= 2) or folds == 2
+    assert (
+        tested >= FEW and min(each for each in recordings if each > 1) // folds >= 2
+    ) or folds == 2
 
 
-def test_a_line_names_what_it_rests_on_and_what_another_has_left_in_params_yaml(overview, tmp_path, monkeypatch):
+def test_a_line_names_what_it_rests_on_and_what_another_has_left_in_params_yaml(
+    overview, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     before = " ".join(command_lines(overview))
-    left = ("split.deal=3", "split.train_groups=1", "preprocess.filter=none", "data.layout=OBJECT/FILE", "views=1")
-    Path("params.yaml").write_text(yaml.safe_dump(asdict(default_params((*left, "precision=float32")))))
+    left = (
+        "split.deal=3",
+        "split.train_groups=1",
+        "preprocess.filter=none",
+        "data.layout=OBJECT/FILE",
+        "views=1",
+    )
+    Path("params.yaml").write_text(
+        yaml.safe_dump(asdict(default_params((*left, "precision=float32"))))
+    )
     line = " ".join(command_lines(overview))
     added = {"preprocess.filter=auto", "split.deal=0", "split.train_groups=all"}
     assert set(line.split()) - set(before.split()) == added

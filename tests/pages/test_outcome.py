@@ -13,7 +13,9 @@ from tests.records import RECORD
 
 NAMES = ["ball", "cup", "pen"]
 STAGES = ("preprocess", "finetune", "evaluate")
-LEAK = Note("better than by chance", "warning", "leak check", "preprocess.baseline", "grasp", "preprocess")
+LEAK = Note(
+    "better than by chance", "warning", "leak check", "preprocess.baseline", "grasp", "preprocess"
+)
 RIGHT = [[label] * 12 for label in range(3)]
 FEW = [[label] * 2 for label in range(3)]
 ALWAYS_BALL = [[0] * 12] * 3
@@ -40,13 +42,27 @@ def finished(answers, *, notes=(), **changes):
     score = scores_of(trials, np.random.default_rng(0), 3)
     predictions = Predictions({WHOLE: trials}, np.array(NAMES))
     changed = {key.replace("_", ".", 1): value for key, value in changes.items()}
-    values = {"data.source": "my glove", "data.shape": "auto", "data.layout": "auto", "data.columns": []}
+    values = {
+        "data.source": "my glove",
+        "data.shape": "auto",
+        "data.layout": "auto",
+        "data.columns": [],
+    }
     values |= {"split.by": "recording", "split.folds": 3, "model.system": "sensors"}
-    values |= {"preprocess.baseline": "auto", "pretrain.epochs": 30, "finetune.epochs": 15, "model.members": ["kernel"]}
+    values |= {
+        "preprocess.baseline": "auto",
+        "pretrain.epochs": 30,
+        "finetune.epochs": 15,
+        "model.members": ["kernel"],
+    }
     params = {"values": values | changed, "changed": changed}
-    records = {stage: replace(RECORD, stage=stage, params=params, run_id="f" * 32) for stage in STAGES}
+    records = {
+        stage: replace(RECORD, stage=stage, params=params, run_id="f" * 32) for stage in STAGES
+    }
     records["preprocess"] = replace(RECORD, params=params, notes=notes)
-    return FinishedRun("", {WHOLE: score, "groups": {"test": len(groups)}}, {}, predictions, records)
+    return FinishedRun(
+        "", {WHOLE: score, "groups": {"test": len(groups)}}, {}, predictions, records
+    )
 
 
 def advice(run):
@@ -59,16 +75,26 @@ def test_a_line_names_what_params_yaml_now_has_otherwise(elsewhere):
     assert "pretrain.epochs" not in advice(finished(FEW))[2]
     (elsewhere / "params.yaml").write_text("pretrain: {epochs: 3}\nfinetune: {epochs: 15}\n")
     line = advice(finished(FEW, views=4))[2].splitlines()[0]
-    assert " -S views=4 " in line and " -S pretrain.epochs=30 " in line and "finetune.epochs" not in line
+    assert (
+        " -S views=4 " in line
+        and " -S pretrain.epochs=30 " in line
+        and "finetune.epochs" not in line
+    )
 
 
 def test_objects_and_guessing_by_hand():
     labels = np.array([0] * 8 + [1] * 4)  # recordings of a cup and a pen; no tape
     answers = np.array([[0, 0, 1, 2, 0, 1, 1, 0, 1, 1, 1, 0]])
-    trials, names = Trials(answers[..., None], labels, labels, labels, 48), np.array(["cup", "pen", "tape"])
+    trials, names = (
+        Trials(answers[..., None], labels, labels, labels, 48),
+        np.array(["cup", "pen", "tape"]),
+    )
     outcome = replace(finished(FEW), predictions=Predictions({WHOLE: trials}, names))
     assert outcome.tested == "12 recordings, 4 to 8 of each object"
-    assert outcome.objects == [("cup", 8, 0.5, "pen (37.5\xa0%)"), ("pen", 4, 0.25, "cup (25.0\xa0%)")]
+    assert outcome.objects == [
+        ("cup", 8, 0.5, "pen (37.5\xa0%)"),
+        ("pen", 4, 0.25, "cup (25.0\xa0%)"),
+    ]
     assert outcome.chance == pytest.approx(4 / 12)
 
 
@@ -78,11 +104,46 @@ QUEUE = "-S split.fold=0,1,2 -S views=4 -S 'data.source=\"{here}/my glove\"'\ndv
 @pytest.mark.parametrize(
     ("answers", "changes", "kind", "reason", "first_step", "command"),
     [
-        (RIGHT, {"data_layout": "OBJECT/FILE"}, "open", "below", "Ask", f"{PREDICT} --set data.layout=OBJECT/FILE"),
-        (FEW, {"views": 4, "split_fold": 2}, "unsure", "6 recordings, 2 of each", "Record more", QUEUE),
-        (ALWAYS_BALL, {}, "bad", "reaches the error of guessing", "Record more", "inspect 'my glove' --html insp"),
-        (ALWAYS_BALL, {"data_shape": [4, 8]}, "bad", "", "Record", "my glove' --set 'data.shape=[4,8]' --html"),
-        (FEW, {"data_source": "data/virtual/recordings"}, "unsure", "", "Record", "data/virtual/recordings\ndvc q"),
+        (
+            RIGHT,
+            {"data_layout": "OBJECT/FILE"},
+            "open",
+            "below",
+            "Ask",
+            f"{PREDICT} --set data.layout=OBJECT/FILE",
+        ),
+        (
+            FEW,
+            {"views": 4, "split_fold": 2},
+            "unsure",
+            "6 recordings, 2 of each",
+            "Record more",
+            QUEUE,
+        ),
+        (
+            ALWAYS_BALL,
+            {},
+            "bad",
+            "reaches the error of guessing",
+            "Record more",
+            "inspect 'my glove' --html insp",
+        ),
+        (
+            ALWAYS_BALL,
+            {"data_shape": [4, 8]},
+            "bad",
+            "",
+            "Record",
+            "my glove' --set 'data.shape=[4,8]' --html",
+        ),
+        (
+            FEW,
+            {"data_source": "data/virtual/recordings"},
+            "unsure",
+            "",
+            "Record",
+            "data/virtual/recordings\ndvc q",
+        ),
     ],
 )
 def test_verdict_and_steps_follow_from_error_interval_and_split(
@@ -96,18 +157,28 @@ def test_verdict_and_steps_follow_from_error_interval_and_split(
 
 def test_a_warning_comes_first_with_the_remedies_that_are_values(elsewhere):
     line = f"dvc exp run -S views=4 -S 'data.columns=[\"time:t\"]' -S 'data.source=\"{elsewhere}/my glove\"'"
-    beside, line = line.replace(':t"', ':t","leave_out:my clock, s"'), f"{line} -S preprocess.baseline=grasp"
+    beside, line = (
+        line.replace(':t"', ':t","leave_out:my clock, s"'),
+        f"{line} -S preprocess.baseline=grasp",
+    )
     other = Note("the table is damaged", "warning", "objects", stage="preprocess")
     done = replace(LEAK, key="views", value=4)  # the run has the remedy already
     clock = replace(LEAK, key="data.columns", value=["leave_out:my clock, s"])
     changes = {"views": 4, "data_columns": ["time:t"]}
     for note, command in ((LEAK, line), (other, ""), (done, ""), (clock, beside)):
-        judged, steps, lines = advice(finished(RIGHT, notes=[note, Note("remark", stage="preprocess")], **changes))
+        judged, steps, lines = advice(
+            finished(RIGHT, notes=[note, Note("remark", stage="preprocess")], **changes)
+        )
         assert judged.kind == "unsure" and "1 warning below puts it in doubt." in judged.reasons
         assert steps[0].startswith("Mend") and lines.split("\n")[0] == command
 
 
-DOUBTS = [(10, 0.25, 0.25, "open"), (9, 0.2, 0, "unsure"), (10, 0.3, 0, "unsure"), (10, 0.2, 0.26, "unsure")]
+DOUBTS = [
+    (10, 0.25, 0.25, "open"),
+    (9, 0.2, 0, "unsure"),
+    (10, 0.3, 0, "unsure"),
+    (10, 0.2, 0.26, "unsure"),
+]
 
 
 @pytest.mark.parametrize(("groups", "high", "new", "kind"), [*DOUBTS, (1, None, 0, "bad")])
@@ -135,7 +206,9 @@ def test_a_report_says_which_checks_were_made():
     outcomes = {check.what: check.outcome for check in run_checks(run)}
     assert outcomes.pop("recordings in another unit") == "1 warning"
     assert all(outcome.startswith("not checked") for outcome in outcomes.values())
-    run.records["ingest"] = replace(RECORD, counts={"recordings.with_shared_frames": 0, "recordings.with_times": 0})
+    run.records["ingest"] = replace(
+        RECORD, counts={"recordings.with_shared_frames": 0, "recordings.with_times": 0}
+    )
     run.records["preprocess"] = replace(run.records["preprocess"], counts={"leak.error": 0.5})
     outcomes = {check.what: check.outcome for check in run_checks(run)}
     assert outcomes["equal frames at the ends of recordings"] == "nothing found"

@@ -15,7 +15,9 @@ COUNTS = np.arange(500, 640, dtype=np.int16).reshape(4, 5, 7)
 
 
 def record(path: Path, *, pressure=COUNTS, attributes=(), **datasets) -> Path:
-    """A recording in HDF5, of a mug in session s1 unless the attributes say otherwise; None leaves a thing out."""
+    """A recording in HDF5, of a mug in session s1 unless the attributes say otherwise; None leaves
+    a thing out.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     with h5py.File(path, "w") as file:
         for name, values in {"pressure": pressure, **datasets}.items():
@@ -50,7 +52,9 @@ def ingested(path: Path, **options) -> tuple[np.ndarray, Recordings]:
 
 
 def refusal(path: Path, place: Path, **options) -> str:
-    """The line that ends the reading of a path, "" if it is read; in time, and with nothing left in `place`/out."""
+    """The line that ends the reading of a path, "" if it is read; in time, and with nothing left in
+    `place`/out.
+    """
     (out := place / "out").mkdir(exist_ok=True)
     begin, line = sum(os.times()[:4]), ""
     try:
@@ -59,5 +63,6 @@ def refusal(path: Path, place: Path, **options) -> str:
     except UserError as error:
         line = str(error)
     assert list(out.iterdir()) == []
-    assert sum(os.times()[:4]) - begin < 20 and "\n" not in line  # seconds of this process and of those that ended
+    # seconds of this process and of those that ended
+    assert sum(os.times()[:4]) - begin < 20 and "\n" not in line
     return line

@@ -1,4 +1,6 @@
-"""What a damaged file may make a library do: run in the child process that reads files, see `readers.child`."""
+"""What a damaged file may make a library do: run in the child process that reads files, see
+`readers.child`.
+"""
 
 import errno
 import os

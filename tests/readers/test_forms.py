@@ -12,11 +12,25 @@ from tactile_viewgcn.readers import source as module
 from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.readers.source import TEST, TRAIN, Form
 from tests.readers.files import COUNTS, ingested, record, refusal, save
-from tests.stag_files import SENSORS, as_weights, metadata, save_folder, save_hdf5, save_matlab5, save_matlab73
+from tests.stag_files import (
+    SENSORS,
+    as_weights,
+    metadata,
+    save_folder,
+    save_hdf5,
+    save_matlab5,
+    save_matlab73,
+)
 
 MATLAB = pytest.mark.parametrize("save_as", [save_matlab5, save_matlab73])
 TREE = metadata(objects=3, recordings=2, sessions=2, frames=8, blank=2)
-RAW = {"object": "objectId", "recording": "recordingId", "session": "batchId", "frame": "frame", "time": "ts"}
+RAW = {
+    "object": "objectId",
+    "recording": "recordingId",
+    "session": "batchId",
+    "frame": "frame",
+    "time": "ts",
+}
 HDF5 = RAW | {"split": "splitId", "valid": "hasValidLabel"}
 ALL = HDF5 | {"balanced": "isBalanced"}
 FLAT = COUNTS.reshape(4, 35)
@@ -34,11 +48,18 @@ LINES = "\n".join(",".join(map(str, frame)) for frame in FLAT)
     ],
 )
 @pytest.mark.parametrize("block", [5, 4096])
-def test_stag_s_forms_and_hdf5_give_the_same_frames_and_columns(tmp_path, monkeypatch, save_as, name, fields, block):
+def test_stag_s_forms_and_hdf5_give_the_same_frames_and_columns(
+    tmp_path, monkeypatch, save_as, name, fields, block
+):
     monkeypatch.setattr(module, "BLOCK_FRAMES", block)
     counts, table = ingested(save_as(tmp_path / name, TREE))
     np.testing.assert_array_equal(counts, TREE["pressure"])
-    assert (len(table), table.shape, table.counts.dtype, table.live.sum()) == (96, (32, 32), np.int16, 548)
+    assert (len(table), table.shape, table.counts.dtype, table.live.sum()) == (
+        96,
+        (32, 32),
+        np.int16,
+        548,
+    )
     assert table.columns.keys() == fields.keys()
     for column, field in fields.items():
         expected = TREE[field].ravel()
@@ -46,7 +67,10 @@ def test_stag_s_forms_and_hdf5_give_the_same_frames_and_columns(tmp_path, monkey
             expected = np.array([TRAIN, TEST])[expected]
         np.testing.assert_allclose(table.columns[column], expected, atol=1e-9, err_msg=column)
     assert (table.objects, table.sessions) == (["empty_hand", "object1", "object2"], ["000", "001"])
-    assert [name.rpartition("/")[2] for name in table.recordings[1:3]] == ["001-empty_hand", "002-object1"]
+    assert [name.rpartition("/")[2] for name in table.recordings[1:3]] == [
+        "001-empty_hand",
+        "002-object1",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -68,7 +92,9 @@ def test_every_form_of_an_array_gives_the_same_frames(tmp_path, name, content, l
     save(tmp_path / "lab" / "mug" / name, content)
     counts, table = ingested(tmp_path / "lab", form=Form(shape=layout or "auto"))
     np.testing.assert_array_equal(counts, COUNTS)
-    assert counts.dtype.kind == ("f" if getattr(content, "dtype", COUNTS.dtype).kind == "f" else "i")
+    assert counts.dtype.kind == (
+        "f" if getattr(content, "dtype", COUNTS.dtype).kind == "f" else "i"
+    )
     assert (table.objects, table.recordings, table.sessions) == (["mug"], ["mug/1"], ["session"])
     assert table.columns.keys() == {"object", "recording", "session", "frame", "time"}
     assert table.columns["frame"].tolist() == [0, 1, 2, 3] and np.isnan(table.columns["time"]).all()
@@ -83,11 +109,19 @@ TABLES = {  # the bytes or the text of a table, its numbers, and the names of it
     "units": ("a,b,\nN,N,\n1,2,\n3,4,\n", [[1, 2], [3, 4]], "a|b"),
     "units that are ones": ("a,b\n1,1\n5,6\n7,8\n", [[5, 6], [7, 8]], "a|b"),
     "a frame of ones": ("a,b\n1,1\n0,1\n1,0\n", [[1, 1], [0, 1], [1, 0]], "a|b"),
-    "LabVIEW": ("Measurement\nWriter\t2\n***End***\nX\tY\tZ\n7\t1\t2\n8\t3\t4\n", [[7, 1, 2], [8, 3, 4]], "X|Y|Z"),
+    "LabVIEW": (
+        "Measurement\nWriter\t2\n***End***\nX\tY\tZ\n7\t1\t2\n8\t3\t4\n",
+        [[7, 1, 2], [8, 3, 4]],
+        "X|Y|Z",
+    ),
     "a sentence": ("# time of the recording was 12:30\n1 2 3 4\n", [[1, 2, 3, 4]], ""),
     "quoted": ('"a b",c\n1,2\n3,4\n', [[1, 2], [3, 4]], "a b|c"),
     "UTF-16": ("1,2\r\n3,4\r\n".encode("utf-16"), [[1, 2], [3, 4]], ""),
-    "UTF-16 big-endian": ("\ufeffa;b\r\n1,5;2\r\n3,25;4\r\n".encode("utf-16-be"), [[1.5, 2], [3.25, 4]], "a|b"),
+    "UTF-16 big-endian": (
+        "\ufeffa;b\r\n1,5;2\r\n3,25;4\r\n".encode("utf-16-be"),
+        [[1.5, 2], [3.25, 4]],
+        "a|b",
+    ),
     "no UTF-8": ("\xb0C;N\n1,5;2\n".encode("latin-1"), [[1.5, 2]], "\xb0C|N"),
     "line ends of old": ("1,2\r3,4\r", [[1, 2], [3, 4]], ""),
     "packed": (gzip.compress(b"1,2\n3,4\n"), [[1, 2], [3, 4]], ""),
@@ -104,26 +138,54 @@ def test_tables_are_read_as_programs_write_them(tmp_path, name, ending):
     np.testing.assert_array_equal(counts[:, 0], numbers)
     assert counts.dtype.kind == np.array(numbers).dtype.kind
     assert (table.recordings, "|".join(table.channel_names)) == (["mug/1.a"], names)
-    assert ["(units)" in note.text for note in table.notes if note.topic == "units"] == [True] * ("units" in name)
+    assert ["(units)" in note.text for note in table.notes if note.topic == "units"] == [True] * (
+        "units" in name
+    )
 
 
 def tables_of(folder, header, line, frames=15):
-    """Two recordings each of two objects, whose lines are `line` of the frame's number and of three readings."""
+    """Two recordings each of two objects, whose lines are `line` of the frame's number and of three
+    readings.
+    """
     rng = np.random.default_rng(0)
     for place in ("ball/1", "ball/2", "mug/1", "mug/2"):
         rows = [line(frame, *rng.integers(500, 600, 3)) for frame in range(frames)]
-        save(folder / f"{place}.csv", header + "".join(",".join(map(str, row)) + "\n" for row in rows))
+        save(
+            folder / f"{place}.csv",
+            header + "".join(",".join(map(str, row)) + "\n" for row in rows),
+        )
     return folder
 
 
-COLUMNS = {  # names, a line, seconds between frames, and the columns that notes name; three sensors are kept
+# names, a line, seconds between frames, and the columns that notes name; three sensors are kept
+COLUMNS = {
     "seconds": ("time,a,b,c\n", lambda t, *r: [1.7e9 + t / 8, *r], 0.125, ["column 1 ('time')"]),
-    "two times": ("a,b,c,t [ms],micros\n", lambda t, *r: [*r, 2 * t, t], 0.002, ["column 4 ('t [ms]')", "column 5 "]),
+    "two times": (
+        "a,b,c,t [ms],micros\n",
+        lambda t, *r: [*r, 2 * t, t],
+        0.002,
+        ["column 4 ('t [ms]')", "column 5 "],
+    ),
     "billionths": ("t_ns,a,b,c\n", lambda t, *r: [2e6 * t, *r], 0.002, ["column 1 ('t_ns')"]),
-    "millionths": ("time (\xb5s),a,b,c\n", lambda t, *r: [9e9 + 5 * t, *r], 5e-6, ["column 1 ('time (\xb5s)')"]),
-    "a time of day": ("time,a,b,c\n", lambda t, *r: [f"12:30:{t}", *r], None, ["column 1 ('time')"]),
+    "millionths": (
+        "time (\xb5s),a,b,c\n",
+        lambda t, *r: [9e9 + 5 * t, *r],
+        5e-6,
+        ["column 1 ('time (\xb5s)')"],
+    ),
+    "a time of day": (
+        "time,a,b,c\n",
+        lambda t, *r: [f"12:30:{t}", *r],
+        None,
+        ["column 1 ('time')"],
+    ),
     "line numbers": ("Sample,a,b,c\n", lambda t, *r: [t, *r], None, ["column 1 ('Sample')"]),
-    "names": ("a,b,c,label,Trial\n", lambda t, *r: [*r, "x", 7], None, ["column 4 ('label')", "column 5 ('Trial')"]),
+    "names": (
+        "a,b,c,label,Trial\n",
+        lambda t, *r: [*r, "x", 7],
+        None,
+        ["column 4 ('label')", "column 5 ('Trial')"],
+    ),
     "counter with a gap": ("#,a,b,c\n", lambda t, *r: [t + (t > 9), *r], None, ["column 1 "]),
     "thumbs that rest": ("t1,t2,t3\n", lambda t, a, *r: [a, *r], None, []),
     "fingers": ("index,thumb,t\n", lambda t, *r: r, None, []),
@@ -156,9 +218,14 @@ def as_h5(path, X, y):
         ("mat", lambda path, X, y: io.savemat(path, {"X": X, "y": (y == "pen") + 0})),
     ],
 )
-def test_windows_with_labels_are_recordings_and_those_that_overlap_are_of_one_take(tmp_path, shape, ending, write):
+def test_windows_with_labels_are_recordings_and_those_that_overlap_are_of_one_take(
+    tmp_path, shape, ending, write
+):
     stream = np.random.default_rng(0).normal(size=(40, *shape[1:]))
-    X, y = np.stack([stream[at : at + 6] for at in (0, 3, 6, 20, 23, 34)]), np.repeat(["mug", "pen"], 3)
+    X, y = (
+        np.stack([stream[at : at + 6] for at in (0, 3, 6, 20, 23, 34)]),
+        np.repeat(["mug", "pen"], 3),
+    )
     write(tmp_path / f"all.{ending}", X=X, y=y)
     counts, table = ingested(tmp_path)
     np.testing.assert_array_equal(counts.reshape(6, *shape), X)
@@ -168,9 +235,13 @@ def test_windows_with_labels_are_recordings_and_those_that_overlap_are_of_one_ta
 
 
 def windows_of(length, step, *, shape=(6,), levels=0, count=12):
-    """Windows (count, length, ...) of a stream, of real numbers or of some levels, that begin `step` frames apart."""
+    """Windows (count, length, ...) of a stream, of real numbers or of some levels, that begin
+    `step` frames apart.
+    """
     rng, frames = np.random.default_rng(0), length + (count - 1) * step
-    stream = rng.integers(0, levels, (frames, *shape)) if levels else rng.normal(0, 1, (frames, *shape))
+    stream = (
+        rng.integers(0, levels, (frames, *shape)) if levels else rng.normal(0, 1, (frames, *shape))
+    )
     return np.stack([stream[step * number :][:length] for number in range(count)])
 
 
@@ -195,8 +266,14 @@ TAKES = {  # windows and whether all are of one take, or each is of its own
     "padded at the end": (at_rest(APART, before=0, after=8), False),
     "with one frame of rest": (at_rest(APART, before=1, after=1), False),
     "that begin and end at one reading": (at_rest(APART, before=3, after=3, value=512.0), False),
-    "maps that begin and end at rest": (at_rest(windows_of(20, 20, shape=(4, 6)), before=4, after=4), False),
-    "one channel that begins and ends at rest": (at_rest(windows_of(20, 20, shape=(1,)), before=4, after=4), False),
+    "maps that begin and end at rest": (
+        at_rest(windows_of(20, 20, shape=(4, 6)), before=4, after=4),
+        False,
+    ),
+    "one channel that begins and ends at rest": (
+        at_rest(windows_of(20, 20, shape=(1,)), before=4, after=4),
+        False,
+    ),
     "that all read 0": (0 * APART, False),
     "of a single frame": (windows_of(1, 1, levels=2, shape=(3,)), False),
 }
@@ -218,10 +295,28 @@ def test_windows_are_of_one_take_where_they_share_frames_that_change_and_not_whe
 LEFT = {  # a table, data.columns, the names and numbers of its sensors, and words of a note
     "a text": ("a,note,b\n1,cold,2\n", ["leave_out:note"], "a|b", [[1, 2]], "'note'|data.columns"),
     "by number": ("1,x,2\n", ["leave_out:2"], "", [[1, 2]], "column 2 "),
-    "several": ("a,b,c\n1,2,3\n", ["leave_out:a", "leave_out:c", "leave_out:of_one"], "b", [[2]], "'a'|'c'"),
+    "several": (
+        "a,b,c\n1,2,3\n",
+        ["leave_out:a", "leave_out:c", "leave_out:of_one"],
+        "b",
+        [[2]],
+        "'a'|'c'",
+    ),
     "empty": ("a,note,b\n1,,2\n3,,4\n", [], "a|b", [[1, 2], [3, 4]], "'note'|empty in all 2 lines"),
-    "empty at the end": ("Us\na,b,note\n1,2,\n3,4,\n", [], "a|b", [[1, 2], [3, 4]], "'note'|empty in all 2 lines"),
-    "times": ("a,time\n1,2025/05/23/15:03:53.88\n2,\n", [], "a", [[1], [2]], "2 of 2 cells|'2025/05/23/15:03:53.88'"),
+    "empty at the end": (
+        "Us\na,b,note\n1,2,\n3,4,\n",
+        [],
+        "a|b",
+        [[1, 2], [3, 4]],
+        "'note'|empty in all 2 lines",
+    ),
+    "times": (
+        "a,time\n1,2025/05/23/15:03:53.88\n2,\n",
+        [],
+        "a",
+        [[1], [2]],
+        "2 of 2 cells|'2025/05/23/15:03:53.88'",
+    ),
 }
 
 
@@ -229,9 +324,14 @@ LEFT = {  # a table, data.columns, the names and numbers of its sensors, and wor
 def test_columns_are_left_out_by_name_or_where_they_are_empty_with_a_note(tmp_path, name):
     text, columns, names, numbers, words = LEFT[name]
     for number in (1, 2):
-        save(tmp_path / "lab" / "mug" / f"{number}.csv", text if number == 1 else text.replace("b,c", "b,of_one"))
+        save(
+            tmp_path / "lab" / "mug" / f"{number}.csv",
+            text if number == 1 else text.replace("b,c", "b,of_one"),
+        )
     counts, table = ingested(tmp_path / "lab", form=Form(columns=columns))
-    assert "no column 'nix'" in refusal(tmp_path / "lab", tmp_path, form=Form(columns=[*columns, "leave_out:nix"]))
+    assert "no column 'nix'" in refusal(
+        tmp_path / "lab", tmp_path, form=Form(columns=[*columns, "leave_out:nix"])
+    )
     assert counts[: len(numbers), 0].tolist() == numbers and "|".join(table.channel_names) == names
     notes = " ".join(note.text for note in table.notes if note.topic == "columns")
     assert [word for word in words.split("|") if word not in notes] == []
@@ -251,16 +351,34 @@ def test_letters_of_labels_are_composed_and_blanks_at_their_ends_go(tmp_path):
     for number, name in enumerate((" Te\u0302te", "T\xeate ", "T\xeate")):
         save(tmp_path / "folders" / name / f"{number}.npy")
         record(tmp_path / "attributes" / f"{number}.h5", attributes={"object": name})
-    rows = ["label,trial,a", *(f"{name},{number},{number}" for number, name in enumerate(("Te\u0302te", "T\xeate ")))]
+    rows = [
+        "label,trial,a",
+        *(f"{name},{number},{number}" for number, name in enumerate(("Te\u0302te", "T\xeate "))),
+    ]
     save(tmp_path / "all.csv", "\n".join(rows))
     for place in ("folders", "attributes", "all.csv"):
         assert open_source(tmp_path / place).names["object"] == ["T\xeate"]
 
 
 ONE_TABLE = {  # names and columns of an object's part, and the names of recordings and sessions
-    "trials": ("label,trial,class", lambda o, i: (o, i, "toy"), ["ball/1", "ball/2", "mug/1", "mug/2"], ["session"]),
-    "times that fall": ("Class", lambda o, i: (o,), ["ball/1", "ball/2", "mug/3", "mug/4"], ["session"]),
-    "sessions": ("object,subject", lambda o, i: (o, i), ["1/ball/1", "2/ball/2", "1/mug/3", "2/mug/4"], ["1", "2"]),
+    "trials": (
+        "label,trial,class",
+        lambda o, i: (o, i, "toy"),
+        ["ball/1", "ball/2", "mug/1", "mug/2"],
+        ["session"],
+    ),
+    "times that fall": (
+        "Class",
+        lambda o, i: (o,),
+        ["ball/1", "ball/2", "mug/3", "mug/4"],
+        ["session"],
+    ),
+    "sessions": (
+        "object,subject",
+        lambda o, i: (o, i),
+        ["1/ball/1", "2/ball/2", "1/mug/3", "2/mug/4"],
+        ["1", "2"],
+    ),
 }
 
 
@@ -270,16 +388,28 @@ def test_one_table_holds_all_recordings(tmp_path, name):
     objects, parts, frames = (axis.ravel() for axis in np.indices((2, 2, 6)))
     first = 500 + 100 * objects + 10 * parts + frames
     rows = [
-        [*names_of(("ball", "mug")[label], part + 1), 200 * (frame // 2), *range(reading, reading + 3)]
+        [
+            *names_of(("ball", "mug")[label], part + 1),
+            200 * (frame // 2),
+            *range(reading, reading + 3),
+        ]
         for label, part, frame, reading in zip(objects, parts, frames, first.tolist(), strict=True)
     ]
     if name == "mixed trials":
         rows.sort(key=lambda row: row[2])  # all first frames, all second ones
     text = "\n".join(",".join(map(str, row)) for row in rows)
     counts, table = ingested(save(tmp_path / "all.csv", f"{header},time_ms,a,b,c\n{text}\n"))
-    assert (table.objects, table.recordings, table.sessions) == (["ball", "mug"], recordings, sessions)
+    assert (table.objects, table.recordings, table.sessions) == (
+        ["ball", "mug"],
+        recordings,
+        sessions,
+    )
     np.testing.assert_array_equal(counts[:, 0], first[:, None] + np.arange(3))
-    for column, values in {"object": objects, "recording": 2 * objects + parts, "frame": frames}.items():
+    for column, values in {
+        "object": objects,
+        "recording": 2 * objects + parts,
+        "frame": frames,
+    }.items():
         np.testing.assert_array_equal(table.columns[column], values, err_msg=column)
     np.testing.assert_allclose(table.columns["time"], frames // 2 / 5, atol=1e-9)
 
@@ -291,18 +421,27 @@ def test_runs_of_an_object_are_recordings_with_a_note_also_in_a_folder_of_tables
         save(tmp_path / "lab" / f"{name}.csv", rows)
     _, many = ingested(tmp_path / "lab")
     assert one.recordings == ["mug/1", "pen/2", "mug/3"]
-    assert many.recordings == [f"{name}/{each}" for name in ("anna", "bert") for each in one.recordings]
+    assert many.recordings == [
+        f"{name}/{each}" for name in ("anna", "bert") for each in one.recordings
+    ]
     assert [many.objects[at] for at in many.columns["object"]] == ["mug", "mug", "pen", "mug"] * 2
     for table in (one, many):
         (note,) = [note for note in table.notes if note.topic == "recordings"]
-        assert "3 recordings of 1 to 2 lines" in note.text and "data.columns=[recording:NAME]" in note.text
+        assert (
+            "3 recordings of 1 to 2 lines" in note.text
+            and "data.columns=[recording:NAME]" in note.text
+        )
         assert note.level == "warning"
-    assert not ingested(save(tmp_path / "one.csv", "label,a\nmug,1\nmug,2\n"))[1].notes[1:]  # that of the label alone
+    # that of the label alone
+    assert not ingested(save(tmp_path / "one.csv", "label,a\nmug,1\nmug,2\n"))[1].notes[1:]
 
 
 def test_real_numbers_of_a_table_are_those_that_python_reads(tmp_path):
     numbers = np.random.default_rng(0).random((200, 20)) ** 9
-    save(tmp_path / "lab" / "mug" / "1.csv", "\n".join(",".join(map(repr, line.tolist())) for line in numbers))
+    save(
+        tmp_path / "lab" / "mug" / "1.csv",
+        "\n".join(",".join(map(repr, line.tolist())) for line in numbers),
+    )
     np.testing.assert_array_equal(ingested(tmp_path / "lab")[0][:, 0], numbers)
 
 
@@ -316,12 +455,19 @@ def with_letters(path):
 def soft_link(path):
     record(path, pressure=None)
     with h5py.File(path, "r+") as file:
-        file.create_dataset("raw/counts", data=COUNTS, compression="gzip", shuffle=True, fletcher32=True)
+        file.create_dataset(
+            "raw/counts", data=COUNTS, compression="gzip", shuffle=True, fletcher32=True
+        )
         file["pressure"] = h5py.SoftLink("/raw/counts")
-        h5py.h5a.create(file.id, b"of no use", h5py.h5t.UNIX_D32LE, h5py.h5s.create(h5py.h5s.SCALAR))  # nor readable
+        # nor readable
+        h5py.h5a.create(
+            file.id, b"of no use", h5py.h5t.UNIX_D32LE, h5py.h5s.create(h5py.h5s.SCALAR)
+        )
 
 
-FILES = {  # a function that writes mug/1, its ending, the form, the frames, and the columns that are no default
+# a function that writes mug/1, its ending, the form, the frames, and the columns that are no
+# default
+FILES = {
     "one frame by its shape": (partial(save, content=COUNTS[0]), "npy", {"shape": [5, 7]}, COUNTS[:1], {}),
     "cells of one row": (partial(save, content=COUNTS[0]), "npy", {}, COUNTS[0][:, None], {}),
     "a named column": (partial(save, content="a,b\n1,2\n"), "csv", {"columns": ["pressure:b"]}, [[[2]]], {}),
@@ -363,7 +509,9 @@ def test_a_recording_needs_no_object_where_none_is_asked_for(tmp_path, name, pla
             record(path, attributes={"object": None, "session": None})
         case _:
             save(path, "time_s,a\n0,1\n1,2\n0,3\n")  # times that fall part recordings
-    source = open_source(path if place == "grip" else path.parent, Form(labelled=False, columns=["object:motion"]))
+    source = open_source(
+        path if place == "grip" else path.parent, Form(labelled=False, columns=["object:motion"])
+    )
     names = ["grip/1", "grip/2"] if name == "grip.csv" else ["grip"]
     assert source.names == {"object": [""], "recording": names, "session": ["session"]}
 
@@ -372,7 +520,9 @@ def test_frames_that_read_nan_and_are_marked_as_not_held_are_left_out_and_counte
     pressure, valid = COUNTS.astype(np.float32), np.array([False, True, False, True])
     pressure[2, 1] = np.nan
     for name in "ab":
-        path = record(tmp_path / "lab" / f"{name}.h5", pressure=pressure, valid=valid, time=np.arange(4))
+        path = record(
+            tmp_path / "lab" / f"{name}.h5", pressure=pressure, valid=valid, time=np.arange(4)
+        )
     counts, table = ingested(path.parent)
     np.testing.assert_array_equal(counts, np.tile(COUNTS[[0, 1, 3]], (2, 1, 1)))
     assert table.columns["frame"].tolist() == table.columns["time"].tolist() == [0, 1, 3] * 2
@@ -383,13 +533,27 @@ def test_frames_that_read_nan_and_are_marked_as_not_held_are_left_out_and_counte
 @MATLAB
 def test_a_weights_file_has_grasps_and_no_split(tmp_path, save_as):
     columns = ingested(save_as(tmp_path / "metadata.mat", as_weights(TREE)))[1].columns
-    assert columns.keys() == {"object", "recording", "session", "frame", "time", "grasp", "grasp_valid"}
-    assert columns["grasp"][:8].tolist() == [0, 0, 1, 1, 2, 2, 3, 3] and columns["grasp_valid"].sum() == 12 * 6
+    assert columns.keys() == {
+        "object",
+        "recording",
+        "session",
+        "frame",
+        "time",
+        "grasp",
+        "grasp_valid",
+    }
+    assert (
+        columns["grasp"][:8].tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
+        and columns["grasp_valid"].sum() == 12 * 6
+    )
 
 
 @MATLAB
 def test_the_split_goes_by_its_names_and_not_by_its_numbers(tmp_path, save_as):
-    turned = TREE | {"splitId": 1 - TREE["splitId"], "splits": np.array([["Test", "Train"]], dtype=object)}
+    turned = TREE | {
+        "splitId": 1 - TREE["splitId"],
+        "splits": np.array([["Test", "Train"]], dtype=object),
+    }
     split = ingested(save_as(tmp_path / "metadata.mat", turned))[1].columns["split"]
     np.testing.assert_array_equal(split, np.where(TREE["splitId"].ravel() == 1, TEST, TRAIN))
 
@@ -397,9 +561,14 @@ def test_the_split_goes_by_its_names_and_not_by_its_numbers(tmp_path, save_as):
 @pytest.mark.stag
 @pytest.mark.parametrize(
     ("name", "frames", "recordings", "flag", "flagged"),
-    [("blindfolded_lite", 6686, 105, "valid", 525), ("weights_lite", 11682, 27, "grasp_valid", 2301)],
+    [
+        ("blindfolded_lite", 6686, 105, "valid", 525),
+        ("weights_lite", 11682, 27, "grasp_valid", 2301),
+    ],
 )
-def test_the_real_files_have_the_frames_that_their_authors_state(stag_data, name, frames, recordings, flag, flagged):
+def test_the_real_files_have_the_frames_that_their_authors_state(
+    stag_data, name, frames, recordings, flag, flagged
+):
     source = open_source(stag_data / name / "metadata.mat")
     blocks = list(source.blocks)
     columns = {key: np.concatenate([block[key] for block in blocks]) for key in blocks[0]}
@@ -407,7 +576,9 @@ def test_the_real_files_have_the_frames_that_their_authors_state(stag_data, name
     assert (len(source.names["recording"]), len(source.names["object"])) == (recordings, 27)
     assert source.names["object"][0] == "empty_hand"
     assert len(np.unique(columns["recording"])) == recordings and columns[flag].sum() == flagged
-    assert (columns["pressure"][:, ~SENSORS] == 510).all() and np.ptp(columns["pressure"][:, SENSORS], axis=0).all()
+    assert (columns["pressure"][:, ~SENSORS] == 510).all() and np.ptp(
+        columns["pressure"][:, SENSORS], axis=0
+    ).all()
     if name == "blindfolded_lite":
         assert (columns["split"] == TEST).all()
     else:

@@ -1,4 +1,6 @@
-"""Files with random damage: each is read, or refused in one line, in little time, whatever it does to the libraries."""
+"""Files with random damage: each is read, or refused in one line, in little time, whatever it does
+to the libraries.
+"""
 
 import numpy as np
 import pytest
@@ -24,7 +26,10 @@ def own_matlab(path):
 
 
 KINDS = {  # the name of a file, and a function that makes a good one
-    "HDF5": ("a.h5", lambda path: record(path, time=np.arange(4.0), valid=np.ones(4, bool), grasp=np.arange(4))),
+    "HDF5": (
+        "a.h5",
+        lambda path: record(path, time=np.arange(4.0), valid=np.ones(4, bool), grasp=np.arange(4)),
+    ),
     "MATLAB 5": ("metadata.mat", lambda path: save_matlab5(path, tree())),
     "MATLAB 7.3": ("metadata.mat", lambda path: save_matlab73(path, tree())),
     "MATLAB of one's own": ("1.mat", own_matlab),
@@ -63,5 +68,6 @@ def test_a_damaged_file_is_read_or_refused_in_one_line(kind, tmp_path):
     lines = []
     for number in range(INPUTS):
         path.write_bytes(damaged(good, np.random.default_rng([number, *kind.encode()])))
-        lines.append(refusal(path, tmp_path, form=Form(labelled=False)))  # which asserts what must hold
+        # which asserts what must hold
+        lines.append(refusal(path, tmp_path, form=Form(labelled=False)))
     assert any(lines) and all(str(path) in line for line in lines if line)

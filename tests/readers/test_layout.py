@@ -18,7 +18,8 @@ SIDES = {"train": TRAIN, "test": TEST, "val": VALIDATION, "dev": VALIDATION}
     [
         ("pen/1.json pen/2.json ball/3.PKL", "2 .json, 1 .pkl|ball 2 of 3, pen 0 of 2."),
         ("mug/4.txt", "1 .txt|mug/4.txt: |mug 2 of 3"),
-        ("notes.md ball/1.json ball/old/3.json", ""),  # beside the objects, about a recording that is read, or deeper
+        # beside the objects, about a recording that is read, or deeper
+        ("notes.md ball/1.json ball/old/3.json", ""),
     ],
 )
 def test_files_that_are_not_read_are_counted_by_object(tmp_path, lost, words):
@@ -27,7 +28,10 @@ def test_files_that_are_not_read_are_counted_by_object(tmp_path, lost, words):
     for name in lost.split():
         save(tmp_path / "lab" / name, "none")
     (note,) = [note for note in ingested(tmp_path / "lab")[1].notes if note.topic == "files"]
-    assert (note.level, f"{len(lost.split())} file" in note.text) == ("warning" if words else "info", True)
+    assert (note.level, f"{len(lost.split())} file" in note.text) == (
+        "warning" if words else "info",
+        True,
+    )
     assert [word for word in words.split("|") if word not in note.text] == []
 
 
@@ -35,15 +39,25 @@ def test_files_that_are_not_read_are_counted_by_object(tmp_path, lost, words):
 def test_a_table_of_files_names_their_objects_and_sessions(tmp_path, place):
     for number in range(4):
         save(tmp_path / place / f"rec_{number}.npy", COUNTS + number)
-    rows = [f"./raw/rec_{number}.npy;{('mug', 'pen ')[number % 2]};{number // 2}" for number in (2, 3, 0, 1)]
+    rows = [
+        f"./raw/rec_{number}.npy;{('mug', 'pen ')[number % 2]};{number // 2}"
+        for number in (2, 3, 0, 1)
+    ]
     save(tmp_path / "lab" / "labels.csv", "\n".join(["Filename;label;subject", *rows]))
     counts, table = ingested(tmp_path / "lab")
     first = table.columns["frame"] == 0
-    assert [table.objects[at] for at in table.columns["object"][first]] == ["mug", "pen", "mug", "pen"]
+    assert [table.objects[at] for at in table.columns["object"][first]] == [
+        "mug",
+        "pen",
+        "mug",
+        "pen",
+    ]
     assert table.sessions == ["0", "1"] and table.columns["session"][first].tolist() == [0, 0, 1, 1]
     np.testing.assert_array_equal(counts[first, 0, 0] - 500, np.arange(4))
     assert not [note for note in table.notes if note.topic == "files"]
-    layout = default_params((f"data.layout={'FILE' if place == 'lab' else 'OBJECT/FILE'}_PART",)).data.layout
+    layout = default_params(
+        (f"data.layout={'FILE' if place == 'lab' else 'OBJECT/FILE'}_PART",)
+    ).data.layout
     assert ingested(tmp_path / "lab", form=Form(layout=layout))[0].shape == (4, 5, 28)
     save(tmp_path / "lab" / "labels.csv", "\n".join(["file,object", "rec_0,mug", "rec_0,pen"]))
     assert "labels.csv: rec_0 has two labels" in refusal(tmp_path / "lab", tmp_path)
@@ -57,7 +71,11 @@ def test_a_table_of_files_names_their_objects_and_sessions(tmp_path, place):
         ("r1/accelX r1/accelY r2/accelX r2/accelY", [0, 0, 2, 2], "OBJECT/FILE/PART"),
         ("rec3_part1 rec3_part2 rec4_part1", [0, 0, 2], ""),  # one after the other, not beside it
         ("Rec3_part1 rec3_Part2 rec4_part1", [0, 0, 2], ""),
-        ("4_glove1 4_glove2 5_glove1 5_glove3", [0, 0, 2, 2], "glove1, glove3; expected glove1, glove2 once each, as"),
+        (
+            "4_glove1 4_glove2 5_glove1 5_glove3",
+            [0, 0, 2, 2],
+            "glove1, glove3; expected glove1, glove2 once each, as",
+        ),
         ("glove1 glove2 glove3", None, ""),  # as well three grasps
         ("left_1 left_2 left_3", None, ""),
         ("01 01_aug1 01_aug2 02 02_aug1", [0, 0, 0, 3, 3], ""),
@@ -74,10 +92,15 @@ def test_recordings_whose_names_differ_by_a_hand_an_axis_a_device_a_part_or_a_co
         record(tmp_path / "lab" / "mug" / f"{name}.h5", pressure=COUNTS + number)
     layout = "OBJECT/SESSION/FILE" if "/" in names else "OBJECT/FILE"
     table = ingested(tmp_path / "lab", form=Form(layout=layout))[1]
-    group, expected = split_groups(table.columns, "recording")[::4], takes or [*range(len(names.split()))]
+    group, expected = (
+        split_groups(table.columns, "recording")[::4],
+        takes or [*range(len(names.split()))],
+    )
     assert group.tolist() == np.unique(expected, return_inverse=True)[1].tolist()
     warned = [note.text for note in table.notes if note.topic == "parts"]
-    named = [names.split()[0] in text and ("data.layout=" in text) == bool(joined) for text in warned]
+    named = [
+        names.split()[0] in text and ("data.layout=" in text) == bool(joined) for text in warned
+    ]
     assert named == [True] * bool(takes)
     if not joined:
         return
@@ -88,7 +111,11 @@ def test_recordings_whose_names_differ_by_a_hand_an_axis_a_device_a_part_or_a_co
     counts, table = ingested(tmp_path / "lab", form=form)
     pairs = [np.flatnonzero(np.array(takes) == take) for take in dict.fromkeys(takes)]
     expected = [np.concatenate([COUNTS + number for number in pair], axis=-1) for pair in pairs]
-    assert form.layout == joined and "take" not in table.columns and len(table.recordings) == len(pairs)
+    assert (
+        form.layout == joined
+        and "take" not in table.columns
+        and len(table.recordings) == len(pairs)
+    )
     np.testing.assert_array_equal(counts, np.concatenate(expected))
 
 
@@ -97,20 +124,36 @@ def test_tables_that_differ_by_part_are_joined_by_names_and_refused_with_unlike_
     for hand, first in (("left", 1), ("right", 5)):
         save(lab / "mug" / hand / "1.csv", f"time,x,y\n0,{first},{first + 1}\n0.5,9,8\n")
     counts, table = ingested(lab, form=form)
-    assert counts[:, 0].tolist() == [[1, 2, 5, 6], [9, 8, 9, 8]] and table.columns["time"].tolist() == [0, 0.5]
-    assert table.channel_names == ["left_x", "left_y", "right_x", "right_y"] and table.recordings == ["mug/1"]
+    assert counts[:, 0].tolist() == [[1, 2, 5, 6], [9, 8, 9, 8]] and table.columns[
+        "time"
+    ].tolist() == [0, 0.5]
+    assert table.channel_names == [
+        "left_x",
+        "left_y",
+        "right_x",
+        "right_y",
+    ] and table.recordings == ["mug/1"]
     counts, table = ingested(lab, form=Form(layout=form.layout, columns=["leave_out:left_y"]))
-    assert (counts[0].tolist(), table.channel_names) == ([[1, 5, 6]], ["left_x", "right_x", "right_y"])
+    assert (counts[0].tolist(), table.channel_names) == (
+        [[1, 5, 6]],
+        ["left_x", "right_x", "right_y"],
+    )
     new = save(tmp_path / "new" / "left" / "3.csv", "x,y\n1,2\n").parents[1]
     save(new / "right" / "3.csv", "x,y\n3,4\n")
     alone, table = ingested(new, form=Form(layout=form.layout, labelled=False))
     assert alone.ravel().tolist() == [1, 2, 3, 4] and table.recordings == ["3"]
     save(lab / "mug" / "right" / "1.csv", "time,x,y\n0,1,2\n")
     line = refusal(lab, tmp_path, form=form)
-    assert "right/1.csv: frames and rows (1, 1); expected (2, 1) as in " in line and "left/1.csv" in line
+    assert (
+        "right/1.csv: frames and rows (1, 1); expected (2, 1) as in " in line
+        and "left/1.csv" in line
+    )
     save(lab / "mug" / "left" / "1.tsv", "x\n1\n")
     line = refusal(lab, tmp_path, form=form)
-    assert "PART is left, left, right; expected left, right once each" in line and "data.layout=auto" in line
+    assert (
+        "PART is left, left, right; expected left, right once each" in line
+        and "data.layout=auto" in line
+    )
 
 
 def test_left_and_right_of_two_objects_are_two_recordings(tmp_path):
@@ -135,26 +178,39 @@ def test_left_and_right_of_two_objects_are_two_recordings(tmp_path):
 def test_folders_are_objects_and_above_them_sessions(tmp_path, places, order, level, ending):
     for place in places.split():
         file = tmp_path / "lab" / place / f"x.{ending}"
-        save(file) if ending == "npy" else record(file, attributes={"object": None, "session": None})
+        save(file) if ending == "npy" else record(
+            file, attributes={"object": None, "session": None}
+        )
     source, names = open_source(tmp_path / "lab"), order.split("/")
     for name in ("object", "session"):
         if name.upper() in names:
             expected = {place.split("/")[names.index(name.upper())] for place in places.split()}
-            assert source.names[name] == sorted(expected, key=lambda name: (name != "empty_hand", name))
+            assert source.names[name] == sorted(
+                expected, key=lambda name: (name != "empty_hand", name)
+            )
     (note,) = source.notes
     assert order in note.text and note.level == level
     assert ("data.layout=OBJECT/SESSION/FILE" in note.text) == (level == "warning")
     if "SPLIT" in order:
-        sides = {source.names["recording"][block["recording"][0]]: block["split"][0] for block in source.blocks}
+        sides = {
+            source.names["recording"][block["recording"][0]]: block["split"][0]
+            for block in source.blocks
+        }
         for name, side in sides.items():
             assert side == next(code for word, code in SIDES.items() if word in name.lower())
     elif level == "warning":
         source = open_source(tmp_path / "lab", Form(layout="OBJECT/SESSION/FILE"))
-        assert set(source.names["object"]) == {place.split("/")[0] for place in places.split()} and not source.notes
+        assert (
+            set(source.names["object"]) == {place.split("/")[0] for place in places.split()}
+            and not source.notes
+        )
 
 
 def test_what_hdf5_says_of_itself_counts_more_than_its_place(tmp_path):
-    record(tmp_path / "lab" / "mon" / "ball" / "1.h5", attributes={"object": None, "recording": "first"})
+    record(
+        tmp_path / "lab" / "mon" / "ball" / "1.h5",
+        attributes={"object": None, "recording": "first"},
+    )
     _, table = ingested(tmp_path / "lab")
     assert (table.objects, table.recordings, table.sessions) == (["ball"], ["first"], ["s1"])
 
@@ -172,7 +228,10 @@ def test_what_hdf5_says_of_itself_counts_more_than_its_place(tmp_path):
 def test_an_object_s_name_may_have_the_mark_that_stands_between_names(tmp_path, layout, name):
     save(tmp_path / "lab" / f"{name}.npy")
     _, table = ingested(tmp_path / "lab", form=Form(layout=layout))
-    assert (table.objects, table.sessions) == (["tea_box"], ["lab/mon" if "/" in name and "-" not in name else "mon"])
+    assert (table.objects, table.sessions) == (
+        ["tea_box"],
+        ["lab/mon" if "/" in name and "-" not in name else "mon"],
+    )
 
 
 @pytest.mark.parametrize("order", ["auto", "OBJECT/SESSION/SESSION/FILE"])
@@ -181,7 +240,11 @@ def test_several_folders_above_the_object_or_below_it_are_one_session(tmp_path, 
         save(tmp_path / "lab" / place / "1.npy")
     source = open_source(tmp_path / "lab", Form(layout=order))
     assert source.names["object"] == (["ball", "mug"] if order == "auto" else ["anna", "bert"])
-    sessions = ["anna/mon", "anna/tue", "bert/mon"] if order == "auto" else ["mon/ball", "mon/mug", "tue/mug"]
+    sessions = (
+        ["anna/mon", "anna/tue", "bert/mon"]
+        if order == "auto"
+        else ["mon/ball", "mon/mug", "tue/mug"]
+    )
     assert source.names["session"] == sessions
     offered = ["'data.layout=OBJECT/SESSION/SESSION/FILE'" in note.text for note in source.notes]
     assert offered == [True] * (order == "auto")

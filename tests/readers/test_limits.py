@@ -1,4 +1,6 @@
-"""What reading may take, and whose faults are whose: sizes are checked first, and one file is in memory at a time."""
+"""What reading may take, and whose faults are whose: sizes are checked first, and one file is in
+memory at a time.
+"""
 
 import gzip
 import importlib
@@ -26,7 +28,14 @@ ZEROS = 2**29  # bytes
 def equal_frames(path, shape=(16, 16), chunk=2**14):
     """HDF5 with a chunk of equal frames, to which the file says that all others are alike."""
     with h5py.File(path, "w") as file:
-        file.create_dataset("pressure", (FRAMES, *shape), "i2", chunks=(chunk, *shape), compression="gzip", fillvalue=7)
+        file.create_dataset(
+            "pressure",
+            (FRAMES, *shape),
+            "i2",
+            chunks=(chunk, *shape),
+            compression="gzip",
+            fillvalue=7,
+        )
         file["pressure"][:chunk] = 7
         file.attrs["object"] = "mug"
 
@@ -34,12 +43,17 @@ def equal_frames(path, shape=(16, 16), chunk=2**14):
 def one_chunk(path):
     """HDF5 whose only chunk holds all frames, so that each block of frames would unpack it again."""
     with h5py.File(path, "w") as file:
-        file.create_dataset("pressure", (2**21, 8, 8), "i2", chunks=(2**21, 8, 8), compression="gzip")
+        file.create_dataset(
+            "pressure", (2**21, 8, 8), "i2", chunks=(2**21, 8, 8), compression="gzip"
+        )
         file["pressure"][:] = 0
 
 
 def zipped(path):
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a.npy", "w") as file:
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("a.npy", "w") as file,
+    ):
         header = {"descr": "<i2", "fortran_order": False, "shape": (ZEROS // 512, 16, 16)}
         np.lib.format.write_array_header_1_0(file, header)
         for _ in range(ZEROS // 2**20):
@@ -52,7 +66,9 @@ def matlab5(path):
 
 def matlab73(path):
     with h5py.File(path, "w") as file:
-        file.create_dataset("emg", (16, 16, FRAMES), "i2", chunks=(16, 16, 2**14), compression="gzip")
+        file.create_dataset(
+            "emg", (16, 16, FRAMES), "i2", chunks=(16, 16, 2**14), compression="gzip"
+        )
 
 
 def text(path):
@@ -73,7 +89,9 @@ UNPACKED = {
 
 
 @pytest.mark.parametrize("name", UNPACKED)
-def test_a_file_that_unpacks_to_far_more_than_it_stores_is_refused_before_it_is_read(tmp_path, name):
+def test_a_file_that_unpacks_to_far_more_than_it_stores_is_refused_before_it_is_read(
+    tmp_path, name
+):
     ending, write = UNPACKED[name]
     path = tmp_path / "lab" / "mug" / ending
     path.parent.mkdir(parents=True)
@@ -101,7 +119,8 @@ def test_many_files_that_unpack_to_far_more_than_all_store_are_refused(tmp_path)
 
 @pytest.mark.parametrize("ending", ["h5", "npz", "mat", "csv.gz", "npy"])
 def test_recordings_that_are_packed_as_usual_are_read(tmp_path, ending):
-    frames = (np.random.default_rng(0).random((3000, 4, 4)) < 0.02).astype(np.int64)  # mostly zeros, of eight bytes
+    # mostly zeros, of eight bytes
+    frames = (np.random.default_rng(0).random((3000, 4, 4)) < 0.02).astype(np.int64)
     path = tmp_path / "lab" / "mug" / f"1.{ending}"
     path.parent.mkdir(parents=True)
     if ending == "h5":
@@ -120,10 +139,13 @@ def test_recordings_that_are_packed_as_usual_are_read(tmp_path, ending):
 
 
 def test_a_single_large_chunk_is_unpacked_once(tmp_path):
-    frames = np.random.default_rng(0).integers(0, 9, (2**15, 32, 32), dtype=np.int16)  # beyond the cache of chunks
+    # beyond the cache of chunks
+    frames = np.random.default_rng(0).integers(0, 9, (2**15, 32, 32), dtype=np.int16)
     record(tmp_path / "lab" / "mug" / "1.h5", pressure=None)
     with h5py.File(tmp_path / "lab" / "mug" / "1.h5", "r+") as file:
-        file.create_dataset("pressure", data=frames, compression="gzip", compression_opts=1, chunks=frames.shape)
+        file.create_dataset(
+            "pressure", data=frames, compression="gzip", compression_opts=1, chunks=frames.shape
+        )
     blocks = [block["pressure"] for block in open_source(tmp_path / "lab").blocks]
     np.testing.assert_array_equal(np.concatenate(blocks), frames)
 
@@ -144,9 +166,12 @@ def test_one_file_is_in_memory_at_a_time(tmp_path, ending):
                 save(path, {"emg": np.random.default_rng(number).random((4000, 50))})
             else:
                 large_table(path, number)
-        list(open_source(tmp_path / "lab2").blocks)  # what libraries keep once and for all is kept already
+        # what libraries keep once and for all is kept already
+        list(open_source(tmp_path / "lab2").blocks)
         tracemalloc.start()
-        frames = sum(len(block["pressure"]) for block in open_source(tmp_path / f"lab{count}").blocks)
+        frames = sum(
+            len(block["pressure"]) for block in open_source(tmp_path / f"lab{count}").blocks
+        )
         _, most[count] = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         assert frames == 4000 * count
@@ -175,8 +200,13 @@ def sources(folder):
     for name, save_as in (("stag5", save_matlab5), ("stag73", save_matlab73)):
         (folder / name).mkdir()
         save_as(folder / name / "metadata.mat", tree)
-    return [folder / name for name in ("npy", "npz", "h5", "mat", "mat73", "csv", "txt", "labels")] + [
-        *(folder / name for name in ("windows.npz", "all.csv", "stag5/metadata.mat", "stag73/metadata.mat"))
+    return [
+        folder / name for name in ("npy", "npz", "h5", "mat", "mat73", "csv", "txt", "labels")
+    ] + [
+        *(
+            folder / name
+            for name in ("windows.npz", "all.csv", "stag5/metadata.mat", "stag73/metadata.mat")
+        )
     ]
 
 
@@ -187,7 +217,11 @@ def own_functions():
         module = importlib.import_module(found.name)
         for name, item in vars(module).items():
             is_own = getattr(item, "__module__", "").startswith(package.__name__)
-            if inspect.isfunction(item) and is_own and not inspect.isgeneratorfunction(inspect.unwrap(item)):
+            if (
+                inspect.isfunction(item)
+                and is_own
+                and not inspect.isgeneratorfunction(inspect.unwrap(item))
+            ):
                 yield module, name
 
 
@@ -217,7 +251,11 @@ def test_a_fault_of_our_own_is_never_called_damage_of_a_file(tmp_path, monkeypat
 @pytest.mark.parametrize("damage", ["cut", "flipped"])
 def test_damage_of_a_file_ends_in_one_line(tmp_path, damage):
     for path in sources(tmp_path):
-        for file in [path] if path.is_file() else [file for file in path.rglob("1.*") if "csv" not in file.name]:
+        for file in (
+            [path]
+            if path.is_file()
+            else [file for file in path.rglob("1.*") if "csv" not in file.name]
+        ):
             if file.suffix in (".csv", ".txt"):
                 continue
             data = bytearray(file.read_bytes())

@@ -1,4 +1,6 @@
-"""Sources with mistakes, damage or intent to harm: one line names the file, in time and memory, and nothing is left."""
+"""Sources with mistakes, damage or intent to harm: one line names the file, in time and memory, and
+nothing is left.
+"""
 
 import errno
 import os
@@ -30,11 +32,20 @@ MISTAKES = {  # the content of a recording in HDF5, and words of the line
     "no sensors": ({"pressure": np.zeros((4, 0, 3))}, "0 x 3"),
     "too large": ({"pressure": np.zeros((4, 5, 257))}, "5 x 257"),
     "a text as pressure": ({"pressure": np.full((4, 5, 7), b"a")}, "pressure is of type |S1"),
-    "counts too large": ({"pressure": COUNTS + np.int64(2**40)}, "pressure of frame 0|to 2147483647"),
+    "counts too large": (
+        {"pressure": COUNTS + np.int64(2**40)},
+        "pressure of frame 0|to 2147483647",
+    ),
     "another split": ({"attributes": {"split": "exam"}}, "split is 'exam'"),
     "text as flags": ({"valid": np.array([b"y"] * 4)}, "valid has shape (4,) and type |S1"),
-    "broken grasp": ({"grasp": np.array([0, 1.5, 1, 1])}, "grasp of frame 1 of recording bad is 1.5|whole"),
-    "NaN as flag": ({"valid": np.array([0, 1, np.nan, 1])}, "valid of frame 2 of recording bad is nan|0 to 1"),
+    "broken grasp": (
+        {"grasp": np.array([0, 1.5, 1, 1])},
+        "grasp of frame 1 of recording bad is 1.5|whole",
+    ),
+    "NaN as flag": (
+        {"valid": np.array([0, 1, np.nan, 1])},
+        "valid of frame 2 of recording bad is nan|0 to 1",
+    ),
     "endless time": ({"time": [-np.inf, 0, 1, 2]}, "time of frame 1"),
 }
 MATLAB = {  # changes of a metadata.mat, and words of the line
@@ -42,9 +53,15 @@ MATLAB = {  # changes of a metadata.mat, and words of the line
     "complex pressure": ({"pressure": TREE["pressure"] * 1j}, "pressure"),
     "object out of range": ({"objectId": TREE["objectId"] + 1}, "object of frame 0|is 2|0 to 1"),
     "split out of range": ({"splitId": TREE["splitId"] + 1}, "splitId"),
-    "split of other names": ({"splits": np.array([["train", "unseen"]], dtype=object)}, "train, unseen"),
+    "split of other names": (
+        {"splits": np.array([["train", "unseen"]], dtype=object)},
+        "train, unseen",
+    ),
     "numbers as names": ({"objects": np.arange(3)}, "no field objects"),
-    "no frames": ({name: TREE[name][:0] for name, column in TREE.items() if len(column) == FRAMES}, "no frames"),
+    "no frames": (
+        {name: TREE[name][:0] for name, column in TREE.items() if len(column) == FRAMES},
+        "no frames",
+    ),
 }
 
 
@@ -98,7 +115,10 @@ def test_a_source_that_cannot_be_read_ends_in_a_line_that_names_what_is_wrong(tm
     make, words = SOURCES[name]
     (tmp_path / "in").mkdir()
     line = refusal(make(tmp_path / "in"), tmp_path)
-    assert str(tmp_path / "in") in line and [word for word in words.split("|") if word not in line] == []
+    assert (
+        str(tmp_path / "in") in line
+        and [word for word in words.split("|") if word not in line] == []
+    )
 
 
 TABLES = {  # the text of mug/1.csv, and words of the line
@@ -130,14 +150,36 @@ def test_a_table_that_cannot_be_read_is_refused_at_a_line_and_a_column(tmp_path,
     assert "mug/1.csv: " in line and words in line and "pa55" not in line
 
 
-UNLIKE = {  # the content of mug/2.ENDING beside a good mug/1 of the same ending, the form, and words of the line
+# the content of mug/2.ENDING beside a good mug/1 of the same ending, the form, and words of the
+# line
+UNLIKE = {
     "order of columns": ("csv", "b,a\n1,2\n", {}, "channels ['b', 'a']; expected ['a', 'b'] as in"),
-    "more columns": ("csv", "a,b,c\n1,2,3\n", {}, "channels ['a', 'b', 'c']; expected ['a', 'b'] as in"),
+    "more columns": (
+        "csv",
+        "a,b,c\n1,2,3\n",
+        {},
+        "channels ['a', 'b', 'c']; expected ['a', 'b'] as in",
+    ),
     "shape": ("npy", COUNTS[..., :2], {}, "shape (5, 2); expected (5, 7) as in"),
     "shape of the form": ("npy", COUNTS[..., :2], {"shape": [5, 7]}, "an array (4, 5, 2)"),
-    "arrays of other names": ("npz", {"a": COUNTS, "b": COUNTS}, {}, "no array pressure; found a, b"),
-    "an array's label": ("npy", COUNTS, {"columns": ["object:label"]}, "no array label; found pressure"),
-    "a deeper place": ("npy", COUNTS, {"layout": "SESSION/OBJECT/FILE"}, "expected SESSION/OBJECT/FILE"),
+    "arrays of other names": (
+        "npz",
+        {"a": COUNTS, "b": COUNTS},
+        {},
+        "no array pressure; found a, b",
+    ),
+    "an array's label": (
+        "npy",
+        COUNTS,
+        {"columns": ["object:label"]},
+        "no array label; found pressure",
+    ),
+    "a deeper place": (
+        "npy",
+        COUNTS,
+        {"layout": "SESSION/OBJECT/FILE"},
+        "expected SESSION/OBJECT/FILE",
+    ),
     "no side": ("npy", COUNTS, {"layout": "SPLIT_FILE/OBJECT"}, "expected SPLIT_FILE/OBJECT"),
 }
 GOOD = {"csv": "a,b\n1,2\n", "npy": COUNTS, "npz": {"pressure": COUNTS}}
@@ -148,12 +190,20 @@ GOOD = {"csv": "a,b\n1,2\n", "npy": COUNTS, "npz": {"pressure": COUNTS}}
 def test_a_file_unlike_most_others_or_the_form_is_named(tmp_path, name, bad):
     ending, content, form, words = UNLIKE[name]
     for number in (1, 2, 3):
-        save(tmp_path / "lab" / "mug" / f"{number}.{ending}", content if number == bad else GOOD[ending])
+        save(
+            tmp_path / "lab" / "mug" / f"{number}.{ending}",
+            content if number == bad else GOOD[ending],
+        )
     line = refusal(tmp_path / "lab", tmp_path, form=Form(**form))
-    all_alike = f"mug/1.{ending}: {words}" in line and f"(the same in 2 more files: 2.{ending}, 3.{ending})" in line
+    all_alike = (
+        f"mug/1.{ending}: {words}" in line
+        and f"(the same in 2 more files: 2.{ending}, 3.{ending})" in line
+    )
     assert all_alike or (f"mug/{bad}.{ending}: {words}" in line and line.count(f".{ending}: ") == 1)
     assert ("'data.columns=[leave_out:c]'" in line) == (name == "more columns")
-    assert ("params.yaml may have it from others: set 'data.layout=auto'" in line) == ("layout" in form)
+    assert ("params.yaml may have it from others: set 'data.layout=auto'" in line) == (
+        "layout" in form
+    )
 
 
 def test_a_file_of_many_recordings_counts_once(tmp_path):
@@ -179,7 +229,9 @@ def test_a_number_that_no_glove_reads_is_refused(row, tmp_path, value):
     counts = np.ones((6, 3, 3))
     counts[4, 1, 1] = value
     path = record(tmp_path / "mug.h5", pressure=counts)
-    row.refused(f"{value} in a file", lambda: ingested(path), "pressure of frame 4 of recording mug is")
+    row.refused(
+        f"{value} in a file", lambda: ingested(path), "pressure of frame 4 of recording mug is"
+    )
 
 
 @pytest.mark.stability("too little data")
@@ -200,11 +252,21 @@ def test_the_mistakes_of_all_recordings_are_listed_at_once_ten_at_most(tmp_path)
     record(lab / "2.h5", attributes={"recording": "b"})
     record(lab / "3.h5", valid=np.ones(4, bool))
     np.save(lab / "7.npy", np.array([Bomb()]))
-    bad = {"4.npy": good[:-4], "5.npy": good * 2, "8.npy": np.full((4, 2, 3), "a"), "9.npy": np.zeros((5, 384))}
+    bad = {
+        "4.npy": good[:-4],
+        "5.npy": good * 2,
+        "8.npy": np.full((4, 2, 3), "a"),
+        "9.npy": np.zeros((5, 384)),
+    }
     for name, content in bad.items():
         save(lab / name, content)
     line = refusal(tmp_path / "lab", tmp_path)
-    beside = ("1.h5: time has", "2.h5: recording 'b', as in", "3.h5: columns ['valid']; expected []", "7.npy")
+    beside = (
+        "1.h5: time has",
+        "2.h5: recording 'b', as in",
+        "3.h5: columns ['valid']; expected []",
+        "7.npy",
+    )
     assert [line.count(words) for words in (*beside, *bad)] == [1] * 8
     for number in range(30):
         save(lab / f"cut{number:02}.npz", b"PK")
@@ -213,7 +275,9 @@ def test_the_mistakes_of_all_recordings_are_listed_at_once_ten_at_most(tmp_path)
 
 
 def hdf5(folder, change):
-    """A recording in HDF5 without /pressure, or with a field of MATLAB 7.3, in which `change` writes."""
+    """A recording in HDF5 without /pressure, or with a field of MATLAB 7.3, in which `change`
+    writes.
+    """
     path = save_matlab73(folder / "metadata.mat", TREE) if change is cell_outside else None
     path = path or record(folder / "bad.h5", pressure=None)
     record(folder.parent / "other.h5")
@@ -249,7 +313,9 @@ def array(folder, size, shape):
         zipfile.ZipFile(folder / "mug/1.npz", "w", zipfile.ZIP_DEFLATED) as archive,
         archive.open("a.npy", "w") as file,
     ):
-        np.lib.format.write_array_header_1_0(file, {"descr": "|i1", "fortran_order": False, "shape": shape})
+        np.lib.format.write_array_header_1_0(
+            file, {"descr": "|i1", "fortran_order": False, "shape": shape}
+        )
         for _ in range(size // 2**20):
             file.write(bytes(2**20))
     return folder
@@ -268,8 +334,14 @@ CHANGES = {  # of an HDF5 file, and words of the line
 }  # fmt: skip
 REFUSED = {
     **{name: (partial(hdf5, change=change), words) for name, (change, words) in CHANGES.items()},
-    **{f"pipe {name}": (partial(pipe, name=name), "pipe") for name in ("mug/1.h5", "mug/1.csv", "metadata.mat")},
-    "long number": (partial(saved, name="mug/1.csv", content="1" * 20_000 + "x"), "is not a number"),
+    **{
+        f"pipe {name}": (partial(pipe, name=name), "pipe")
+        for name in ("mug/1.h5", "mug/1.csv", "metadata.mat")
+    },
+    "long number": (
+        partial(saved, name="mug/1.csv", content="1" * 20_000 + "x"),
+        "is not a number",
+    ),
     "zip bomb": (partial(array, size=400 * 2**20, shape=(4 * 2**20, 10, 10)), "memory"),
     "declared array": (partial(array, size=0, shape=(2**40, 64, 64)), "1.npz: "),
 }
@@ -300,7 +372,9 @@ def test_a_hostile_source_ends_in_one_line_in_time_and_leaves_nothing(tmp_path, 
 def test_what_ends_the_child_is_an_error_here(tmp_path, harm, kind, words):
     (tmp_path / "b.h5").touch()
     with pytest.raises(kind, match=re.escape(words)):
-        child.run_apart("tests.readers.harm", {"harm": harm, "file": str(tmp_path / "b.h5")}, tmp_path)
+        child.run_apart(
+            "tests.readers.harm", {"harm": harm, "file": str(tmp_path / "b.h5")}, tmp_path
+        )
 
 
 def test_a_larger_source_may_take_more_time_memory_and_room(monkeypatch):
@@ -314,11 +388,17 @@ def test_a_larger_source_may_take_more_time_memory_and_room(monkeypatch):
 
 def test_a_line_that_a_library_prints_in_the_child_goes_to_stderr(tmp_path, capfd):
     (tmp_path / "b.h5").touch()
-    child.run_apart("tests.readers.harm", {"harm": "words of a library", "file": str(tmp_path / "b.h5")}, tmp_path)
+    child.run_apart(
+        "tests.readers.harm",
+        {"harm": "words of a library", "file": str(tmp_path / "b.h5")},
+        tmp_path,
+    )
     assert capfd.readouterr() == ("", "libhdf5: a line\n")
 
 
-def test_reading_after_torch_has_started_threads_warns_of_nothing_and_forks_no_thread(tmp_path, monkeypatch):
+def test_reading_after_torch_has_started_threads_warns_of_nothing_and_forks_no_thread(
+    tmp_path, monkeypatch
+):
     path = save(tmp_path / "lab" / "mug" / "1.npy")
     program = (
         "import os, sys, torch; from pathlib import Path\n"
@@ -330,5 +410,7 @@ def test_reading_after_torch_has_started_threads_warns_of_nothing_and_forks_no_t
     (tmp_path / "copy.py").write_text("raise RuntimeError('not a module of the child')")
     run = [sys.executable, "-P", "-W", "error", "-c", program, str(path.parents[1])]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(run, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        run, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
     assert (done.stdout, done.stderr) == ("4\n", "")

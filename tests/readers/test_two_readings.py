@@ -1,4 +1,6 @@
-"""What has two readings is refused or asked about, with the line to type; and that line gives the right recordings."""
+"""What has two readings is refused or asked about, with the line to type; and that line gives the
+right recordings.
+"""
 
 import gzip
 import shutil
@@ -18,7 +20,9 @@ OBJECTS = ("ball", "mug", "pen")
 def run_line(line: str, mark: str) -> None:
     """Run the command that follows `mark` in a refusal."""
     words = line.partition(mark)[2].partition(" (the same in ")[0].partition("; if it is")[0]
-    environment = {"PATH": ":".join([str(Path(shutil.which("python") or "").parent), "/usr/bin", "/bin"])}
+    environment = {
+        "PATH": ":".join([str(Path(shutil.which("python") or "").parent), "/usr/bin", "/bin"])
+    }
     subprocess.run(words, shell=True, check=True, env=environment, capture_output=True)
 
 
@@ -35,7 +39,8 @@ def texts(table, topic=""):
     return [note.text for note in table.notes if topic in note.topic]
 
 
-GROUPED = {  # the text of a table, its ending, and the numbers that it holds if the mark is of thousands
+# the text of a table, its ending, and the numbers that it holds if the mark is of thousands
+GROUPED = {
     "quoted": ('a,b\n987,5\n"1,012",6\n', "csv", [[987, 5], [1012, 6]]),
     "quoted, all": ('a,b\n"1,987","2,005"\n"1,012","2,006"\n', "csv", [[1987, 2005], [1012, 2006]]),
     "tabs": ("a\tb\n987\t5\n1,012\t6\n", "tsv", [[987, 5], [1012, 6]]),
@@ -50,12 +55,17 @@ GROUPED = {  # the text of a table, its ending, and the numbers that it holds if
 
 
 @pytest.mark.parametrize("name", GROUPED)
-def test_a_number_of_groups_of_three_digits_is_refused_and_the_line_writes_it_plainly(tmp_path, name):
+def test_a_number_of_groups_of_three_digits_is_refused_and_the_line_writes_it_plainly(
+    tmp_path, name
+):
     text, ending, numbers = GROUPED[name]
     path = save(tmp_path / "lab" / "mug" / f"1.{ending}", text)
     line = refusal(tmp_path / "lab", tmp_path)
     assert f"mug/1.{ending}: line " in line and "column 1" in line
-    run_line(line, f"if it is {numbers[-1][0] if name != 'quoted, all' and name != 'millions' else numbers[0][0]}: ")
+    run_line(
+        line,
+        f"if it is {numbers[-1][0] if name != 'quoted, all' and name != 'millions' else numbers[0][0]}: ",
+    )
     counts, _ = ingested(path.parents[1])
     np.testing.assert_array_equal(counts[:, 0], numbers)
 
@@ -69,7 +79,9 @@ def test_a_number_of_groups_of_three_digits_is_refused_and_the_line_writes_it_pl
         "a,b\n1 012.5,6\n1 987.25,7\n",
     ],
 )
-def test_groups_of_digits_with_a_fraction_are_refused_and_the_line_writes_them_plainly(tmp_path, text):
+def test_groups_of_digits_with_a_fraction_are_refused_and_the_line_writes_them_plainly(
+    tmp_path, text
+):
     path = save(tmp_path / "lab" / "mug" / "1.csv", text)
     line = refusal(tmp_path / "lab", tmp_path)
     assert "mug/1.csv: column 1" in line
@@ -96,7 +108,9 @@ def test_the_line_keeps_all_that_stands_above_the_numbers(tmp_path, ending, read
     assert table.channel_names == ["a", "b"]
 
 
-@pytest.mark.parametrize(("text", "first"), [('a,b\n"1,5","2,25"\n', [1.5, 2.25]), ('a,b\n"1,012",6\n', [1.012, 6])])
+@pytest.mark.parametrize(
+    ("text", "first"), [('a,b\n"1,5","2,25"\n', [1.5, 2.25]), ('a,b\n"1,012",6\n', [1.012, 6])]
+)
 def test_a_comma_inside_quotes_may_be_decimal_and_a_line_says_so(tmp_path, text, first):
     path = save(tmp_path / "lab" / "mug" / "1.csv", text)
     line = refusal(tmp_path / "lab", tmp_path)
@@ -107,7 +121,8 @@ def test_a_comma_inside_quotes_may_be_decimal_and_a_line_says_so(tmp_path, text,
 @pytest.mark.parametrize(
     ("text", "first"),
     [
-        ("a;b\n1,012;0,5\n2,345;1,987\n", [1.012, 0.5]),  # a mark that is decimal elsewhere is decimal here
+        # a mark that is decimal elsewhere is decimal here
+        ("a;b\n1,012;0,5\n2,345;1,987\n", [1.012, 0.5]),
         ("a;b\n1,5;1,012\n2,25;1,987\n", [1.5, 1.012]),
         ("b;a\n0,125;1,012\n0,250;987\n", [0.125, 1.012]),
         ("a;b\n1.012;2.345\n1.987;2.500\n", [1.012, 2.345]),  # no whole number beside them
@@ -123,13 +138,20 @@ def test_a_decimal_mark_is_one_where_the_file_shows_it(tmp_path, text, first):
 
 
 def label_table(path, label):
-    save(path, "label,trial,a,b\n" + "".join(f"{label},{path.stem},{number},{number + 1}\n" for number in range(4)))
+    save(
+        path,
+        "label,trial,a,b\n"
+        + "".join(f"{label},{path.stem},{number},{number + 1}\n" for number in range(4)),
+    )
 
 
 def as_labels(folder, labels):
     for number in range(len(labels)):
         save(folder / f"r{number}.npy", COUNTS + number)
-    save(folder / "labels.csv", "\n".join(["file,label", *(f"r{at},{label}" for at, label in enumerate(labels))]))
+    save(
+        folder / "labels.csv",
+        "\n".join(["file,label", *(f"r{at},{label}" for at, label in enumerate(labels))]),
+    )
 
 
 def as_attributes(folder, labels):
@@ -139,7 +161,10 @@ def as_attributes(folder, labels):
 
 
 def as_windows(folder, labels):
-    save(folder / "all.npz", {"X": np.random.default_rng(0).random((len(labels), 5, 3)), "y": np.array(labels, float)})
+    save(
+        folder / "all.npz",
+        {"X": np.random.default_rng(0).random((len(labels), 5, 3)), "y": np.array(labels, float)},
+    )
 
 
 def as_tables(folder, labels):
@@ -164,13 +189,19 @@ def one_table(label, *, words):
     for run in range(4):
         for number, name in enumerate(OBJECTS):
             for frame in range(5):
-                rows.append(f"{len(rows) - 1},{run + 0.5},{number}.75,{frame}.25,{name if words else number + 7}")
+                rows.append(
+                    f"{len(rows) - 1},{run + 0.5},{number}.75,{frame}.25,{name if words else number + 7}"
+                )
     return "\n".join(rows) + "\n"
 
 
 @pytest.mark.parametrize("words", [True, False])
-@pytest.mark.parametrize("label", ["Labels", "class_label", "gestureName", "object_id", "Target Class", "GESTURE"])
-def test_a_column_that_is_called_as_a_label_in_a_form_of_its_own_has_the_objects(tmp_path, label, words):
+@pytest.mark.parametrize(
+    "label", ["Labels", "class_label", "gestureName", "object_id", "Target Class", "GESTURE"]
+)
+def test_a_column_that_is_called_as_a_label_in_a_form_of_its_own_has_the_objects(
+    tmp_path, label, words
+):
     _, table = ingested(save(tmp_path / "all.csv", one_table(label, words=words)))
     assert table.objects == (list(OBJECTS) if words else ["7", "8", "9"])
     assert table.channel_names == ["s0", "s1", "s2"]  # the counter is no sensor
@@ -183,7 +214,10 @@ def test_a_table_whose_label_has_another_name_says_what_to_set(tmp_path, label, 
     line = refusal(path, tmp_path)
     assert f"set 'data.columns=[object:{label}]'" in line
     _, table = ingested(path, form=form_in(line))
-    assert table.objects == (list(OBJECTS) if words else ["7", "8", "9"]) and len(table.channel_names) == 3
+    assert (
+        table.objects == (list(OBJECTS) if words else ["7", "8", "9"])
+        and len(table.channel_names) == 3
+    )
 
 
 @pytest.mark.parametrize("place", [0, 3])
@@ -213,12 +247,24 @@ def test_a_t_that_does_not_rise_is_a_temperature(tmp_path, name):
 
 def test_attributes_of_other_names_are_named_with_the_key_that_takes_one(tmp_path):
     for number in range(4):
-        attributes = {"object": None, "session": None, "rigidity": ("hard", "soft")[number % 2], "slipped": 1}
+        attributes = {
+            "object": None,
+            "session": None,
+            "rigidity": ("hard", "soft")[number % 2],
+            "slipped": 1,
+        }
         record(tmp_path / "flat" / f"{number}.h5", pressure=COUNTS + number, attributes=attributes)
-        record(tmp_path / "lab" / "mug" / f"{number}.h5", pressure=COUNTS + number, attributes=attributes)
+        record(
+            tmp_path / "lab" / "mug" / f"{number}.h5",
+            pressure=COUNTS + number,
+            attributes=attributes,
+        )
     line = refusal(tmp_path / "flat", tmp_path)
     assert "rigidity, slipped" in line and "data.columns=[object:rigidity]" in line
-    assert ingested(tmp_path / "flat", form=Form(columns=["object:rigidity"]))[1].objects == ["hard", "soft"]
+    assert ingested(tmp_path / "flat", form=Form(columns=["object:rigidity"]))[1].objects == [
+        "hard",
+        "soft",
+    ]
     (note,) = texts(ingested(tmp_path / "lab")[1], "attributes")
     assert "rigidity, slipped" in note and "object:rigidity" in note
 
@@ -233,13 +279,23 @@ def stacks(folder, array, names=("all.npy",)):
     return folder
 
 
-@pytest.mark.parametrize("names", [("all.npy",), ("train.npy", "test.npy"), ("monday.npy", "tuesday.npy")])
-def test_an_array_that_may_hold_several_recordings_is_asked_about_and_read_by_the_shape(tmp_path, names):
+@pytest.mark.parametrize(
+    "names", [("all.npy",), ("train.npy", "test.npy"), ("monday.npy", "tuesday.npy")]
+)
+def test_an_array_that_may_hold_several_recordings_is_asked_about_and_read_by_the_shape(
+    tmp_path, names
+):
     lab = stacks(tmp_path / "lab", STACK.reshape(6, 40, 12), names)
     (note,) = texts(ingested(lab)[1], "shape")
     counts, table = ingested(lab, form=form_in(note))
-    assert len(table.recordings) == 18 and counts.shape == (720, 1, 12) and len(set(table.recordings)) == 18
-    assert "6 recordings of 40 frames" in " ".join(texts(ingested(stacks(tmp_path / "b", STACK.reshape(6, 40, 12)))[1]))
+    assert (
+        len(table.recordings) == 18
+        and counts.shape == (720, 1, 12)
+        and len(set(table.recordings)) == 18
+    )
+    assert "6 recordings of 40 frames" in " ".join(
+        texts(ingested(stacks(tmp_path / "b", STACK.reshape(6, 40, 12)))[1])
+    )
     confirmed = form_in(f"'data.shape={note.partition('if not, data.shape=')[2].strip('.')}'")
     assert ingested(lab, form=confirmed)[0].shape == (18, 40, 12) and confirmed.shape == [40, 12]
 
@@ -260,7 +316,10 @@ def test_an_array_of_four_axes_is_refused_and_read_by_the_shape(tmp_path):
 def test_ordinary_arrays_are_not_asked_about(tmp_path, shape):
     for name in OBJECTS:
         for number in range(3):
-            save(tmp_path / "lab" / name / f"{number}.npy", np.random.default_rng(number).random(shape))
+            save(
+                tmp_path / "lab" / name / f"{number}.npy",
+                np.random.default_rng(number).random(shape),
+            )
     assert not texts(ingested(tmp_path / "lab")[1], "shape")
 
 
@@ -350,7 +409,10 @@ def test_a_word_in_names_that_cannot_be_a_layout_has_a_remedy_too(tmp_path):
     for person in (1, 2):
         for index in range(3):
             for at, name in enumerate(OBJECTS):
-                save(tmp_path / "lab" / name / f"S{person}T{index}.npy", COUNTS + 10 * index + at + 50 * person)
+                save(
+                    tmp_path / "lab" / name / f"S{person}T{index}.npy",
+                    COUNTS + 10 * index + at + 50 * person,
+                )
     (note,) = texts(ingested(tmp_path / "lab")[1], "names")
     assert "S1_T0" in note
 
@@ -360,10 +422,20 @@ def test_windows_have_the_sessions_that_stand_beside_them_and_a_label_each(tmp_p
     X = np.stack([COUNTS + number for number in range(4)])
     folder = tmp_path / "lab"
     folder.mkdir()
-    np.savez(folder / "all.npz", X=X, y=["mug", "pen", "mug", "pen"], subject=["anna", "anna", "ben", "ben"])
+    np.savez(
+        folder / "all.npz",
+        X=X,
+        y=["mug", "pen", "mug", "pen"],
+        subject=["anna", "anna", "ben", "ben"],
+    )
     table = ingested(folder)[1]
     first = table.columns["frame"] == 0
-    assert [table.sessions[at] for at in table.columns["session"][first]] == ["anna", "anna", "ben", "ben"]
+    assert [table.sessions[at] for at in table.columns["session"][first]] == [
+        "anna",
+        "anna",
+        "ben",
+        "ben",
+    ]
     np.savez(folder / "all.npz", X=X, y=["mug", "pen", "mug"])
     assert "X has 4 windows and y 3 labels" in refusal(folder, tmp_path)
 
@@ -377,7 +449,8 @@ def test_windows_that_overlap_are_counted(tmp_path):
     folder.mkdir()
     np.savez(folder / "all.npz", X=X, y=["mug", "mug", "mug", "mug", "mug"])
     assert any(
-        "windows that overlap are held out together, as 2 recordings" in text for text in texts(ingested(folder)[1])
+        "windows that overlap are held out together, as 2 recordings" in text
+        for text in texts(ingested(folder)[1])
     )
 
 

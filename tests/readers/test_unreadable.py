@@ -1,4 +1,6 @@
-"""Files that are no recordings, or not there: one line names the cause and what to type, which then reads them."""
+"""Files that are no recordings, or not there: one line names the cause and what to type, which then
+reads them.
+"""
 
 import os
 
@@ -20,7 +22,9 @@ ROWS = np.arange(500, 512).reshape(4, 3)
 CELLS = [",".join(map(str, row)) for row in ROWS]
 SERIAL = {  # the lines that a serial monitor or a program saved of ROWS
     "clock and commas": [f"12:34:0{at}.789 -> {cells}" for at, cells in enumerate(CELLS)],
-    "clock and blanks": [f"1:34:0{at} -> {cells.replace(',', ' ')}" for at, cells in enumerate(CELLS)],
+    "clock and blanks": [
+        f"1:34:0{at} -> {cells.replace(',', ' ')}" for at, cells in enumerate(CELLS)
+    ],
     "pairs": [f"thumb:{a},index:{b},palm:{c}" for a, b, c in ROWS],
     "pairs and blanks": [f"thumb: {a} index: {b} palm: {c}" for a, b, c in ROWS],
     "equals": [f"f1={a};f2={b};f3={c}" for a, b, c in ROWS],
@@ -33,7 +37,9 @@ SERIAL = {  # the lines that a serial monitor or a program saved of ROWS
 
 @pytest.mark.parametrize("ending", ["txt", "csv"])
 @pytest.mark.parametrize("name", SERIAL)
-def test_lines_that_are_no_cells_are_named_and_the_command_makes_cells_of_them(tmp_path, name, ending):
+def test_lines_that_are_no_cells_are_named_and_the_command_makes_cells_of_them(
+    tmp_path, name, ending
+):
     path = save(tmp_path / "lab" / "mug" / f"1.{ending}", "\n".join(SERIAL[name]) + "\n")
     line = refusal(tmp_path / "lab", tmp_path)
     assert f"mug/1.{ending}: " in line and "is not a number" not in line
@@ -62,26 +68,40 @@ def test_a_first_line_that_is_cut_is_named_and_the_command_deletes_it(tmp_path, 
 )  # fmt: skip
 def test_an_ordinary_table_is_none_of_these(tmp_path, text):
     save(tmp_path / "lab" / "mug" / "1.csv", text)
-    assert not [word for word in ("make one: ", "is cut") if word in refusal(tmp_path / "lab", tmp_path)]
+    assert not [
+        word for word in ("make one: ", "is cut") if word in refusal(tmp_path / "lab", tmp_path)
+    ]
 
 
 def two_forms(folder, first, second):
     for name in OBJECTS:
         for number in range(2):
-            save(folder / first.format(o=name, i=number), ",".join(map(str, ROWS[number])) + "\n" + CELLS[3] + "\n")
-            (place := folder / second.format(o=name, i=number)).parent.mkdir(parents=True, exist_ok=True)
-            io.savemat(place, {"data": ROWS}) if place.suffix == ".mat" else save(place, ROWS.astype(float))
+            save(
+                folder / first.format(o=name, i=number),
+                ",".join(map(str, ROWS[number])) + "\n" + CELLS[3] + "\n",
+            )
+            (place := folder / second.format(o=name, i=number)).parent.mkdir(
+                parents=True, exist_ok=True
+            )
+            io.savemat(place, {"data": ROWS}) if place.suffix == ".mat" else save(
+                place, ROWS.astype(float)
+            )
 
 
 @pytest.mark.parametrize("ending", ["mat", "npy"])
 def test_recordings_in_two_forms_are_named_once_with_their_number(tmp_path, ending):
     two_forms(tmp_path / "lab", "{o}/{i}.csv", "{o}/{i}." + ending)
     line = refusal(tmp_path / "lab", tmp_path)
-    assert line.count("recording '") == 1 and "5 more recordings" in line and f".csv and .{ending}" in line
+    assert (
+        line.count("recording '") == 1
+        and "5 more recordings" in line
+        and f".csv and .{ending}" in line
+    )
 
 
 @pytest.mark.parametrize(
-    "places", [("raw/{o}/{i}.npy", "filtered/{o}/{i}.npy"), ("{o}/Raw/{i}.npy", "{o}/Processed/{i}.npy")]
+    "places",
+    [("raw/{o}/{i}.npy", "filtered/{o}/{i}.npy"), ("{o}/Raw/{i}.npy", "{o}/Processed/{i}.npy")],
 )
 def test_folders_of_two_stages_of_processing_are_named(tmp_path, places):
     for place in places:
@@ -89,7 +109,11 @@ def test_folders_of_two_stages_of_processing_are_named(tmp_path, places):
             for number in range(2):
                 save(tmp_path / "lab" / place.format(o=name, i=number), COUNTS + number)
     (note,) = [note for note in ingested(tmp_path / "lab")[1].notes if note.topic == "doubles"]
-    assert note.level == "warning" and "6 files" in note.text and "tactile-viewgcn inspect" in note.text
+    assert (
+        note.level == "warning"
+        and "6 files" in note.text
+        and "tactile-viewgcn inspect" in note.text
+    )
 
 
 def test_folders_of_sessions_with_the_same_names_are_no_doubles(tmp_path):
@@ -98,7 +122,9 @@ def test_folders_of_sessions_with_the_same_names_are_no_doubles(tmp_path):
     assert not texts(ingested(tmp_path / "lab")[1], "doubles")
 
 
-@pytest.mark.parametrize("name", ["1.npy", "1.npz", "1.mat", "1.h5", "1.csv", "1.txt", "metadata.mat"])
+@pytest.mark.parametrize(
+    "name", ["1.npy", "1.npz", "1.mat", "1.h5", "1.csv", "1.txt", "metadata.mat"]
+)
 def test_a_placeholder_of_git_lfs_is_called_so(tmp_path, name):
     text = f"version https://git-lfs.github.com/spec/v1\noid sha256:{'0' * 64}\nsize 12345\n"
     path = save(tmp_path / "lab" / "mug" / name, text)
@@ -145,7 +171,9 @@ def test_files_named_by_their_object_below_a_side_are_read_by_the_line(tmp_path,
     line = refusal(tmp_path / "lab", tmp_path)
     assert line.count("set 'data.layout=") == 1
     _, table = ingested(tmp_path / "lab", form=form_in(line))
-    assert table.objects == list(OBJECTS) and len(table.recordings) == 6 and "split" in table.columns
+    assert (
+        table.objects == list(OBJECTS) and len(table.recordings) == 6 and "split" in table.columns
+    )
 
 
 def test_arrays_in_groups_of_hdf5_are_found_and_named_by_their_paths(tmp_path):
@@ -177,7 +205,9 @@ def inspected(path, *words):
 def test_the_same_fault_in_many_files_is_one_sentence(tmp_path, ending):
     for number in range(12):
         frames = np.arange((20 + number) * 7).reshape(-1, 7)
-        content = frames if ending == "npy" else "\n".join(",".join(map(str, frame)) for frame in frames)
+        content = (
+            frames if ending == "npy" else "\n".join(",".join(map(str, frame)) for frame in frames)
+        )
         save(tmp_path / "lab" / OBJECTS[number % 3] / f"{number}.{ending}", content)
     line = inspected(tmp_path / "lab", "--shape", "2", "3")
     assert line.count(": an array (") == 1 and "11 more files" in line and "report.html" not in line
@@ -202,7 +232,11 @@ def test_another_gloves_files_are_one_sentence(tmp_path):
 
 def test_times_are_those_of_the_first_of_joined_files(tmp_path):
     for hand, step in (("left", 1.0), ("right", 3.0)):
-        record(tmp_path / "lab" / "mug" / f"1_{hand}.h5", time=5 + step * np.arange(4), valid=np.arange(4) > step)
+        record(
+            tmp_path / "lab" / "mug" / f"1_{hand}.h5",
+            time=5 + step * np.arange(4),
+            valid=np.arange(4) > step,
+        )
     _, table = ingested(tmp_path / "lab", form=Form(layout="OBJECT/FILE_PART"))
     assert table.columns["time"].tolist() == [0, 1, 2, 3] and table.columns["valid"].tolist() == [
         False,

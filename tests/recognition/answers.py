@@ -6,7 +6,8 @@ import numpy as np
 class Answers:
     """Recordings of three classes, whose points are their numbers.
 
-    An estimator is right about the groups that it was fitted to and wrong about all others, or the other way round.
+    An estimator is right about the groups that it was fitted to and wrong about all others, or the
+    other way round.
 
     Args:
         knows: it is right about the groups that it was fitted to.
@@ -14,7 +15,13 @@ class Answers:
     """
 
     def __init__(self, labels, groups, *, knows, share=None):
-        self.labels, self.classes, self.groups, self.knows, self.share = labels, 3, groups, knows, share or {}
+        self.labels, self.classes, self.groups, self.knows, self.share = (
+            labels,
+            3,
+            groups,
+            knows,
+            share or {},
+        )
         self.representation = self
 
     def of_recordings(self, member):

@@ -1,4 +1,6 @@
-"""A classifier's file that is damaged, or that somebody altered, is refused in one line, and no code in it runs."""
+"""A classifier's file that is damaged, or that somebody altered, is refused in one line, and no
+code in it runs.
+"""
 
 import hashlib
 import os
@@ -27,14 +29,20 @@ class Code:
         return os.system, (f"echo {RAN}",)
 
 
-#: what is altered: the system, the place, its new value or a function of the old one, what the line names
+#: what is altered: the system, the place, its new value or a function of the old one, what the line
+#: names
 CASES = {
     "a pickle": ("trees", "weights", Code(), "UnpicklingError"),
     "a pickle as an array": ("trees", f"{ESTIMATOR}/left", Code(), "UnpicklingError"),
     "a key missing": ("trees", "scale", ABSENT, "scale"),
     "a key too many": ("trees", "code", "x", "code"),
     "a different member": ("kernel", "model/members", ["trees"], "altered"),
-    "a baseline that no count reaches": ("trees", "preprocessing/baselines", {"": torch.full(SHAPE, -1e30)}, "again"),
+    "a baseline that no count reaches": (
+        "trees",
+        "preprocessing/baselines",
+        {"": torch.full(SHAPE, -1e30)},
+        "again",
+    ),
     "a temperature of nearly 0": ("trees", "temperature", 1e-300, "temperature"),
     "recordings of no length": ("trees", "learnt/short", 1e9, "short"),
     "a width that would fill the memory": ("mvcnn", "model/backbone/width", 1_000_000, "1000000"),
@@ -80,7 +88,11 @@ CHANGES = (
     lambda array, rng: -1e30 * array,
     lambda array, rng: array * np.nan,
     lambda array, rng: array.ravel()[rng.permutation(array.numel())].reshape(array.shape),
-    lambda array, rng: array.index_fill(0, torch.tensor(rng.integers(len(array))), -7) if array.ndim else -7 * array,
+    lambda array, rng: (
+        array.index_fill(0, torch.tensor(rng.integers(len(array))), -7)
+        if array.ndim
+        else -7 * array
+    ),
 )
 
 
@@ -88,12 +100,22 @@ def places_of(part, place=""):
     """The places of all tensors in a file's content."""
     if isinstance(part, torch.Tensor):
         return [place.removeprefix("/")]
-    return [each for key in part for each in places_of(part[key], f"{place}/{key}")] if isinstance(part, dict) else []
+    return (
+        [each for key in part for each in places_of(part[key], f"{place}/{key}")]
+        if isinstance(part, dict)
+        else []
+    )
 
 
 def asked(path):
-    """Probabilities of a grasp, of one without an open hand, and of one of two frames; None of a refused file."""
-    new = recording("cup", 81), recording("pen", 83, before=0, after=0), recording("pen", 82, held=2)
+    """Probabilities of a grasp, of one without an open hand, and of one of two frames; None of a
+    refused file.
+    """
+    new = (
+        recording("cup", 81),
+        recording("pen", 83, before=0, after=0),
+        recording("pen", 82, held=2),
+    )
     try:
         model = Recogniser(path)
         return [answer_of(model, counts).probabilities for counts in new]
@@ -107,7 +129,9 @@ def test_an_altered_array_is_refused_in_one_line_or_has_finite_answers(tmp_path,
     places = places_of(torch.load(altered(path, system, "precision", "float32"), weights_only=True))
     for place in rng.permutation(places)[:10]:
         for change in CHANGES:
-            answers = asked(altered(path, system, place, lambda array, change=change: change(array, rng)))
+            answers = asked(
+                altered(path, system, place, lambda array, change=change: change(array, rng))
+            )
             assert answers is None or np.isfinite(answers).all(), place
 
 
@@ -119,7 +143,10 @@ def test_an_altered_file_is_refused_and_runs_no_code(tmp_path, capfd, case):
 
 
 def test_a_file_with_any_bit_flipped_is_refused(tmp_path):
-    stored, path = bytearray(model_file(tmp_path / "classifier.pt").read_bytes()), tmp_path / "flipped.pt"
+    stored, path = (
+        bytearray(model_file(tmp_path / "classifier.pt").read_bytes()),
+        tmp_path / "flipped.pt",
+    )
     for place in np.random.default_rng(0).choice(8 * len(stored), 200, replace=False):
         stored[place // 8] ^= (bit := 1 << place % 8)
         path.write_bytes(stored)
@@ -128,16 +155,25 @@ def test_a_file_with_any_bit_flipped_is_refused(tmp_path):
 
 
 def of_view_sets(model):
-    """Answers of a classifier on the sensors to view sets of each size, of the frames that its file holds."""
+    """Answers of a classifier on the sensors to view sets of each size, of the frames that its file
+    holds.
+    """
     content, classifier = model.content, model.classifier
-    read = [classifier.frame_values(each) for each in content.examples - content.preprocessing.mean_baseline()]
+    read = [
+        classifier.frame_values(each)
+        for each in content.examples - content.preprocessing.mean_baseline()
+    ]
     sets = [spread_frames(8, size)[None] for size in (1, 2, 4, 8)]
-    return softmax([[classifier.view_sets(values, each)[0] for each in sets] for values in read], axis=-1)
+    return softmax(
+        [[classifier.view_sets(values, each)[0] for each in sets] for values in read], axis=-1
+    )
 
 
 @pytest.mark.parametrize("system", ["trees", "svm", "pooled_kernel"])
 def test_an_altered_estimator_of_view_sets_is_refused_or_answers_alike(tmp_path, system):
-    """As do estimators of whole recordings; a member that reads an order has one of view sets beside it."""
+    """As do estimators of whole recordings; a member that reads an order has one of view sets
+    beside it.
+    """
     path, rng = tmp_path / "classifier.pt", np.random.default_rng(0)
     tree = torch.load(altered(path, system, "precision", "float32"), weights_only=True)
     expected, refusals = of_view_sets(Recogniser(path)), 0
@@ -151,7 +187,8 @@ def test_an_altered_estimator_of_view_sets_is_refused_or_answers_alike(tmp_path,
                 assert len(str(error).splitlines()) == 1
                 refusals += 1
             else:
-                np.testing.assert_allclose(actual, expected, atol=0.101, err_msg=place)  # bfloat16's tolerance
+                # bfloat16's tolerance
+                np.testing.assert_allclose(actual, expected, atol=0.101, err_msg=place)
     assert refusals > len(places)
 
 
@@ -161,17 +198,25 @@ def test_a_file_with_a_single_stored_answer_altered_is_refused(tmp_path, system)
     path = tmp_path / "classifier.pt"
     tree = torch.load(altered(path, system, "precision", "bfloat16"), weights_only=True)
     for place in ("answers", "set_answers"):
-        if system == "mvcnn" and place == "set_answers":  # a network answers view sets and recordings by equal weights
+        # a network answers view sets and recordings by equal weights
+        if system == "mvcnn" and place == "set_answers":
             continue
         for number in range(tree[place].numel()):
             change = torch.zeros(tree[place].shape, dtype=tree[place].dtype)
             change.view(-1)[number] = 0.15
-            assert "again" in refused(altered(path, system, place, lambda array, change=change: array + change))
+            assert "again" in refused(
+                altered(path, system, place, lambda array, change=change: array + change)
+            )
 
 
 @pytest.mark.parametrize(
     ("system", "field"),
-    [("trees", "set_answers"), ("trees", "preprocessing/least_change"), ("trees", "clusters"), ("mvcnn", "clusters")],
+    [
+        ("trees", "set_answers"),
+        ("trees", "preprocessing/least_change"),
+        ("trees", "clusters"),
+        ("mvcnn", "clusters"),
+    ],
 )
 def test_a_file_of_an_earlier_version_which_lacks_a_field_is_read(tmp_path, system, field):
     path = altered(tmp_path / "classifier.pt", system, field, ABSENT)

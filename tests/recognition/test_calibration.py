@@ -43,7 +43,9 @@ def test_weights_are_those_of_the_drawn_labels_and_a_member_that_knows_nothing_h
 
 
 def test_answers_that_are_all_right_are_believed_by_laplaces_rule():
-    """Each logit is 6 above the two others: of 8 recordings, all right, 9 in 10 should be, and e^(6 / T) is 9 * 2."""
+    """Each logit is 6 above the two others: of 8 recordings, all right, 9 in 10 should be, and e^(6
+    / T) is 9 * 2.
+    """
     labels = np.arange(8) % 3
     temperature = fit_temperature(6 * np.eye(3)[labels], labels)
     assert temperature == pytest.approx(6 / np.log(18), rel=1e-3)
@@ -55,21 +57,41 @@ def test_logits_that_are_always_right_or_wrong_keep_a_temperature_inside_its_ran
     for size in (1e-4, 1.0, 1e4):
         temperature = fit_temperature(sign * size * np.eye(3), np.arange(3))
         outside = not 0.999 * MIN_TEMPERATURE <= temperature <= 1.001 * MAX_TEMPERATURE
-        row(f"temperature outside its range, all {name}, logits {size:g}", outside, 0, f"{temperature:.3g}")
+        row(
+            f"temperature outside its range, all {name}, logits {size:g}",
+            outside,
+            0,
+            f"{temperature:.3g}",
+        )
 
 
 def test_labels_at_random_get_a_high_temperature_and_a_warning():
     rng = np.random.default_rng(0)
     temperature = fit_temperature(10 * rng.normal(size=(4000, 4)), rng.integers(4, size=4000))
     (warning,) = calibration_warning(temperature, "validation groups", "record more")
-    assert temperature > 0.9 * MAX_TEMPERATURE and warning.level == "warning" and warning.text.endswith("record more")
-    assert calibration_warning(0.8 * MAX_TEMPERATURE, "", "") == calibration_warning(None, "", "") == []
+    assert (
+        temperature > 0.9 * MAX_TEMPERATURE
+        and warning.level == "warning"
+        and warning.text.endswith("record more")
+    )
+    assert (
+        calibration_warning(0.8 * MAX_TEMPERATURE, "", "")
+        == calibration_warning(None, "", "")
+        == []
+    )
 
 
 def test_a_network_s_probabilities_are_as_often_right_as_they_say():
-    """The confidence in recordings of the validation side, and the share of right answers by Laplace's rule."""
+    """The confidence in recordings of the validation side, and the share of right answers by
+    Laplace's rule.
+    """
     frames, network = table("split.validation=0.25"), trained()
-    temperature, index, confidence, right = network_temperature(network, frames, CPU), frames.on(VALIDATION), [], []
+    temperature, index, confidence, right = (
+        network_temperature(network, frames, CPU),
+        frames.on(VALIDATION),
+        [],
+        [],
+    )
     for number in np.unique(frames.recording[index]):
         rows = index[frames.recording[index] == number]
         values = network.frame_values(frames.inputs(rows))
@@ -85,5 +107,7 @@ def test_a_network_s_probabilities_are_as_often_right_as_they_say():
 @pytest.mark.parametrize("validation", ["0", "0.25"])
 def test_a_network_is_calibrated_where_there_are_validation_groups(validation):
     frames, params = table(f"split.validation={validation}"), recipe()
-    temperature = fit_classifier(frames, views_of(frames, params), pretrained(), params, CPU).temperature
+    temperature = fit_classifier(
+        frames, views_of(frames, params), pretrained(), params, CPU
+    ).temperature
     assert (temperature is None) == (validation == "0")

@@ -7,7 +7,16 @@ import pytest
 
 from tactile_viewgcn.frames.baseline import MIN_FRAMES
 from tactile_viewgcn.recognition.raw_counts import find_contact
-from tests.glove_data import BEFORE, HELD, answer_of, empty_hand, of_arrays, pressed, recogniser, recording
+from tests.glove_data import (
+    BEFORE,
+    HELD,
+    answer_of,
+    empty_hand,
+    of_arrays,
+    pressed,
+    recogniser,
+    recording,
+)
 
 
 def one_session(*arrays):
@@ -29,12 +38,18 @@ def one_session(*arrays):
     ],
 )
 def test_contact_is_found_as_in_the_training(filtered, baseline, kept, flags, expected):
-    """The open hand of 30 frames, a grasp of 20, the open hand of 10; the flags are of frames 33 to 39 alone."""
+    """The open hand of 30 frames, a grasp of 20, the open hand of 10; the flags are of frames 33 to
+    39 alone.
+    """
     fitted = recogniser().preprocessing
     params = replace(fitted.params, filter=filtered, baseline=baseline, zero=123.0)
     fitted = replace(fitted, params=params, kept_share=kept)
     new, frame = one_session(recording("pen", 90)), np.arange(60)
-    masks = {"flags": (frame >= 33) & (frame < 40), "contact": (frame >= 30) & (frame < 50), "all": frame >= 0}
+    masks = {
+        "flags": (frame >= 33) & (frame < 40),
+        "contact": (frame >= 30) & (frame < 50),
+        "all": frame >= 0,
+    }
     new.columns |= dict.fromkeys(flags, masks["flags"])
     estimate, contact = find_contact(fitted, new)
     np.testing.assert_array_equal(contact, masks[expected])
@@ -76,10 +91,20 @@ def test_five_frames_of_the_empty_hand_are_enough_for_a_baseline(frames):
 
 
 def test_each_grasp_of_a_recording_is_above_the_open_hand_before_it():
-    """The sensors that a cup presses drift by 20 counts before a long open hand, between two grasps of a pen."""
-    grasps = np.concatenate([recording("pen", 60, after=2400), recording("pen", 61)]).astype(np.float64)
-    drift = 20 * np.clip((np.arange(len(grasps)) - BEFORE - HELD) / 400, 0, 1)[:, None, None] * pressed("cup")
+    """The sensors that a cup presses drift by 20 counts before a long open hand, between two grasps
+    of a pen.
+    """
+    grasps = np.concatenate([recording("pen", 60, after=2400), recording("pen", 61)]).astype(
+        np.float64
+    )
+    drift = (
+        20
+        * np.clip((np.arange(len(grasps)) - BEFORE - HELD) / 400, 0, 1)[:, None, None]
+        * pressed("cup")
+    )
     model = recogniser("preprocess.baseline=grasp")
-    still, drifted = (answer_of(model, np.rint(counts).astype(np.int16)) for counts in (grasps, grasps + drift))
+    still, drifted = (
+        answer_of(model, np.rint(counts).astype(np.int16)) for counts in (grasps, grasps + drift)
+    )
     assert still.contact == drifted.contact == 2 * HELD
     np.testing.assert_allclose(drifted.probabilities, still.probabilities, atol=0.02)

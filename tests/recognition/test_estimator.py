@@ -1,4 +1,6 @@
-"""scikit-learn's interface: the pipeline's training and guards, answers of the right form, files that others read."""
+"""scikit-learn's interface: the pipeline's training and guards, answers of the right form, files
+that others read.
+"""
 
 import pickle
 from functools import cache
@@ -34,16 +36,22 @@ OPEN = 8  # frames of the open hand at the beginning of a recording
 
 
 def test_channels_are_taken_with_their_frames_first_or_last():
-    """As aeon and sktime give them, an array (n, C, T); as a list of (T, C) the answers are the same."""
+    """As aeon and sktime give them, an array (n, C, T); as a list of (T, C) the answers are the
+    same.
+    """
     label = np.repeat(["a", "b"], 8)
-    X = np.random.default_rng(0).normal(0, 1, (16, 4, 30)) + (label == "b")[:, None, None] * np.linspace(-2, 2, 30)
+    X = np.random.default_rng(0).normal(0, 1, (16, 4, 30)) + (label == "b")[
+        :, None, None
+    ] * np.linspace(-2, 2, 30)
     last = TactileClassifier(system="svm", params={"data.shape": "frames_last"}).fit(X, label)
     first = TactileClassifier(system="svm").fit(list(X.swapaxes(1, 2)), label)
     assert last.recogniser_.shape == (1, 4) and last.score(X, label) == 1
     expected = first.predict_proba(list(X.swapaxes(1, 2)))
     np.testing.assert_array_equal(last.predict_proba(list(X)), expected)
-    np.testing.assert_array_equal(first.predict_proba(X.swapaxes(1, 2)), expected)  # one array (n, T, C)
-    alone = TactileClassifier(system="svm").fit(X.swapaxes(1, 2), label, groups=label)  # a group of each label
+    # one array (n, T, C)
+    np.testing.assert_array_equal(first.predict_proba(X.swapaxes(1, 2)), expected)
+    # a group of each label
+    alone = TactileClassifier(system="svm").fit(X.swapaxes(1, 2), label, groups=label)
     assert (first.recogniser_.calibrated, alone.recogniser_.calibrated) == (True, False)
 
 
@@ -59,7 +67,9 @@ def grasps(per_object: int = 5, *, seed: int = 0):
 
 
 def made(params=None, **arguments) -> TactileClassifier:
-    return TactileClassifier(views=4, params=RAW | (params or {}), **(arguments or {"preset": "kernels"}))
+    return TactileClassifier(
+        views=4, params=RAW | (params or {}), **(arguments or {"preset": "kernels"})
+    )
 
 
 @cache
@@ -71,7 +81,9 @@ def fitted() -> TactileClassifier:
 def test_recordings_of_different_lengths_are_distinguished(system):
     new, truth = grasps(2, seed=1)
     X, y = grasps()
-    classifier = made(NETWORK if system == "view_gcn" else {}, system=system).fit(X, [f" {name}" for name in y])
+    classifier = made(NETWORK if system == "view_gcn" else {}, system=system).fit(
+        X, [f" {name}" for name in y]
+    )
     assert classifier.classes_.tolist() == list(OBJECTS) and classifier.score(new, truth) == 1
     probabilities = classifier.predict_proba(new)
     assert probabilities.shape == (6, 3)
@@ -100,13 +112,22 @@ def test_equal_seeds_give_equal_files_and_torch_s_generator_is_left_alone(tmp_pa
 def test_a_random_state_gives_any_seed_and_scikit_learn_clones_and_searches():
     X, y = grasps(3)
     states = [np.random.RandomState(number) for number in range(2)]
-    seeds = {made(system="svm", random_state=state).fit(X, y).params_.seed // 2**16 for state in states}
+    seeds = {
+        made(system="svm", random_state=state).fit(X, y).params_.seed // 2**16 for state in states
+    }
     assert len(seeds) == 2
-    set_by_key = made({"views": 3, "seed": 5, "model.members": ["svm"]}, system="kernel").fit(X, y).params_
+    set_by_key = (
+        made({"views": 3, "seed": 5, "model.members": ["svm"]}, system="kernel").fit(X, y).params_
+    )
     assert (set_by_key.views, set_by_key.seed, set_by_key.model.members) == (3, 5, ["svm"])
-    search = GridSearchCV(made(system="svm"), {"system": ["svm", "kernel"]}, cv=StratifiedGroupKFold(3))
+    search = GridSearchCV(
+        made(system="svm"), {"system": ["svm", "kernel"]}, cv=StratifiedGroupKFold(3)
+    )
     search.fit(X, y, groups=np.arange(9) // 3)
-    assert search.best_score_ == 1 and clone(search.best_estimator_).get_params() == search.best_estimator_.get_params()
+    assert (
+        search.best_score_ == 1
+        and clone(search.best_estimator_).get_params() == search.best_estimator_.get_params()
+    )
 
 
 def test_a_class_without_contact_has_a_warning_and_probability_0():
@@ -127,7 +148,9 @@ def test_a_row_without_contact_is_the_empty_hand_or_any_object():
     assert len(warned) == 1
     assert probabilities[0, 0] > 0.5
     np.testing.assert_allclose(probabilities[1:], 1 / 3)
-    classifier = made({"preprocess.baseline": "empty_hand"}).fit([*X, *empty], [*y, *["empty_hand"] * len(empty)])
+    classifier = made({"preprocess.baseline": "empty_hand"}).fit(
+        [*X, *empty], [*y, *["empty_hand"] * len(empty)]
+    )
     assert classifier.classes_.tolist() == ["ball", "cup", "empty_hand", "pen"]
     assert (classifier.predict([*new, empty[0]]) == [*truth, "empty_hand"]).all()
 
@@ -135,12 +158,20 @@ def test_a_row_without_contact_is_the_empty_hand_or_any_object():
 def test_a_channel_that_is_the_label_and_a_copy_are_warned_of_as_by_ingest():
     """Of two objects that differ in every channel."""
     y, rng = np.repeat(["a", "b"], 8), np.random.default_rng(0)
-    X = [np.hstack([rng.normal(3.0 * (name == "b"), 1, (30, 3)), np.full((30, 1), 1.0 * (name == "b"))]) for name in y]
+    X = [
+        np.hstack(
+            [rng.normal(3.0 * (name == "b"), 1, (30, 3)), np.full((30, 1), 1.0 * (name == "b"))]
+        )
+        for name in y
+    ]
     X[3] = X[2].copy()
     with pytest.warns(UserWarning) as warned:
         classifier = TactileClassifier(system="svm").fit(X, y)
     texts = [str(warning.message) for warning in warned]
-    assert any("column 4 is constant in each recording (error by its beginning alone 0.0 %" in text for text in texts)
+    assert any(
+        "column 4 is constant in each recording (error by its beginning alone 0.0 %" in text
+        for text in texts
+    )
     assert any("X[3] repeats X[2]" in text for text in texts)
     topics = {note.topic for note in classifier.notes_ if note.level == "warning"}
     assert topics >= {"columns", "copies"}
@@ -152,14 +183,24 @@ def test_columns_called_time_index_or_label_or_left_out_by_name_are_not_read_and
 
     def table(number, name):
         frames, fall = np.arange(30), 4.0 * (name == "b")
-        columns = {"Timestamp": 9.0 * number + frames / 20, "f1": rng.normal(fall, 1, 30), "index": frames}
-        return pd.DataFrame(columns | {"f2": rng.normal(0, 1, 30), "object": name, "no": 9.0 * number})
+        columns = {
+            "Timestamp": 9.0 * number + frames / 20,
+            "f1": rng.normal(fall, 1, 30),
+            "index": frames,
+        }
+        return pd.DataFrame(
+            columns | {"f2": rng.normal(0, 1, 30), "object": name, "no": 9.0 * number}
+        )
 
     X = [table(number, name) for number, name in enumerate(label)]
     model = TactileClassifier(system="svm", params={"data.columns": ["leave_out:no"]}).fit(X, label)
-    assert model.recogniser_.preprocessing.channel_names == ["f1", "f2"] and model.score(X, label) == 1
+    assert (
+        model.recogniser_.preprocessing.channel_names == ["f1", "f2"] and model.score(X, label) == 1
+    )
     expected = TactileClassifier(system="svm").fit([each[["f1", "f2"]] for each in X], label)
-    np.testing.assert_array_equal(model.predict_proba(X), expected.predict_proba([each[["f1", "f2"]] for each in X]))
+    np.testing.assert_array_equal(
+        model.predict_proba(X), expected.predict_proba([each[["f1", "f2"]] for each in X])
+    )
     texts = [note.text for note in model.notes_ if note.topic == "columns"]
     assert len(texts) == 4 and "'Timestamp'" in texts[0] and "'object'" in texts[2]
     np.testing.assert_allclose(model.recogniser_.preprocessing.rates, 20)
@@ -185,7 +226,9 @@ def test_columns_called_time_index_or_label_or_left_out_by_name_are_not_read_and
 def test_what_fit_takes_predict_takes_and_answers_a_row_each(shape, params):
     """One array of recordings, also of a single frame each."""
     label = np.tile(["a", "b"], 12)
-    X = np.random.default_rng(0).normal(0, 1, shape) + np.reshape(8.0 * (label == "b"), (24, *[1] * (len(shape) - 1)))
+    X = np.random.default_rng(0).normal(0, 1, shape) + np.reshape(
+        8.0 * (label == "b"), (24, *[1] * (len(shape) - 1))
+    )
     classifier = TactileClassifier(system="svm", params=params).fit(X, label)
     assert (classifier.predict(X) == label).all()
     np.testing.assert_array_equal(classifier.predict_proba(X[:1]), classifier.predict_proba([X[0]]))

@@ -27,10 +27,22 @@ IN_FIT = {
     "one recording, not in a list": ("X", recordings()[0], r"\[5, 4\]"),
     "rows of sensors": ("X", np.ones((4, 9)), r"X\[0\].*\(9,\).*\(frames, rows, columns\)"),
     "a ragged frame": ("X", with_third([[[1, 2], [3]]]), r"X\[2\] is ragged"),
-    "a different layout": ("X", [*recordings(1), *[np.ones((5, 4, 3))] * 3], r"X\[1\].*4 x 3.*4 x 4"),
+    "a different layout": (
+        "X",
+        [*recordings(1), *[np.ones((5, 4, 3))] * 3],
+        r"X\[1\].*4 x 3.*4 x 4",
+    ),
     "no frames": ("X", with_third(np.ones((0, 4, 4))), r"X\[2\] has no frames"),
-    "NaN": ("X", with_third(np.full((5, 4, 4), np.nan)), r"X\[2\] holds nan in frame 0, row 0, column 0"),
-    "counts too large": ("X", with_third(np.full((5, 4, 4), 2**40)), r"X\[2\] holds 1.09951e\+12 in frame 0"),
+    "NaN": (
+        "X",
+        with_third(np.full((5, 4, 4), np.nan)),
+        r"X\[2\] holds nan in frame 0, row 0, column 0",
+    ),
+    "counts too large": (
+        "X",
+        with_third(np.full((5, 4, 4), 2**40)),
+        r"X\[2\] holds 1.09951e\+12 in frame 0",
+    ),
     "texts": ("X", with_third(np.full((5, 4, 4), "1")), r"X\[2\].*<U1"),
     "no sensor varies": ("X", [np.ones((5, 4, 4))] * 4, "no sensor varies"),
     "labels of a different length": ("y", ["a", "b"], r"\[4, 2\]"),
@@ -38,13 +50,19 @@ IN_FIT = {
     "a missing label": ("y", ["a", "a", "b", None], "y holds labels of different kinds"),
     "groups of a different length": ("groups", [0, 1, 2], r"groups.*\(3,\).*\(4,\)"),
     "no such system": ("system", "mvccn", "model.system: .*'mvccn'.*did you mean mvcnn"),
-    "a value YAML has not": ("params", {"preprocess.scale": object()}, "preprocess.scale: .*<object"),
+    "a value YAML has not": (
+        "params",
+        {"preprocess.scale": object()},
+        "preprocess.scale: .*<object",
+    ),
     "params as a text": ("params", "views=4", "'views=4'"),
 }
 
 
 def one_line(line: str, call, *arguments, **options) -> None:
-    """The call ends in an error that names something; in one line, if it is ours: scikit-learn's may have more."""
+    """The call ends in an error that names something; in one line, if it is ours: scikit-learn's
+    may have more.
+    """
     with pytest.raises((ValueError, TypeError), match=line) as error:
         call(*arguments, **options)
     assert len(str(error.value).splitlines()) == 1 or error.type is not UserError
@@ -53,7 +71,9 @@ def one_line(line: str, call, *arguments, **options) -> None:
 @pytest.mark.parametrize("argument, value, line", IN_FIT.values(), ids=IN_FIT)
 def test_a_mistake_in_fit_ends_in_one_line(argument, value, line):
     data, options = {"X": recordings(), "y": Y, "groups": None}, {"params": CHOSEN}
-    (data if argument in data else options)[argument] = CHOSEN | value if isinstance(value, dict) else value
+    (data if argument in data else options)[argument] = (
+        CHOSEN | value if isinstance(value, dict) else value
+    )
     classifier = TactileClassifier(**options)
     one_line(line, classifier.fit, data["X"], data["y"], groups=data["groups"])
     assert not hasattr(classifier, "recogniser_")
@@ -73,7 +93,10 @@ def test_a_mistake_in_predict_ends_in_one_line(X, line):
 
 
 def test_nothing_is_predicted_or_saved_before_fit(tmp_path):
-    for call in (lambda new: new.predict(recordings()), lambda new: new.save(tmp_path / "classifier.pt")):
+    for call in (
+        lambda new: new.predict(recordings()),
+        lambda new: new.save(tmp_path / "classifier.pt"),
+    ):
         with pytest.raises(NotFittedError):
             call(TactileClassifier())
     assert not list(tmp_path.iterdir())

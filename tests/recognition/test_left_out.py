@@ -1,4 +1,6 @@
-"""Answers to groups that were left out, and what rests on them: weights, temperature; never on the test side."""
+"""Answers to groups that were left out, and what rests on them: weights, temperature; never on the
+test side.
+"""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -17,7 +19,9 @@ from tests.recognition.answers import Answers
 
 
 def left_out(labels, groups, **options):
-    return LeftOut(Answers(np.asarray(labels), np.asarray(groups), **options), np.asarray(groups), 0)
+    return LeftOut(
+        Answers(np.asarray(labels), np.asarray(groups), **options), np.asarray(groups), 0
+    )
 
 
 def wrong(left, *members):
@@ -28,7 +32,9 @@ def temperature(left, *members):
     return left.temperature(dict.fromkeys(members, 1.0))
 
 
-@pytest.mark.parametrize("groups", [np.arange(24) // 2, np.arange(24) % 6], ids=["of a class", "of several"])
+@pytest.mark.parametrize(
+    "groups", [np.arange(24) // 2, np.arange(24) % 6], ids=["of a class", "of several"]
+)
 def test_each_group_is_answered_once_by_fits_without_any_of_it(groups):
     """Estimators that know the groups that they were fitted to, and are wrong about all others."""
     left = left_out(np.arange(24) // 8, groups, knows=True)
@@ -37,7 +43,9 @@ def test_each_group_is_answered_once_by_fits_without_any_of_it(groups):
 
 
 def test_a_class_that_would_not_be_fitted_stays_and_groups_are_weighed_alike():
-    """One of one group, or of a group that spans classes; a wrong answer in two is half a wrong group."""
+    """One of one group, or of a group that spans classes; a wrong answer in two is half a wrong
+    group.
+    """
     left = left_out([0, 0, 0, 1, 1], [0, 1, 2, 3, 3], knows=False)
     assert left.answered.tolist() == [True] * 3 + [False] * 2
     spanning = left_out([0, 1, 0, 1, 2], [0, 0, 1, 1, 1], knows=False)
@@ -49,11 +57,17 @@ def test_a_class_that_would_not_be_fitted_stays_and_groups_are_weighed_alike():
 
 
 def test_the_temperature_is_that_of_the_members_answers_with_their_weights():
-    """All of 12 answers are right, so that by Laplace's rule 13 in 14 should be, each twice as often as both others."""
-    left = left_out(np.arange(12) // 4, np.arange(12), knows=False, share={"svm": 0.8, "trees": 0.9})
+    """All of 12 answers are right, so that by Laplace's rule 13 in 14 should be, each twice as
+    often as both others.
+    """
+    left = left_out(
+        np.arange(12) // 4, np.arange(12), knows=False, share={"svm": 0.8, "trees": 0.9}
+    )
 
     def expected(*shares, floor=0.01):
-        return sum(np.log((one + floor) / ((1 - one) / 2 + floor)) for one in shares) / np.log(2 * 13)
+        return sum(np.log((one + floor) / ((1 - one) / 2 + floor)) for one in shares) / np.log(
+            2 * 13
+        )
 
     assert temperature(left, "trees", "svm") == pytest.approx(expected(0.8, 0.9), rel=1e-3)
     assert temperature(left, "svm") == pytest.approx(expected(0.8, floor=0), rel=1e-3)
@@ -64,7 +78,9 @@ LABELS = np.repeat([0, 1, 2], 12)
 
 
 def with_answers(**wrong):
-    """Members that answer some of the 12 recordings of each class wrongly, from a first to a last, as sure of all."""
+    """Members that answer some of the 12 recordings of each class wrongly, from a first to a last,
+    as sure of all.
+    """
     left = left_out(LABELS, np.arange(len(LABELS)) // 2, knows=False)
     for name, recordings in wrong.items():
         answers = (LABELS + np.isin(np.arange(len(LABELS)) % 12, recordings)) % 3
@@ -83,7 +99,9 @@ def test_a_member_that_errs_more_weighs_less_and_one_that_adds_nothing_is_left_o
     assert alike["svm"] == pytest.approx(alike["kernel"], rel=1e-3)
 
 
-def test_a_member_of_less_than_a_tenth_of_the_largest_weight_is_left_out_and_the_others_are_weighed_anew(monkeypatch):
+def test_a_member_of_less_than_a_tenth_of_the_largest_weight_is_left_out_and_the_others_are_weighed_anew(
+    monkeypatch,
+):
     """Weights of four members, and of three once the fourth is gone."""
     weights = {4: [4.0, 0.41, 1.0, 0.39], 3: [3.0, 2.0, 1.0]}
     by_number = lambda each, _: np.array(weights[len(each)])  # noqa: E731
@@ -124,17 +142,23 @@ def test_a_network_joins_an_arrays_members_where_its_work_is_allowed(monkeypatch
     monkeypatch.setattr("tactile_viewgcn.recognition.fitting.NetworkMember", Network)
     monkeypatch.setattr(Network, "read", read)
     frames = table("split.folds=6")
-    dealt = np.where(frames.recording % 3 == 0, (frames.label + frames.recording // 6) % 4, frames.label)
+    dealt = np.where(
+        frames.recording % 3 == 0, (frames.label + frames.recording // 6) % 4, frames.label
+    )
     one = fitted(replace(frames, label=dealt.astype(frames.label.dtype)), "model.members=auto")
     joins = read == 1.0
     assert (NETWORK in one.model.members) == joins == bool(one.classifier.network)
     first, *_ = [note for note in one.notes if note.key == "model.members"]
     assert first.value == one.model.members == list(one.classifier.weights)
     assert ("left out" in one.notes[0].text) != joins
-    heard = {note.value["member"]: note.value["error"] for note in one.notes if note.topic == "members"}
+    heard = {
+        note.value["member"]: note.value["error"] for note in one.notes if note.topic == "members"
+    }
     assert set(heard) == {*ARRAY} - ({NETWORK} if not joins else set())
     assert heard.get(NETWORK, 0) == 0 < heard["kernel"] and one.temperature > 0
-    weights = {note.value["member"]: note.value["weight"] for note in one.notes if note.topic == "members"}
+    weights = {
+        note.value["member"]: note.value["weight"] for note in one.notes if note.topic == "members"
+    }
     assert {name: weight for name, weight in weights.items() if weight} == one.classifier.weights
 
 
@@ -143,15 +167,21 @@ def test_no_network_is_trained_where_the_others_err_nowhere(monkeypatch):
     monkeypatch.setattr("tactile_viewgcn.recognition.fitting.NetworkMember", None)
     frames = table("split.folds=6")
     pressed = 200 * (np.arange(12)[:, None] // 3 == frames.label[:, None, None])
-    easy = fitted(replace(frames, counts=(frames.counts + pressed).astype(np.int16)), "model.members=auto")
+    easy = fitted(
+        replace(frames, counts=(frames.counts + pressed).astype(np.int16)), "model.members=auto"
+    )
     assert NETWORK not in easy.model.members and not easy.classifier.network
 
 
 def test_a_recording_has_the_mean_probabilities_of_its_frames():
     """Every second frame is answered differently."""
     estimator = SimpleNamespace(classes=np.arange(3), fit=lambda *_: None)
-    estimator.predict_proba = lambda frames: np.where(frames[:, None] % 2, [0.2, 0, 0.8], [0.8, 0.2, 0])
-    examples = SimpleNamespace(labels=np.repeat([0, 1, 2], 2), classes=3, representation=SimpleNamespace())
+    estimator.predict_proba = lambda frames: np.where(
+        frames[:, None] % 2, [0.2, 0, 0.8], [0.8, 0.2, 0]
+    )
+    examples = SimpleNamespace(
+        labels=np.repeat([0, 1, 2], 2), classes=3, representation=SimpleNamespace()
+    )
     examples.of_recordings = lambda member: (np.arange(12), np.arange(12) // 2)
     examples.representation.estimator = lambda member, quick: estimator
     (shares,) = LeftOut(examples, np.arange(6), 0).answers(["kernel"])
@@ -159,7 +189,9 @@ def test_a_recording_has_the_mean_probabilities_of_its_frames():
 
 
 def test_the_error_for_a_new_session_is_of_fits_that_know_other_sessions_alone():
-    """An object presses rows that differ in every session: a new session's are unknown, other groups' are not."""
+    """An object presses rows that differ in every session: a new session's are unknown, other
+    groups' are not.
+    """
     frames = table("split.folds=6")
     session = frames.recording % 2
     rows = np.arange(12)[:, None] == (4 * session + frames.label)[:, None, None]
@@ -172,7 +204,10 @@ def test_the_error_for_a_new_session_is_of_fits_that_know_other_sessions_alone()
 
 def test_the_seed_is_that_of_the_trees_that_are_kept():
     frames = table("split.folds=6")
-    grown = (fitted(frames, "model.members=[trees]", f"seed={seed}").classifier.whole["trees"] for seed in (0, 0, 1))
+    grown = (
+        fitted(frames, "model.members=[trees]", f"seed={seed}").classifier.whole["trees"]
+        for seed in (0, 0, 1)
+    )
     first, again, other = (trees.threshold.tolist() for trees in grown)
     assert first == again != other
 
@@ -180,9 +215,13 @@ def test_the_seed_is_that_of_the_trees_that_are_kept():
 def test_channels_and_arrays_are_weighed_and_the_test_side_changes_nothing():
     frames, few = table("split.folds=6"), table().live & (np.arange(12)[:, None] < 3)
     trained = frames.side != TEST
-    changed = replace(frames, label=frames.label * trained, counts=frames.counts * trained[:, None, None])
+    changed = replace(
+        frames, label=frames.label * trained, counts=frames.counts * trained[:, None, None]
+    )
     one, other = (fitted(each, "model.members=auto") for each in (frames, changed))
-    assert one.classifier.weights == other.classifier.weights and one.temperature == other.temperature
+    assert (
+        one.classifier.weights == other.classifier.weights and one.temperature == other.temperature
+    )
     assert set(one.model.members) <= {*ARRAY} and len(set(one.classifier.weights.values())) > 1
     channels = fitted(replace(frames, live=few), "model.members=auto")
     assert set(channels.model.members) <= {*CHANNELS} and channels.temperature > 0

@@ -1,4 +1,6 @@
-"""The recogniser as an MLflow model: called as MLflow calls it, asked as its server is, and in a process of its own."""
+"""The recogniser as an MLflow model: called as MLflow calls it, asked as its server is, and in a
+process of its own.
+"""
 
 import json
 import os
@@ -45,7 +47,9 @@ def objects(recordings: list) -> np.ndarray:
     return np.array(recordings, dtype=object)
 
 
-def test_the_logged_model_gives_the_recogniser_s_answers_in_a_column_for_each_class(checkpoint, store, client):
+def test_the_logged_model_gives_the_recogniser_s_answers_in_a_column_for_each_class(
+    checkpoint, store, client
+):
     with tracking.stage_run(Record("evaluate")) as run:
         address = run.model(checkpoint, METADATA)
         assert runs_of(client, tracking.EXPERIMENT)[0].info.status == "RUNNING"  # the stage goes on
@@ -63,7 +67,8 @@ def test_the_logged_model_gives_the_recogniser_s_answers_in_a_column_for_each_cl
         assert list(table.columns) == CLASSES
         np.testing.assert_array_equal(table, expected)
     first = RECORDINGS[0][None]
-    for numbers in (first, first.astype(float), first.astype(object)):  # whole numbers may be written as floats
+    # whole numbers may be written as floats
+    for numbers in (first, first.astype(float), first.astype(object)):
         np.testing.assert_array_equal(loaded.predict(numbers), expected[:1])
     assert loaded.predict(first[:0]).shape == (0, 4)
     needs = Path(mlflow.pyfunc.get_model_dependencies(address)).read_text().split()
@@ -71,11 +76,17 @@ def test_the_logged_model_gives_the_recogniser_s_answers_in_a_column_for_each_cl
     assert not [need for need in needs if "==" not in need]
 
 
-def test_the_request_that_the_manual_posts_is_answered_as_it_shows(checkpoint, store, client, monkeypatch):
-    """The server's own function reads the body that the manual's program writes and its `curl` posts."""
+def test_the_request_that_the_manual_posts_is_answered_as_it_shows(
+    checkpoint, store, client, monkeypatch
+):
+    """The server's own function reads the body that the manual's program writes and its `curl`
+    posts.
+    """
     _, serving = (ROOT / "docs" / "experiments.md").read_text().split("## Serve it")
     program, curl, shown = (
-        next(text for text in re.findall(rf"```{kind}\n(.*?)```", serving, re.DOTALL) if word in text)
+        next(
+            text for text in re.findall(rf"```{kind}\n(.*?)```", serving, re.DOTALL) if word in text
+        )
         for kind, word in (("python", "request.json"), ("bash", "curl"), ("json", "predictions"))
     )
     monkeypatch.chdir(store)
@@ -90,9 +101,15 @@ def test_the_request_that_the_manual_posts_is_answered_as_it_shows(checkpoint, s
     words, model = shlex.split(curl.replace("\\\n", " ")), mlflow.pyfunc.load_model(address)
     content, body = (words[words.index(option) + 1] for option in ("-H", "-d"))
     text, schema = Path(body.removeprefix("@")).read_text(), model.metadata.get_input_schema()
-    response = scoring_server.invocations(text, content.removeprefix("Content-Type: "), model, schema)
+    response = scoring_server.invocations(
+        text, content.removeprefix("Content-Type: "), model, schema
+    )
     answer, example = json.loads(response.response), json.loads(shown)
-    assert response.status == 200 and answer.keys() == example.keys() and words[-1].endswith("/invocations")
+    assert (
+        response.status == 200
+        and answer.keys() == example.keys()
+        and words[-1].endswith("/invocations")
+    )
     expected = answer_of(Recogniser(checkpoint), RECORDINGS[0]).probabilities
     assert [list(row) for row in answer["predictions"]] == [CLASSES]
     np.testing.assert_allclose(list(answer["predictions"][0].values()), expected, rtol=1e-4)
@@ -107,7 +124,9 @@ def test_the_request_that_the_manual_posts_is_answered_as_it_shows(checkpoint, s
 
 def test_a_mistake_is_one_line_that_mlflow_s_server_answers_with_status_400(checkpoint):
     with pytest.raises(Exception, match="expected") as error:
-        RecogniserModel(Recogniser(checkpoint)).predict({"recordings": objects(changed(float("nan")))})
+        RecogniserModel(Recogniser(checkpoint)).predict(
+            {"recordings": objects(changed(float("nan")))}
+        )
     error.value.message = "Failed to predict data '[[[["  # as the server does
     line = json.loads(error.value.serialize_as_json())["message"]
     assert "recording 1 holds nan" in line and "1e+30" in line and len(line.splitlines()) == 1
@@ -116,18 +135,37 @@ def test_a_mistake_is_one_line_that_mlflow_s_server_answers_with_status_400(chec
 
 @pytest.mark.slow
 def test_a_registered_model_answers_in_a_process_of_its_own(checkpoint, store, client):
-    """PYTHONPATH is empty: the model brings its code. MLflow reads the file as its server reads a request's body."""
+    """PYTHONPATH is empty: the model brings its code. MLflow reads the file as its server reads a
+    request's body.
+    """
     with tracking.stage_run(Record("evaluate")) as run:
         address = run.model(checkpoint, METADATA)
     client.create_registered_model("glove")
     entry = client.create_model_version("glove", address, run.id)
     client.set_registered_model_alias("glove", "best", entry.version)
-    (store / "request.json").write_text(json.dumps({"inputs": [recording.tolist() for recording in RECORDINGS]}))
-    words = [sys.executable, "-m", "mlflow", "models", "predict", "--env-manager", "local", "-t", "json"]
-    environment = os.environ | {"MLFLOW_TRACKING_URI": f"sqlite:///{store / 'mlflow.db'}", "PYTHONPATH": ""}
+    (store / "request.json").write_text(
+        json.dumps({"inputs": [recording.tolist() for recording in RECORDINGS]})
+    )
+    words = [
+        sys.executable,
+        "-m",
+        "mlflow",
+        "models",
+        "predict",
+        "--env-manager",
+        "local",
+        "-t",
+        "json",
+    ]
+    environment = os.environ | {
+        "MLFLOW_TRACKING_URI": f"sqlite:///{store / 'mlflow.db'}",
+        "PYTHONPATH": "",
+    }
     words += ["-m", "models:/glove@best", "-i", "request.json", "-o", "answer.json"]
     subprocess.run(words, cwd=store, env=environment, check=True)
     rows = json.loads((store / "answer.json").read_text())["predictions"]
-    expected = [answer_of(Recogniser(checkpoint), recording).probabilities for recording in RECORDINGS]
+    expected = [
+        answer_of(Recogniser(checkpoint), recording).probabilities for recording in RECORDINGS
+    ]
     assert [list(row) for row in rows] == [CLASSES, CLASSES]
     np.testing.assert_allclose([list(row.values()) for row in rows], expected, rtol=1e-4)

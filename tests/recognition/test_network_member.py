@@ -1,4 +1,6 @@
-"""The network among the members: all its trainings or none, decided by counted work, and calibrated in either case."""
+"""The network among the members: all its trainings or none, decided by counted work, and calibrated
+in either case.
+"""
 
 from dataclasses import replace
 
@@ -29,7 +31,10 @@ def member(frames, *, small=True):
 def test_each_fold_is_answered_by_a_training_without_it_and_nothing_else_is():
     frames = table(FOLDS)
     recordings = training_recordings(frames)
-    labels, number = (np.array([column[index[0]] for index in recordings]) for column in (frames.label, frames.group))
+    labels, number = (
+        np.array([column[index[0]] for index in recordings])
+        for column in (frames.label, frames.group)
+    )
     masks = [np.isin(number, np.unique(number)[fold::4]) for fold in (0, 1)]
     shares = member(frames).left_out(masks)
     answered = np.any(masks, axis=0)
@@ -64,7 +69,9 @@ def fitted(members, frames=None):
 def dealt():
     """The frames with wrong labels in every third recording, so that every member errs."""
     frames = table(FOLDS)
-    return replace(frames, label=np.where(frames.recording % 3 == 0, frames.label // 2, frames.label))
+    return replace(
+        frames, label=np.where(frames.recording % 3 == 0, frames.label // 2, frames.label)
+    )
 
 
 @pytest.fixture
@@ -105,7 +112,11 @@ def test_below_the_limit_every_fold_is_run_and_all_are_calibrated(monkeypatch, t
     assert NETWORK in one.model.members and one.classifier.network and one.temperature is not None
     train = table(FOLDS).side == TRAIN
     *folds, last = trained
-    assert not last.any() and np.array_equal(np.sum(folds, axis=0), train.astype(int)) and len(folds) > 1
+    assert (
+        not last.any()
+        and np.array_equal(np.sum(folds, axis=0), train.astype(int))
+        and len(folds) > 1
+    )
 
 
 def test_the_only_member_is_trained_whatever_the_limit(monkeypatch, trained):
@@ -129,7 +140,10 @@ def test_how_busy_the_machine_is_changes_nothing(monkeypatch, trained, members):
     hours = iter(range(10**9))
     monkeypatch.setattr("time.perf_counter", lambda: 3600.0 * next(hours))
     busy = fitted(members, dealt())
-    assert busy.model.members == first.model.members and busy.temperature == first.temperature is not None
+    assert (
+        busy.model.members == first.model.members
+        and busy.temperature == first.temperature is not None
+    )
     assert busy.classifier.weights == first.classifier.weights
     assert trained and len(trained) % 2 == 0  # as many trainings
 

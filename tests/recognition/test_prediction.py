@@ -27,9 +27,16 @@ def place(tmp_path):
     model_file(tmp_path / "classifier.pt")
     for number, name in enumerate(OBJECTS):
         write(tmp_path / "new" / f"{number}.h5", recording(name, 80 + number))
-        write(tmp_path / "labelled" / f"{name}.h5", recording(name, 80 + number), object=name, session="today")
+        write(
+            tmp_path / "labelled" / f"{name}.h5",
+            recording(name, 80 + number),
+            object=name,
+            session="today",
+        )
     write(tmp_path / "labelled" / "empty.h5", empty_hand(83), object="empty_hand", session="today")
-    write(tmp_path / "labelled" / "zebra.h5", recording("zebra", 84), object="zebra", session="today")
+    write(
+        tmp_path / "labelled" / "zebra.h5", recording("zebra", 84), object="zebra", session="today"
+    )
     return tmp_path
 
 
@@ -47,7 +54,9 @@ def answers_in(path):
 def test_unlabelled_recordings_have_a_line_each(place):
     head, columns, *lines, last, errs = call(place / "classifier.pt", place / "new")
     assert head == "model: kernel + pooled_kernel, 3 classes; probabilities are calibrated"
-    assert [line.split()[:3] for line in lines] == [[str(i), "20", name] for i, name in enumerate(OBJECTS)]
+    assert [line.split()[:3] for line in lines] == [
+        [str(i), "20", name] for i, name in enumerate(OBJECTS)
+    ]
     assert columns.split() == ["recording", "contact", "answer"]
     assert last == "answers: 3 with an object" and errs.startswith("how often it errs")
     uncalibrated = call(model_file(place / "full.pt", "model.system=mvcnn"), place / "new")[0]
@@ -56,10 +65,15 @@ def test_unlabelled_recordings_have_a_line_each(place):
 
 def test_recordings_in_two_files_are_answered_as_whole_ones(place):
     for number, name in enumerate(OBJECTS):
-        for hand, half in zip(("left", "right"), np.split(recording(name, 80 + number), 2, axis=2), strict=True):
+        for hand, half in zip(
+            ("left", "right"), np.split(recording(name, 80 + number), 2, axis=2), strict=True
+        ):
             save(place / "halves" / f"{number}_{hand}.npy", half)
     whole = call(place / "classifier.pt", place / "new")
-    assert call(place / "classifier.pt", place / "halves", "--set", "data.layout=OBJECT/FILE_PART") == whole
+    assert (
+        call(place / "classifier.pt", place / "halves", "--set", "data.layout=OBJECT/FILE_PART")
+        == whole
+    )
 
 
 NAMES = ["thumb", "index", "middle", "ring", "little", "palm"]
@@ -83,17 +97,23 @@ def of_names(tmp_path_factory):
     return path
 
 
-COLUMNS = {  # what a new table has beside or in place of the model's sensors, and the columns that are left out
+# what a new table has beside or in place of the model's sensors, and the columns that are left out
+COLUMNS = {
     "in another order": (lambda table: table[NAMES[::-1]], []),
     "more columns": (lambda table: table.assign(battery=3.7)[["battery", *NAMES]], ["battery"]),
-    "words": (lambda table: table.assign(note="cold", when="12:30")[["note", *NAMES[::-1], "when"]], ["note", "when"]),
+    "words": (
+        lambda table: table.assign(note="cold", when="12:30")[["note", *NAMES[::-1], "when"]],
+        ["note", "when"],
+    ),
     "a clock": (lambda table: table.assign(tick=np.arange(len(table)) * 7.0), ["tick"]),
     "empty": (lambda table: table.assign(spare=np.nan), []),
 }
 
 
 @pytest.mark.parametrize("name", COLUMNS)
-def test_sensors_are_taken_by_the_names_that_the_model_knows_and_others_are_named(of_names, tmp_path, name):
+def test_sensors_are_taken_by_the_names_that_the_model_knows_and_others_are_named(
+    of_names, tmp_path, name
+):
     change, left_out = COLUMNS[name]
     for number, (label, table) in enumerate(grasps(1)):
         for place, shown in (("same", table), ("new", change(table))):
@@ -103,18 +123,28 @@ def test_sensors_are_taken_by_the_names_that_the_model_knows_and_others_are_name
     answers = [line for line in lines if "-" in line[:2]]
     assert answers == [line for line in call(of_names, tmp_path / "same") if "-" in line[:2]]
     assert len(answers) == 8 and all(line.split()[0][2:] == line.split()[2] for line in answers)
-    named = [column for column in ("battery", "note", "when", "tick") if any(f"'{column}'" in line for line in lines)]
+    named = [
+        column
+        for column in ("battery", "note", "when", "tick")
+        if any(f"'{column}'" in line for line in lines)
+    ]
     assert named == left_out
 
 
 def test_a_table_of_several_recordings_says_how_its_objects_are_named(of_names, tmp_path):
-    """The model knows no column `activity`; by the key that the line prints, both objects are answered apart."""
+    """The model knows no column `activity`; by the key that the line prints, both objects are
+    answered apart.
+    """
     tables = [table.assign(activity=label) for label, table in islice(grasps(1), 2)]
     pd.concat(tables).to_csv(tmp_path / "all.csv", index=False)
     lines = call(of_names, tmp_path / "all.csv")
     assert "'data.columns=[object:activity]'" in " ".join(lines)
     lines = call(of_names, tmp_path / "all.csv", "--set", "data.columns=[object:activity]")
-    assert [line.split()[2] for line in lines if line.split()[1:2] and line.split()[2:3] in (["ball"], ["mug"])] == [
+    assert [
+        line.split()[2]
+        for line in lines
+        if line.split()[1:2] and line.split()[2:3] in (["ball"], ["mug"])
+    ] == [
         "ball",
         "mug",
     ]
@@ -122,7 +152,10 @@ def test_a_table_of_several_recordings_says_how_its_objects_are_named(of_names, 
 
 def test_a_file_of_two_hands_has_sensors_by_the_joined_names(tmp_path):
     labels, tables = zip(*grasps(0), strict=True)
-    joined = [table.set_axis([f"{hand}_{name}" for hand in ("l", "r") for name in "abc"], axis=1) for table in tables]
+    joined = [
+        table.set_axis([f"{hand}_{name}" for hand in ("l", "r") for name in "abc"], axis=1)
+        for table in tables
+    ]
     TactileClassifier().fit(joined, list(labels)).save(tmp_path / "c.pt")
     for number, (_, table) in enumerate(grasps(1)):
         for at, hand in enumerate("lr"):
@@ -139,7 +172,9 @@ def test_a_table_without_some_of_the_model_s_sensors_is_refused(of_names, tmp_pa
     (_, table), *_ = grasps(1)
     (tmp_path / "new").mkdir()
     table.rename(columns={"ring": "f4"}).to_csv(tmp_path / "new" / "1.csv", index=False)
-    with pytest.raises(UserError, match=r"1\.csv: no column ring .*found thumb, index, middle, f4, little, palm"):
+    with pytest.raises(
+        UserError, match=r"1\.csv: no column ring .*found thumb, index, middle, f4, little, palm"
+    ):
         call(of_names, tmp_path / "new")
 
 
@@ -147,10 +182,14 @@ def test_a_sensor_of_the_model_that_is_empty_or_left_out_is_refused(of_names, tm
     (_, table), *_ = grasps(1)
     (tmp_path / "new").mkdir()
     table.assign(ring=np.nan).to_csv(tmp_path / "new" / "1.csv", index=False)
-    with pytest.raises(UserError, match=r"column 4 \('ring'\), a sensor of the model, is empty in all 40"):
+    with pytest.raises(
+        UserError, match=r"column 4 \('ring'\), a sensor of the model, is empty in all 40"
+    ):
         call(of_names, tmp_path / "new")
     table.to_csv(tmp_path / "new" / "1.csv", index=False)
-    with pytest.raises(UserError, match=r"ring is a sensor of the model; take leave_out of it from data\.columns"):
+    with pytest.raises(
+        UserError, match=r"ring is a sensor of the model; take leave_out of it from data\.columns"
+    ):
         call(of_names, tmp_path / "new", "--set", "data.columns=[leave_out:ring]")
 
 
@@ -162,7 +201,9 @@ def test_a_table_with_a_column_without_a_name_is_answered_as_it_was_learnt(tmp_p
     changes = ("model.system=sensors", "model.members=[trees]")
     with recordings_of(str(tmp_path / "glove")) as recordings:
         assert recordings.channel_names == ["thumb", "index", "middle", "", "little", "palm"]
-        train(recordings, default_params(changes), recordings.columns["recording"], tmp_path / "c.pt")
+        train(
+            recordings, default_params(changes), recordings.columns["recording"], tmp_path / "c.pt"
+        )
     lines = call(tmp_path / "c.pt", tmp_path / "glove")
     assert lines[-1] == "right: 8 of 8 (100.0 %)"
 
@@ -177,9 +218,12 @@ def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(plac
     assert [name for name in rows["cup"] if "class" in name] == ["class_1", "class_2", "class_3"]
     assert [rows[name]["answer"] for name in OBJECTS] == list(OBJECTS)
     assert rows["empty"]["answer"] == "no contact" and rows["empty"]["class_1"] == ""
-    assert [rows[name]["right"] for name in (*OBJECTS, "empty", "zebra")] == [*["True"] * 4, ""]  # as many as printed
+    # as many as printed
+    assert [rows[name]["right"] for name in (*OBJECTS, "empty", "zebra")] == [*["True"] * 4, ""]
     assert (rows["cup"]["frames_in_contact"], rows["cup"]["frames"]) == ("20", "60")
-    assert sum(float(rows["cup"][f"probability_{number}"]) for number in (1, 2, 3)) == pytest.approx(1, abs=1e-5)
+    assert sum(
+        float(rows["cup"][f"probability_{number}"]) for number in (1, 2, 3)
+    ) == pytest.approx(1, abs=1e-5)
     answers = (place / "a.csv").read_text("utf-8")
     for text in (f"{answers}my notes\n", "object,colour\ncup,blue\n"):
         (place / "a.csv").write_text(text, "utf-8")
@@ -222,7 +266,13 @@ def test_a_model_in_mlflow_is_found_by_its_run_or_its_name(place, monkeypatch):
 
     mlflow.set_tracking_uri(f"sqlite:///{place / 'mlflow.db'}")
     mlflow.register_model(address, "glove")
-    for name in (run.id, f"runs:/{run.id}", f"runs:/{run.id}/classifier", "models:/glove/1", address):
+    for name in (
+        run.id,
+        f"runs:/{run.id}",
+        f"runs:/{run.id}/classifier",
+        "models:/glove/1",
+        address,
+    ):
         assert load_model(name).classes == list(OBJECTS), name
     with pytest.raises(UserError, match=r"models:/glove/7: MLflow store sqlite:///"):
         load_model("models:/glove/7")

@@ -13,13 +13,28 @@ from scipy.special import softmax
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.estimator import train
-from tactile_viewgcn.recognition.model_file import FittedPreprocessing, build_classifier, save_classifier
+from tactile_viewgcn.recognition.model_file import (
+    FittedPreprocessing,
+    build_classifier,
+    save_classifier,
+)
 from tactile_viewgcn.recognition.raw_counts import fault_of
 from tactile_viewgcn.recognition.recogniser import Recogniser, recording_of
 from tactile_viewgcn.tables.frames import TEST
 from tactile_viewgcn.tables.recordings import in_memory, recordings_of
 from tactile_viewgcn.views.viewpoints import viewpoints
-from tests.glove_data import CPU, HELD, SHAPE, answer_of, empty_hand, recipe, recogniser, recording, table, write
+from tests.glove_data import (
+    CPU,
+    HELD,
+    SHAPE,
+    answer_of,
+    empty_hand,
+    recipe,
+    recogniser,
+    recording,
+    table,
+    write,
+)
 
 
 def answered(model, path):
@@ -55,7 +70,10 @@ def test_a_recording_is_answered_by_all_its_frames_in_contact(name, held):
         (np.zeros((5, 8, 9), np.int16), "counts: .*8 x 9; expected 8 x 10"),
         (np.full((5, *SHAPE), 0.5), "counts: holds 0.5; .*-32768 to 32767"),
         (np.full((5, *SHAPE), 40_000), "counts: holds 40000; .*-32768 to 32767"),
-        (np.full((5, *SHAPE), 2**31, np.uint32), r"counts holds 2.14748e\+09 in frame 0, .* to 2.14748e\+09"),
+        (
+            np.full((5, *SHAPE), 2**31, np.uint32),
+            r"counts holds 2.14748e\+09 in frame 0, .* to 2.14748e\+09",
+        ),
     ],
 )
 def test_a_different_layout_or_type_and_numbers_that_are_not_finite_are_refused(counts, message):
@@ -69,7 +87,9 @@ def test_an_answer_that_is_not_finite_is_refused(monkeypatch):
         answer_of(recogniser(), recording("pen", 50))
 
 
-@pytest.mark.parametrize(("kind", "edge", "times", "outside"), [(0, 0, 1 / 4, 0), (0, 1, 4, 1e9), (1, 0, 1 / 4, 0)])
+@pytest.mark.parametrize(
+    ("kind", "edge", "times", "outside"), [(0, 0, 1 / 4, 0), (0, 1, 4, 1e9), (1, 0, 1 / 4, 0)]
+)
 @pytest.mark.parametrize("sign", [1, -1])
 def test_readings_may_be_four_times_weaker_or_stronger_than_in_the_training_and_no_more(
     kind, edge, times, outside, sign
@@ -80,7 +100,8 @@ def test_readings_may_be_four_times_weaker_or_stronger_than_in_the_training_and_
     for reading, fault in (limit, False), (np.nextafter(limit, outside), True):
         readings = [np.full((3, *SHAPE), weakest) for weakest, _ in fitted.strong_readings]
         readings[kind] = np.full((3, *SHAPE), sign * reading)
-        counts = np.concatenate([readings[1], np.full((2, *SHAPE), 1e6)])  # without contact they may read anything
+        # without contact they may read anything
+        counts = np.concatenate([readings[1], np.full((2, *SHAPE), 1e6)])
         assert bool(fault_of(fitted, counts, np.arange(5) < 3, readings[0])) == fault
 
 
@@ -88,18 +109,29 @@ def test_readings_may_be_four_times_weaker_or_stronger_than_in_the_training_and_
 def test_only_an_object_has_a_strength_that_is_compared_with_the_training_s(name):
     counts, zero = empty_hand(92), np.zeros(1, dtype=np.int64)
     counts[-3:] = 30_000
-    with nullcontext() if name == "empty_hand" else pytest.raises(UserError, match="one in a hundred"):
+    with (
+        nullcontext()
+        if name == "empty_hand"
+        else pytest.raises(UserError, match="one in a hundred")
+    ):
         recogniser().answer_table(in_memory([recording_of(counts, "X")], [name], zero, zero))
 
 
 def channels(folder, names, rate):
-    """Two tables (40, 2) of each of two objects, at that rate, and with those names of the sensors; clocks differ."""
+    """Two tables (40, 2) of each of two objects, at that rate, and with those names of the sensors;
+    clocks differ.
+    """
     rng, lines = np.random.default_rng(0), np.arange(40)
     for label, number in product(("left", "right"), (1, 2)):
-        readings = rng.normal(0, 1, (40, 2)) + 20 * (lines[:, None] > 20) * [label == "left", label == "right"]
+        readings = rng.normal(0, 1, (40, 2)) + 20 * (lines[:, None] > 20) * [
+            label == "left",
+            label == "right",
+        ]
         rows = np.column_stack([1.7e9 * (number - 1) + lines / rate, readings])
         (folder / label).mkdir(parents=True, exist_ok=True)
-        np.savetxt(folder / label / f"{number}.csv", rows, "%.4f", ",", header=f"time,{names}", comments="")
+        np.savetxt(
+            folder / label / f"{number}.csv", rows, "%.4f", ",", header=f"time,{names}", comments=""
+        )
     return folder
 
 
@@ -113,7 +145,9 @@ def channels(folder, names, rate):
         ("index,thumb", 50, "sensor 1 is index; expected thumb of thumb, index"),
     ],
 )
-def test_sensors_in_a_different_order_are_refused_and_a_different_rate_is_warned_of(tmp_path, names, rate, message):
+def test_sensors_in_a_different_order_are_refused_and_a_different_rate_is_warned_of(
+    tmp_path, names, rate, message
+):
     with recordings_of(channels(tmp_path / "trained", "thumb,index", 50)) as table:
         params = recipe("model.system=sensors", "model.members=[svm]", "split.validation=0")
         train(table, params, table.columns["recording"], tmp_path / "classifier.pt")
@@ -123,7 +157,9 @@ def test_sensors_in_a_different_order_are_refused_and_a_different_rate_is_warned
             answered(model, new)
         return
     _, notes = answered(model, new)
-    assert [note.text.startswith(message) for note in notes if note.topic == "frame rate"] == [True] * bool(message)
+    assert [note.text.startswith(message) for note in notes if note.topic == "frame rate"] == [
+        True
+    ] * bool(message)
 
 
 @pytest.mark.parametrize(
@@ -132,42 +168,67 @@ def test_sensors_in_a_different_order_are_refused_and_a_different_rate_is_warned
         ([], {}, "the training's", 0),
         ([], {"empty": empty_hand(63)}, "", 60),
         ([], {"open": recording("cup", 63)}, "the training's", 0),
-        (["preprocess.baseline=grasp"], {"open": recording("cup", 63)}, "the training's baseline", 0),
-        (["preprocess.baseline=grasp"], {"empty": empty_hand(63)}, "their session's empty hand", 20),
+        (
+            ["preprocess.baseline=grasp"],
+            {"open": recording("cup", 63)},
+            "the training's baseline",
+            0,
+        ),
+        (
+            ["preprocess.baseline=grasp"],
+            {"empty": empty_hand(63)},
+            "their session's empty hand",
+            20,
+        ),
         (["preprocess.baseline=grasp"], {}, "the training's baseline", 0),
     ],
 )
 def test_a_recording_without_an_open_hand_has_the_baseline_of_its_empty_hand_or_of_the_training(
     tmp_path, changes, others, instead, high
 ):
-    """The counts may be higher than in the training; no recording is answered by what others are asked beside it."""
+    """The counts may be higher than in the training; no recording is answered by what others are
+    asked beside it.
+    """
     model, offset = recogniser(*changes), np.int16(high)
     write(tmp_path / "held.h5", recording("pen", 62, before=0, after=0) + offset)
     for name, counts in others.items():
-        write(tmp_path / f"{name}.h5", counts + offset, **({"object": "empty_hand"} if name == "empty" else {}))
+        write(
+            tmp_path / f"{name}.h5",
+            counts + offset,
+            **({"object": "empty_hand"} if name == "empty" else {}),
+        )
     rows, notes = answered(model, tmp_path)
     assert best(rows["held"]) == "pen" and rows["held"].contact == HELD
     assert len(notes) == bool(instead) and all(instead in note.text for note in notes)
     if "empty" not in rows:
         alone = {"held": recording("pen", 62, before=0, after=0)} | others
         for name, counts in alone.items():
-            np.testing.assert_array_equal(rows[name].probabilities, answer_of(model, counts + offset).probabilities)
+            np.testing.assert_array_equal(
+                rows[name].probabilities, answer_of(model, counts + offset).probabilities
+            )
 
 
 def test_the_weakest_readings_are_of_objects_and_the_rates_the_lowest_and_the_highest():
     frames, frame = table(), np.arange(len(table())) % 12
     empty = frames.label == frames.classes.index("empty_hand")
-    changed = replace(frames, counts=np.where(empty[:, None, None], 0, frames.counts).astype(np.int16))
+    changed = replace(
+        frames, counts=np.where(empty[:, None, None], 0, frames.counts).astype(np.int16)
+    )
     fitted = FittedPreprocessing.of(replace(changed, time=frame / (10 + frames.label)))
     weakest, strongest = np.transpose(fitted.strong_readings)
-    expected_weakest, expected_strongest = np.transpose(FittedPreprocessing.of(frames).strong_readings)
+    expected_weakest, expected_strongest = np.transpose(
+        FittedPreprocessing.of(frames).strong_readings
+    )
     np.testing.assert_array_equal(weakest, expected_weakest)
     assert strongest[0] == pytest.approx(514, abs=1) and strongest[1] == expected_strongest[1]
     assert fitted.rates == pytest.approx([10, 13])
 
 
 def test_times_count_from_a_recording_s_first_frame_wherever_its_clock_begins():
-    tables = [pd.DataFrame({"time": begin + np.array([0, 0.5, 1.5]), "a": [1.0, 2, 3]}) for begin in (-7, 0, 1.7e9)]
+    tables = [
+        pd.DataFrame({"time": begin + np.array([0, 0.5, 1.5]), "a": [1.0, 2, 3]})
+        for begin in (-7, 0, 1.7e9)
+    ]
     zeros = np.zeros(3, dtype=int)
     made = in_memory([recording_of(each, "X") for each in tables], ["pen"], zeros, zeros)
     np.testing.assert_allclose(made.columns["time"], [0, 0.5, 1.5] * 3, atol=1e-6)
@@ -180,10 +241,15 @@ def test_of_an_array_the_frames_may_be_last():
 
 
 def test_a_session_with_many_baselines_has_their_mean():
-    means = np.broadcast_to(np.array([514, 510, 520, 700], np.float32)[:, None, None], (4, 12, 12)).copy()
-    number = np.arange(len(table())) % 3  # two grasps in session one, one in session two; the fourth is of the test
+    means = np.broadcast_to(
+        np.array([514, 510, 520, 700], np.float32)[:, None, None], (4, 12, 12)
+    ).copy()
+    # two grasps in session one, one in session two; the fourth is of the test
+    number = np.arange(len(table())) % 3
     number[table().on(TEST)] = 3
-    many = replace(table(), session=(number == 2).astype(int), sessions=["one", "two", "none"], baseline=number)
+    many = replace(
+        table(), session=(number == 2).astype(int), sessions=["one", "two", "none"], baseline=number
+    )
     fitted = FittedPreprocessing.of(replace(many, baseline_mean=means))
     assert (fitted.baselines["one"] == 512).all() and (fitted.baselines["two"] == 520).all()
     assert (fitted.mean_baseline() == 516).all()  # the session without frames does not count
@@ -193,7 +259,10 @@ def test_a_session_with_many_baselines_has_their_mean():
 @pytest.mark.parametrize("transform", ["clip", "log"])
 def test_a_saved_network_answers_as_in_the_evaluation(tmp_path, system, transform):
     torch.manual_seed(0)
-    params, frames = recipe(f"model.system={system}", "model.backbone.width=8"), replace(table(), transform=transform)
+    params, frames = (
+        recipe(f"model.system={system}", "model.backbone.width=8"),
+        replace(table(), transform=transform),
+    )
     classifier = build_classifier(torch.from_numpy(viewpoints(4)), 4, params.model, (12, 12)).eval()
     save_classifier(tmp_path / "classifier.pt", classifier, params.model, frames)
     index = frames.on(TEST)[:12:3]
@@ -202,4 +271,6 @@ def test_a_saved_network_answers_as_in_the_evaluation(tmp_path, system, transfor
     (expected,) = softmax(classifier.view_sets(values, np.arange(4)[None]), axis=1)
     excess = frames.counts[index] - frames.baseline_mean[frames.baseline[index]]
     stored = Recogniser(tmp_path / "classifier.pt")
-    np.testing.assert_allclose(np.exp(stored.content.answer(stored.classifier, excess)), expected, atol=1e-5)
+    np.testing.assert_allclose(
+        np.exp(stored.content.answer(stored.classifier, excess)), expected, atol=1e-5
+    )

@@ -12,12 +12,15 @@ from tests.glove_data import table
 
 def test_a_recording_has_its_frames_in_order_and_one_object_and_split_group():
     frames = table()
-    split = replace(frames, group=2 * frames.group + (np.arange(len(frames)) % 12 >= 6))  # two in each recording
+    # two in each recording
+    split = replace(frames, group=2 * frames.group + (np.arange(len(frames)) % 12 >= 6))
     recordings, train = training_recordings(split), split.on(TRAIN)
     assert np.array_equal(np.sort(np.concatenate(recordings)), train)
     for index in recordings:
         assert (np.diff(index) == 1).all() and len(index) == 6
-        assert all(len(set(column[index])) == 1 for column in (split.recording, split.label, split.group))
+        assert all(
+            len(set(column[index])) == 1 for column in (split.recording, split.label, split.group)
+        )
 
 
 def test_the_unit_of_an_array_is_limited_by_its_noise():
@@ -37,6 +40,9 @@ def test_of_a_long_recording_every_second_or_further_frame_is_taken(monkeypatch)
     recordings = training_recordings(frames)
     examples = examples_of(frames, recordings, ["svm"], (1, 2, 4), 0)
     assert set(examples.lengths) == {4} and set(examples.sets) == {1, 2, 4}
-    read, counts = examples.representation, frames.inputs(recordings[3][::3], "counts")[:, frames.live]
+    read, counts = (
+        examples.representation,
+        frames.inputs(recordings[3][::3], "counts")[:, frames.live],
+    )
     expected = read.of_recordings("svm", read.scaled(counts)[None])
     np.testing.assert_allclose(examples.of_recordings("svm")[0][3:4], expected, atol=1e-6)

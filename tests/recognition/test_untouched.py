@@ -1,4 +1,6 @@
-"""Recordings of a hand that touches nothing: the class `empty_hand`, or equal probabilities and a warning."""
+"""Recordings of a hand that touches nothing: the class `empty_hand`, or equal probabilities and a
+warning.
+"""
 
 import warnings
 
@@ -15,11 +17,15 @@ EMPTY = 3  # number of the empty hand
 
 
 def array(number, rng, *, opened=0, offset=500.0, side=16, floor=-np.inf):
-    """A recording (30, side, side) of an object that presses a few rows, the first `opened` frames without it."""
+    """A recording (30, side, side) of an object that presses a few rows, the first `opened` frames
+    without it.
+    """
     counts = offset + rng.normal(0, 1, (30, side, side))
     rows = side // 4
     if number < EMPTY:
-        counts[opened:, rows * number : rows * (number + 1)] += rng.uniform(20, 60, (30 - opened, rows, side))
+        counts[opened:, rows * number : rows * (number + 1)] += rng.uniform(
+            20, 60, (30 - opened, rows, side)
+        )
     return np.maximum(counts, floor)
 
 
@@ -36,8 +42,12 @@ GLOVES = {
     "an array, all contact": array,
     "an array without an offset": lambda number, rng: array(number, rng, offset=0.0),
     "an array cut off at 0": lambda number, rng: array(number, rng, offset=0.0, floor=0.0),
-    "a small array cut off at 0": lambda number, rng: array(number, rng, offset=0.0, side=8, floor=0.0),
-    "a small array in whole counts": lambda number, rng: np.rint(array(number, rng, side=8)).astype(int),
+    "a small array cut off at 0": lambda number, rng: array(
+        number, rng, offset=0.0, side=8, floor=0.0
+    ),
+    "a small array in whole counts": lambda number, rng: np.rint(array(number, rng, side=8)).astype(
+        int
+    ),
     "channels": channels,
 }
 EVERY_FRAME = {"preprocess.filter": "none"}
@@ -45,7 +55,9 @@ SETTINGS = {"chosen by the recordings": {}, "every frame": EVERY_FRAME}
 
 
 def fitted(glove, params, *, with_empty_hand):
-    """A classifier, its recordings and their labels; 5 of each object, and of the empty hand if it is a class."""
+    """A classifier, its recordings and their labels; 5 of each object, and of the empty hand if it
+    is a class.
+    """
     rng, number = np.random.default_rng(0), np.tile(np.arange(EMPTY), 5)
     if with_empty_hand:
         number = np.concatenate([number, np.full(5, EMPTY)])
@@ -57,7 +69,9 @@ def fitted(glove, params, *, with_empty_hand):
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("params", SETTINGS.values(), ids=SETTINGS)
 @pytest.mark.parametrize("glove", GLOVES.values(), ids=GLOVES)
-def test_a_classifier_with_the_class_empty_hand_answers_its_own_recordings_and_new_ones(glove, params):
+def test_a_classifier_with_the_class_empty_hand_answers_its_own_recordings_and_new_ones(
+    glove, params
+):
     classifier, X, y = fitted(glove, params, with_empty_hand=True)
     assert (classifier.predict(X) == y).all()
     rng = np.random.default_rng(1)
@@ -67,7 +81,9 @@ def test_a_classifier_with_the_class_empty_hand_answers_its_own_recordings_and_n
 
 @pytest.mark.parametrize("params", SETTINGS.values(), ids=SETTINGS)
 @pytest.mark.parametrize("glove", GLOVES.values(), ids=GLOVES)
-def test_without_that_class_an_open_hand_is_any_object_and_those_beside_it_are_answered(tmp_path, glove, params):
+def test_without_that_class_an_open_hand_is_any_object_and_those_beside_it_are_answered(
+    tmp_path, glove, params
+):
     classifier, _, _ = fitted(glove, params, with_empty_hand=False)
     rng = np.random.default_rng(1)
     held, opened = glove(1, rng), [glove(EMPTY, rng) for _ in range(3)]
@@ -95,7 +111,9 @@ def test_a_single_frame_shows_no_noise_and_may_still_be_of_an_open_hand(name):
     np.testing.assert_allclose(shares[1], 1 / 3)
 
 
-@pytest.mark.parametrize("name", ["an array, all contact", "an array without an offset", "channels"])
+@pytest.mark.parametrize(
+    "name", ["an array, all contact", "an array without an offset", "channels"]
+)
 @pytest.mark.parametrize("times", [1 / 300, 1 / 1000, 300])
 @pytest.mark.parametrize("with_empty_hand", [False, True])
 def test_another_unit_is_no_open_hand_where_every_frame_is_taken(name, times, with_empty_hand):

@@ -60,14 +60,18 @@ LENGTHS = [(9, 2, 4, 1), (1, 1, 1, 13)]
 
 
 @pytest.mark.parametrize("system", ["view_gcn", "stag", "cnn_lstm"])
-def test_a_network_trained_on_clusters_gets_one_frame_of_each_cluster_of_the_recording(tmp_path, monkeypatch, system):
+def test_a_network_trained_on_clusters_gets_one_frame_of_each_cluster_of_the_recording(
+    tmp_path, monkeypatch, system
+):
     classifier = fitted(system)
     classifier.save(tmp_path / "classifier.pt")
     loaded = TactileClassifier.load(tmp_path / "classifier.pt")
     for lengths in LENGTHS:
         counts, grip = recording(0, 99, lengths)
         sets, answer = view_sets_asked(classifier, counts, monkeypatch)
-        np.testing.assert_array_equal(np.sort(grip[sets], axis=1), np.tile(np.arange(VIEWS), (len(sets), 1)))
+        np.testing.assert_array_equal(
+            np.sort(grip[sets], axis=1), np.tile(np.arange(VIEWS), (len(sets), 1))
+        )
         assert set(sets.ravel().tolist()) == set(range(len(counts)))
         again, same = view_sets_asked(loaded, counts, monkeypatch)
         np.testing.assert_array_equal(again, sets)
@@ -76,8 +80,12 @@ def test_a_network_trained_on_clusters_gets_one_frame_of_each_cluster_of_the_rec
         np.testing.assert_allclose(classifier.predict_proba(others)[1], answer, atol=1e-6)
 
 
-@pytest.mark.parametrize("changes", [{"finetune_draw": "random"}, {"cluster_method": "none"}], ids=str)
-def test_a_network_trained_on_random_sets_gets_sets_that_are_spread_over_the_recording(monkeypatch, changes):
+@pytest.mark.parametrize(
+    "changes", [{"finetune_draw": "random"}, {"cluster_method": "none"}], ids=str
+)
+def test_a_network_trained_on_random_sets_gets_sets_that_are_spread_over_the_recording(
+    monkeypatch, changes
+):
     classifier = fitted("view_gcn", **changes)
     for lengths in LENGTHS:
         counts, _ = recording(0, 99, lengths)
@@ -90,4 +98,6 @@ def test_a_recording_of_fewer_frames_than_views_is_answered(monkeypatch, lengths
     counts, _ = recording(0, 99, lengths)
     sets, answer = view_sets_asked(fitted("view_gcn"), counts, monkeypatch)
     assert sets.shape == (len(counts), VIEWS) and sets.max() < len(counts)
-    assert torch.isfinite(torch.from_numpy(answer)).all() and answer.sum() == pytest.approx(1, abs=1e-5)
+    assert torch.isfinite(torch.from_numpy(answer)).all() and answer.sum() == pytest.approx(
+        1, abs=1e-5
+    )

@@ -16,9 +16,13 @@ NAMES = ("up", "down", "trembling", "pushed", "pulled")
 
 
 def recording(name, seed, *, frames=32, live=CHANNELS):
-    """Counts (T, S): a force on the first sensors. The first three objects have the same forces, in another order."""
+    """Counts (T, S): a force on the first sensors. The first three objects have the same forces, in
+    another order.
+    """
     rng, time = np.random.default_rng([seed, NAMES.index(name)]), np.linspace(-1, 1, frames)
-    force = {"up": time, "down": -time, "trembling": rng.permutation(time)}.get(name, np.exp(-8 * time**2))
+    force = {"up": time, "down": -time, "trembling": rng.permutation(time)}.get(
+        name, np.exp(-8 * time**2)
+    )
     counts = rng.normal(0, 0.05, (frames, live.sum()))
     counts[:, : 8 if live is ARRAY else 1] += (-1 if name == "pulled" else 1) * force[:, None]
     return (50 * counts).astype(np.float32)
@@ -26,7 +30,9 @@ def recording(name, seed, *, frames=32, live=CHANNELS):
 
 def recordings(seeds=range(8), names=NAMES, **how):
     """Recordings of each object, and their labels."""
-    return [recording(name, seed, **how) for seed in seeds for name in names], np.tile(range(len(names)), len(seeds))
+    return [recording(name, seed, **how) for seed in seeds for name in names], np.tile(
+        range(len(names)), len(seeds)
+    )
 
 
 def examples_of(made, labels, members=(), *, live=CHANNELS, sizes=(1, 2, 4)):
@@ -41,7 +47,8 @@ def examples_of(made, labels, members=(), *, live=CHANNELS, sizes=(1, 2, 4)):
 def fitted(members, made, labels, *, live=CHANNELS, sizes=(1, 2, 4), weights=None):
     """A classifier of recordings."""
     classifier = SensorClassifier(members, viewpoints(sizes[-1]), max(labels) + 1)
-    with patch.multiple(representation, TREES=60, FEWEST_TREES=20):  # quicker, and enough for small recordings
+    # quicker, and enough for small recordings
+    with patch.multiple(representation, TREES=60, FEWEST_TREES=20):
         examples = examples_of(made, labels, members, live=live, sizes=sizes)
         classifier.fit(examples, weights or [1.0] * len(members), 0)
     return classifier

@@ -1,4 +1,6 @@
-"""The classifier on the sensors: what it tells apart, which estimator answers, and what is kept in a file."""
+"""The classifier on the sensors: what it tells apart, which estimator answers, and what is kept in
+a file.
+"""
 
 from typing import get_args
 
@@ -30,7 +32,9 @@ NEW = range(100, 105)
 
 @pytest.mark.parametrize("member", get_args(SensorMember))
 def test_directions_tremble_and_negative_forces_are_recognised_from_whole_recordings(member):
-    """From channels, by members that read the order of time; of an array all tell pushing from pulling."""
+    """From channels, by members that read the order of time; of an array all tell pushing from
+    pulling.
+    """
     for live, names in ((CHANNELS, NAMES), (ARRAY, NAMES[3:])):
         if live is ARRAY or member in IN_TIME:
             made, labels = recordings(NEW, names, live=live)
@@ -39,17 +43,26 @@ def test_directions_tremble_and_negative_forces_are_recognised_from_whole_record
 
 
 @pytest.mark.parametrize("members", [IN_TIME, KERNELS])
-def test_order_counts_in_recordings_alone_and_answers_are_equal_alone_and_among_others(monkeypatch, members):
+def test_order_counts_in_recordings_alone_and_answers_are_equal_alone_and_among_others(
+    monkeypatch, members
+):
     classifier, (made, _) = fitted(members, *recordings()), recordings(NEW)
-    alone, together = [values(classifier, each) for each in made], values(classifier, np.concatenate(made))
+    alone, together = (
+        [values(classifier, each) for each in made],
+        values(classifier, np.concatenate(made)),
+    )
     both = [int(classifier.recording(each).argmax()) for each in (alone[0], alone[0][::-1])]
     assert both == [0, 1] or members == KERNELS  # up and down; these read no order
     np.testing.assert_allclose(together, np.concatenate(alone), rtol=1e-6, atol=1e-6)
     for one, part in zip(alone, np.split(together, len(made)), strict=True):
-        np.testing.assert_allclose(classifier.recording(part), classifier.recording(one), rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(
+            classifier.recording(part), classifier.recording(one), rtol=1e-5, atol=1e-5
+        )
     sets = np.arange(4 * len(made)).reshape(-1, 4)
     of_sets = classifier.view_sets(together, sets)
-    np.testing.assert_allclose(classifier.view_sets(together, sets[:, ::-1]), of_sets, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(
+        classifier.view_sets(together, sets[:, ::-1]), of_sets, rtol=1e-5, atol=1e-5
+    )
     monkeypatch.setattr(sensors, "MAX_SET_VALUES", 1)
     np.testing.assert_allclose(classifier.view_sets(together, sets), of_sets, rtol=1e-5, atol=1e-5)
 
@@ -58,10 +71,16 @@ def test_order_counts_in_recordings_alone_and_answers_are_equal_alone_and_among_
 @pytest.mark.parametrize("members", [IN_TIME, KERNELS, ["trees"], ["convolutions"]])
 def test_a_loaded_classifier_gives_equal_answers(members, live):
     first = fitted(members, *recordings(live=live), live=live)
-    state, sets, again = first.state_dict(), np.arange(32).reshape(8, 4), SensorClassifier(members, first.viewpoints, 5)
+    state, sets, again = (
+        first.state_dict(),
+        np.arange(32).reshape(8, 4),
+        SensorClassifier(members, first.viewpoints, 5),
+    )
     again.load_state_dict(state, live)
     kept, loaded = (values(each, recording("trembling", 100, live=live)) for each in (first, again))
-    assert (kept == loaded).all() and (first.view_sets(kept, sets) == again.view_sets(loaded, sets)).all()
+    assert (kept == loaded).all() and (
+        first.view_sets(kept, sets) == again.view_sets(loaded, sets)
+    ).all()
     for count in (32, 3):  # a whole recording, and a part
         assert (first.recording(kept[:count]) == again.recording(loaded[:count])).all()
     with pytest.raises(KeyError):
@@ -75,14 +94,22 @@ def test_fewer_frames_have_the_estimator_of_the_next_smaller_size():
     for frames, size in ((1, 1), (2, 2), (3, 2), (4, 4), (9, 4)):
         points = classifier.representation.of_sets("svm", read[None, :frames])
         logits = classifier.view_sets(read, np.arange(frames)[None])
-        np.testing.assert_allclose(logits, np.log(classifier.sets[size]["svm"].predict_proba(points)), rtol=1e-5)
+        np.testing.assert_allclose(
+            logits, np.log(classifier.sets[size]["svm"].predict_proba(points)), rtol=1e-5
+        )
 
 
 def test_one_short_training_recording_makes_no_part_of_a_recording_a_whole_one():
-    """Of 41 recordings 40 have 40 frames: eight are a part, as without the one of two frames; twenty are whole."""
+    """Of 41 recordings 40 have 40 frames: eight are a part, as without the one of two frames;
+    twenty are whole.
+    """
     made, labels = recordings(frames=40)
-    short, usual = fitted(["svm"], [*made, made[0][:2]], np.append(labels, 0)), fitted(["svm"], made, labels)
-    few = fitted(["svm"], *recordings(frames=2))  # where all are short, one frame is half of a recording
+    short, usual = (
+        fitted(["svm"], [*made, made[0][:2]], np.append(labels, 0)),
+        fitted(["svm"], made, labels),
+    )
+    # where all are short, one frame is half of a recording
+    few = fitted(["svm"], *recordings(frames=2))
     for classifier, least in ((short, 20), (usual, 20), (few, 1)):
         read = values(classifier, recording("up", 100, frames=40))
         for count in (1, 2, 8, 19, 20, 40):
@@ -91,7 +118,9 @@ def test_one_short_training_recording_makes_no_part_of_a_recording_a_whole_one()
 
 
 def test_a_part_is_shorter_than_half_of_what_nine_in_ten_training_recordings_have():
-    """Of 40 recordings, two of each length from 11 to 30 frames, the tenth percentile is 12.9: half is 6.45."""
+    """Of 40 recordings, two of each length from 11 to 30 frames, the tenth percentile is 12.9: half
+    is 6.45.
+    """
     lengths = np.repeat(np.arange(11, 31), 2)
     labels = np.tile([0, 1], 20)
     made = [
@@ -126,7 +155,9 @@ class Network:
 
 
 def test_members_add_their_logarithms_by_weights_and_those_of_frames_are_averaged():
-    """Of a kernel probabilities, of a network their logarithms; to it counts below the baseline are 0."""
+    """Of a kernel probabilities, of a network their logarithms; to it counts below the baseline are
+    0.
+    """
     weights, frames = {"kernel": 0.5, "pooled_kernel": 2.0, "svm": 1.0}, recording("pushed", 100)
     alone = [fitted([name], *recordings()) for name in weights]
     weights["network"] = 1.5
@@ -157,10 +188,16 @@ def test_view_sets_stay_in_a_recording_and_take_other_frames_where_there_are_eno
     for size, sets in examples.sets.items():
         of = examples.of_sets("svm", size)[1]  # of the third recording 400 frames are taken
         assert (np.searchsorted([5, 8, 408, 413], sets, side="right") == of[:, None]).all()
-        assert np.bincount(of).tolist() == [4] * 5 and all(len(set(row)) == size for row in sets[of % 2 == 0][:8])
+        assert np.bincount(of).tolist() == [4] * 5 and all(
+            len(set(row)) == size for row in sets[of % 2 == 0][:8]
+        )
     frames = np.linspace(0, 2999, 400).astype(int)[examples.sets[1][8:12] - 8]
-    expected = examples.representation.of_sets("svm", examples.representation.scaled(made[2])[frames])
+    expected = examples.representation.of_sets(
+        "svm", examples.representation.scaled(made[2])[frames]
+    )
     np.testing.assert_allclose(examples.of_sets("svm", 1)[0][8:12], expected)
     assert examples.lengths.tolist() == [5, 3, 3000, 5, 2]
-    many = examples_of([recording("up", seed) for seed in range(300)], np.zeros(300, int), sizes=(8,))
+    many = examples_of(
+        [recording("up", seed) for seed in range(300)], np.zeros(300, int), sizes=(8,)
+    )
     assert set(np.bincount(many.frame_recording)) == {16}  # of 32: twice the largest set

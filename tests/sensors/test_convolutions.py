@@ -9,7 +9,9 @@ from tactile_viewgcn.sensors.convolutions import FEATURES, GOLDEN, Convolutions
 
 
 def convolved(series, places, dilation, frame):
-    """Nine weights, 2 at the places and else -1, around a frame of a series; beyond its ends are zeros."""
+    """Nine weights, 2 at the places and else -1, around a frame of a series; beyond its ends are
+    zeros.
+    """
     total = 0
     for place in range(9):
         at = frame + (place - 4) * dilation
@@ -19,7 +21,9 @@ def convolved(series, places, dilation, frame):
 
 @pytest.mark.parametrize("frames", [1, 5, 8, 30])
 def test_features_are_the_shares_above_the_biases_by_naive_loops(frames):
-    """All numbers are whole, so that values equal to a bias, which are not above it, are among them."""
+    """All numbers are whole, so that values equal to a bias, which are not above it, are among
+    them.
+    """
     rng, found = np.random.default_rng(0), []
     readings, biases = rng.integers(-5, 6, size=(frames, 4)), rng.integers(-20, 21, size=(2, 84, 5))
     channels = rng.random((2, 84, 4)) < 0.5
@@ -27,18 +31,27 @@ def test_features_are_the_shares_above_the_biases_by_naive_loops(frames):
         for kernel, places in enumerate(combinations(range(9), 3)):
             series = readings[:, channels[number, kernel]].sum(axis=1).tolist()
             values = [convolved(series, places, dilation, frame) for frame in range(frames)]
-            found += [sum(value > bias for value in values) / frames for bias in biases[number, kernel]]
+            found += [
+                sum(value > bias for value in values) / frames for bias in biases[number, kernel]
+            ]
     state = {"dilations": np.array([1, 3]), "channels": channels, "biases": biases}
     convolutions = Convolutions().load_state_dict(state)
     np.testing.assert_allclose(convolutions.features(readings), found, atol=1e-6)
 
 
 def test_biases_are_quantiles_so_that_known_shares_of_the_fitted_recordings_are_above_them():
-    """Also where the recordings of one object are all before those of another, whose readings are nine times as far."""
-    recordings = np.random.default_rng(0).normal(size=(40, 100, 11)) * np.repeat([1, 9], 20)[:, None, None]
+    """Also where the recordings of one object are all before those of another, whose readings are
+    nine times as far.
+    """
+    recordings = (
+        np.random.default_rng(0).normal(size=(40, 100, 11)) * np.repeat([1, 9], 20)[:, None, None]
+    )
     convolutions = Convolutions().fit(recordings, 0)
-    assert convolutions.dilations.tolist() == [1, 2, 4, 5, 8, 12]  # eight from 1 to 99 / 8, evenly by their logarithms
+    # eight from 1 to 99 / 8, evenly by their logarithms
+    assert convolutions.dilations.tolist() == [1, 2, 4, 5, 8, 12]
     assert set(convolutions.channels.sum(axis=2).ravel()) == set(range(1, 10))  # of eleven
-    shares = np.mean([convolutions.features(each) for each in recordings], axis=0).reshape(convolutions.biases.shape)
+    shares = np.mean([convolutions.features(each) for each in recordings], axis=0).reshape(
+        convolutions.biases.shape
+    )
     quantiles = [number * GOLDEN % 1 for number in range(1, FEATURES // (6 * 84) + 1)]
     np.testing.assert_allclose(shares, 1 - np.broadcast_to(quantiles, shares.shape), atol=0.08)

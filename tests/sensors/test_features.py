@@ -20,9 +20,15 @@ def in_general(part):
 
 def statistics(channel):
     """The 21 statistics of a channel."""
-    count, tenth, (mean, spread, change) = len(channel), max(1, len(channel) // 10), in_general(channel)
+    count, tenth, (mean, spread, change) = (
+        len(channel),
+        max(1, len(channel) // 10),
+        in_general(channel),
+    )
     time = [2 * frame / (count - 1) - 1 for frame in range(count)] if count > 1 else [0]
-    slope = sum(t * x for t, x in zip(time, channel, strict=True)) / max(1, sum(t * t for t in time))
+    slope = sum(t * x for t, x in zip(time, channel, strict=True)) / max(
+        1, sum(t * t for t in time)
+    )
     numbers = [mean, spread, min(channel), max(channel), median(channel), change, slope]
     numbers += [fmean(channel[:tenth]), fmean(channel[count - tenth :])]
     for window in range(4):
@@ -33,25 +39,39 @@ def statistics(channel):
 
 @pytest.mark.parametrize("frames", [1, 2, 3, 4, 10, 43])
 def test_statistics_of_recordings_by_naive_loops(frames):
-    expected = [[statistics(channel.tolist()) for channel in part.T] for part in READINGS[:, :frames]]
+    expected = [
+        [statistics(channel.tolist()) for channel in part.T] for part in READINGS[:, :frames]
+    ]
     points = features.in_windows(READINGS[:, :frames])
-    np.testing.assert_allclose(points.reshape(2, 21, 3), np.swapaxes(expected, 1, 2), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        points.reshape(2, 21, 3), np.swapaxes(expected, 1, 2), rtol=1e-9, atol=1e-12
+    )
     assert (features.in_time(READINGS[:, :frames]) == points[:, :27]).all()
 
 
 def test_points_of_an_array_by_hand():
-    """Weak readings are noise. Of two sensors in two frames, log(1 + x - 2) is 0 and log 2, then 0 and log 8."""
+    """Weak readings are noise. Of two sensors in two frames, log(1 + x - 2) is 0 and log 2, then 0
+    and log 8.
+    """
     log2, expected = math.log(2), [-math.log(4), 0, 0, 0, math.log(2), math.log(4)]
     np.testing.assert_allclose(features.pressed(np.array([-5.0, -2, 0, 2, 3, 5])), expected)
     readings, block = np.array([[[2.0, 3.0], [2.0, 9.0]]]), np.full((2, 1), 0.5)
-    np.testing.assert_allclose(features.array_maps(readings, block), [[0, 2 * log2, log2, 0, 3 * log2, 1.5 * log2]])
+    np.testing.assert_allclose(
+        features.array_maps(readings, block), [[0, 2 * log2, log2, 0, 3 * log2, 1.5 * log2]]
+    )
     few = np.arange(80).reshape(8, 10) < 63
-    assert [features.is_array(live) for live in (np.ones((4, 16)), np.ones((3, 40)), few)] == [True, False, False]
+    assert [features.is_array(live) for live in (np.ones((4, 16)), np.ones((3, 40)), few)] == [
+        True,
+        False,
+        False,
+    ]
 
 
 @pytest.mark.parametrize("shape", [(6, 6), (5, 7), (8, 3), (9, 11), (4, 16)])
 def test_blocks_are_the_squares_of_any_glove(shape):
-    """Also where the width is no multiple of the block: the naive loop over squares, half of whose cells are live."""
+    """Also where the width is no multiple of the block: the naive loop over squares, half of whose
+    cells are live.
+    """
     live, expected = np.random.default_rng(0).random(shape) < 0.7, []
     rows, columns = np.nonzero(live)
     for size in features.BLOCKS:

@@ -21,22 +21,39 @@ def test_the_noise_limits_the_unit_where_more_than_one_sensor_in_ten_is_pressed(
     readings = np.random.default_rng(0).normal(0, 2, (50, 100)).astype(np.float32)
     readings[:, :40] += 200
     assert contact_unit(readings) == pytest.approx(50, rel=0.05)
-    assert contact_unit(readings, noise=5.0) == 7.5 and contact_unit(readings, noise=100.0) == contact_unit(readings)
+    assert contact_unit(readings, noise=5.0) == 7.5 and contact_unit(
+        readings, noise=100.0
+    ) == contact_unit(readings)
     assert contact_unit(readings, noise=0.0) == pytest.approx(contact_unit(readings) / 10)
 
 
 def test_noise_is_that_of_successive_frames_of_a_recording(monkeypatch):
     rng, recording = np.random.default_rng(0), np.repeat(np.arange(6), 50)
-    offset, index, live = 1000 * recording[:, None, None], np.arange(300), np.arange(4)[:, None] > np.zeros(5)
+    offset, index, live = (
+        1000 * recording[:, None, None],
+        np.arange(300),
+        np.arange(4)[:, None] > np.zeros(5),
+    )
     counts = offset + live * rng.normal(0, 3, (300, 4, 5))  # a row of five has no sensors
-    noise, change = successive_noise(counts, recording, index, live), np.diff(counts.reshape(6, 50, 4, 5), axis=1)
-    assert noise == np.median(np.abs(change[:, :, live])) / (0.6745 * 2**0.5) == pytest.approx(3, rel=0.1)
-    monkeypatch.setattr(representation, "MOST_PAIRS", 30)  # of all recordings, of which the first two are quiet
+    noise, change = (
+        successive_noise(counts, recording, index, live),
+        np.diff(counts.reshape(6, 50, 4, 5), axis=1),
+    )
+    assert (
+        noise
+        == np.median(np.abs(change[:, :, live])) / (0.6745 * 2**0.5)
+        == pytest.approx(3, rel=0.1)
+    )
+    # of all recordings, of which the first two are quiet
+    monkeypatch.setattr(representation, "MOST_PAIRS", 30)
     quiet = offset + np.where(recording < 2, 0.1, 1)[:, None, None] * (counts - offset)
     assert 0.2 < successive_noise(quiet, recording, index, live) / noise < 0.9
     assert successive_noise(counts, index, index, live) == np.inf  # each frame is a recording
     assert successive_noise(counts, recording, index[::2], live) == np.inf
-    assert successive_noise(np.rint(offset + rng.normal(0, 0.4, counts.shape)), recording, index, live) == np.inf
+    assert (
+        successive_noise(np.rint(offset + rng.normal(0, 0.4, counts.shape)), recording, index, live)
+        == np.inf
+    )
 
 
 def test_channels_are_in_standard_deviations_from_their_mean_and_arrays_in_units():
@@ -48,12 +65,16 @@ def test_channels_are_in_standard_deviations_from_their_mean_and_arrays_in_units
     np.testing.assert_array_equal(array.scaled(np.full(64, 6)), np.full(64, 3))
 
 
-@pytest.mark.parametrize(("shape", "vectors"), [((1, 64), "NormalisedVectors"), ((8, 8), "SupportVectors")])
+@pytest.mark.parametrize(
+    ("shape", "vectors"), [((1, 64), "NormalisedVectors"), ((8, 8), "SupportVectors")]
+)
 def test_each_member_has_an_estimator_and_a_quick_one_of_fewer_frames_or_trees(shape, vectors):
     read = Representation(np.ones(shape, bool), np.zeros(64), np.ones(64))
     of = {"trees": "Forest", "svm": vectors, "convolutions": "Ridge", "kernel": "KernelRidge"}
     assert {member: type(read.estimator(member)).__name__ for member in of} == of
     points, labels = np.arange(2100.0)[:, None], np.arange(2100) // 1050
     for quick, frames, trees in ((False, 2000, 300), (True, 1000, 100)):
-        kernel, forest = (read.estimator(name, quick=quick).fit(points, labels, 0) for name in ("kernel", "trees"))
+        kernel, forest = (
+            read.estimator(name, quick=quick).fit(points, labels, 0) for name in ("kernel", "trees")
+        )
         assert frames <= len(kernel.points) <= frames + 2 and len(forest.roots) == trees

@@ -1,4 +1,6 @@
-"""Every member on extreme readings and lengths, by which objects that press different sensors have to be told apart."""
+"""Every member on extreme readings and lengths, by which objects that press different sensors have
+to be told apart.
+"""
 
 from typing import get_args
 
@@ -10,8 +12,17 @@ from tactile_viewgcn.params import SensorMember
 from tests.sensors.small_recordings import ARRAY, answers, fitted, values
 
 CHANNELS = np.ones((1, 5), dtype=bool)
-SCALED, FRAME, SINGLE = "a sensor of 1e27 times the readings", "one frame each", "one recording of each"
-NOT_BY_ONE_FRAME = {("convolutions", "channels"), ("convolutions", "array"), ("svm", "array"), ("trees", "array")}
+SCALED, FRAME, SINGLE = (
+    "a sensor of 1e27 times the readings",
+    "one frame each",
+    "one recording of each",
+)
+NOT_BY_ONE_FRAME = {
+    ("convolutions", "channels"),
+    ("convolutions", "array"),
+    ("svm", "array"),
+    ("trees", "array"),
+}
 CASES = {  # a recording's counts, which read 60 at most, and its number
     "a constant sensor": lambda counts, _: last(counts, 500.1),
     "a sensor that reads 0": lambda counts, _: last(counts, 0),
@@ -33,18 +44,23 @@ def last(counts, reading):
 
 
 def presses(case, live=CHANNELS, seed=0, each=6):
-    """Recordings, changed as the case says, of three objects that press one sensor for half of the time; and labels."""
+    """Recordings, changed as the case says, of three objects that press one sensor for half of the
+    time; and labels.
+    """
     rng, labels = np.random.default_rng(seed), np.tile(np.arange(3), each)
     counts = rng.normal(0, 1, (len(labels), 40, live.sum()))
     counts[np.arange(len(labels)), 10:30, labels] += 55
-    return [CASES[case](each, number).astype(np.float32) for number, each in enumerate(counts)], labels
+    return [
+        CASES[case](each, number).astype(np.float32) for number, each in enumerate(counts)
+    ], labels
 
 
 @pytest.mark.stability("members on extreme readings")
 @pytest.mark.parametrize(("kind", "live"), [("channels", CHANNELS), ("array", ARRAY)])
 @pytest.mark.parametrize("member", get_args(SensorMember))
 def test_every_member_distinguishes_objects_by_extreme_readings(row, member, kind, live):
-    """But by one frame not convolutions, whose weights add to 0, nor svm and trees an array: they read its noise too.
+    """But by one frame not convolutions, whose weights add to 0, nor svm and trees an array: they
+    read its noise too.
 
     In an array a far stronger sensor outweighs others.
     """
@@ -58,19 +74,36 @@ def test_every_member_distinguishes_objects_by_extreme_readings(row, member, kin
             1e-5,
         )
         if case in ("all equal", "all 0"):
-            row(f"answers that differ, {case}, {kind}, {member}", np.ptp(shares, axis=0).max(), 1e-5)
+            row(
+                f"answers that differ, {case}, {kind}, {member}", np.ptp(shares, axis=0).max(), 1e-5
+            )
         elif case != FRAME or (member, kind) not in NOT_BY_ONE_FRAME:
             tolerance = 1 / 9 if (case, kind) == (SCALED, "array") else 0
-            row(f"wrong answers, {case}, {kind}, {member}", (shares.argmax(axis=1) != labels).mean(), tolerance)
+            row(
+                f"wrong answers, {case}, {kind}, {member}",
+                (shares.argmax(axis=1) != labels).mean(),
+                tolerance,
+            )
 
 
 @pytest.mark.stability("members on extreme readings")
-@pytest.mark.parametrize("case", ["unequal lengths", "1e-30 times"])  # then the quotient is outside of float32
+# then the quotient is outside of float32
+@pytest.mark.parametrize("case", ["unequal lengths", "1e-30 times"])
 @pytest.mark.parametrize("member", get_args(SensorMember))
-def test_readings_far_outside_of_the_training_have_finite_answers_and_1_000_frames_one(row, member, case):
+def test_readings_far_outside_of_the_training_have_finite_answers_and_1_000_frames_one(
+    row, member, case
+):
     classifier = fitted([member], *presses(case), live=CHANNELS, sizes=(1000,))
-    logits = classifier.view_sets(values(classifier, presses(case)[0][0]), np.arange(1000)[None] % 40)
+    logits = classifier.view_sets(
+        values(classifier, presses(case)[0][0]), np.arange(1000)[None] % 40
+    )
     row(f"wrong answers, 1,000 views, {case}, {member}", int(logits.argmax() != 0))
     for reading in (0, 65535, 1e20, -1e30):
-        sums = answers(classifier, [last(each, np.float32(reading)) for each in presses(case)[0]]).sum(axis=1)
-        row(f"probabilities' sum less 1, a new {reading:g}, {case}, {member}", max_rel_error(sums, 1 + 0 * sums), 1e-5)
+        sums = answers(
+            classifier, [last(each, np.float32(reading)) for each in presses(case)[0]]
+        ).sum(axis=1)
+        row(
+            f"probabilities' sum less 1, a new {reading:g}, {case}, {member}",
+            max_rel_error(sums, 1 + 0 * sums),
+            1e-5,
+        )

@@ -22,7 +22,9 @@ def place(tmp_path) -> Path:
 
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory) -> Path:
-    """A workspace with the files of a finished run and its MLflow store, of four objects and no network."""
+    """A workspace with the files of a finished run and its MLflow store, of four objects and no
+    network.
+    """
     place = tmp_path_factory.mktemp("workspace")
     shutil.copy(ROOT / "params.yaml", place)
     tree = metadata(objects=4, recordings=6, frames=12)

@@ -19,7 +19,13 @@ import yaml
 from tests.glove_data import ROOT, SMALL
 
 #: A system without a network, on recordings beside params.yaml
-SENSORS = (*SMALL, "data.source=metadata.mat", "model.system=sensors", "model.members=[kernel]", "device=cpu")
+SENSORS = (
+    *SMALL,
+    "data.source=metadata.mat",
+    "model.system=sensors",
+    "model.members=[kernel]",
+    "device=cpu",
+)
 #: Options of the stages' inputs and outputs
 FILES = {
     "needs": "--out data/needs.json",
@@ -39,9 +45,15 @@ def record_of(stage) -> str:
 
 def sh(*words, cwd, **variables):
     """The output of a command, without this session's settings of DVC and MLflow."""
-    environment = {key: value for key, value in os.environ.items() if not key.startswith(("DVC_", "MLFLOW_"))}
-    environment |= {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"} | variables
-    done = subprocess.run(list(map(str, words)), cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+    environment = {
+        key: value for key, value in os.environ.items() if not key.startswith(("DVC_", "MLFLOW_"))
+    }
+    environment |= {
+        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    } | variables
+    done = subprocess.run(
+        list(map(str, words)), cwd=cwd, env=environment, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -61,7 +73,13 @@ def copy_repository(place, without=()) -> None:
 
 def commit(place) -> None:
     """Commit all files of a folder to git."""
-    for words in ("init -q", "config user.name t", "config user.email t@localhost", "add -A", "commit -qm files"):
+    for words in (
+        "init -q",
+        "config user.name t",
+        "config user.email t@localhost",
+        "add -A",
+        "commit -qm files",
+    ):
         sh("git", *words.split(), cwd=place)
 
 
@@ -73,16 +91,26 @@ def set_params(place, section, **values) -> None:
 
 
 def run_stage(name, *words, cwd, store="disabled", clock=lambda: 0.0):
-    """A stage from its command line, in this process: exit code and output; by `clock` it says that it goes on."""
+    """A stage from its command line, in this process: exit code and output; by `clock` it says that
+    it goes on.
+    """
     program = str(ROOT / "stages" / f"{name}.py")
-    return captured(lambda: runpy.run_path(program, run_name="__main__"), *words, cwd=cwd, store=store, clock=clock)
+    return captured(
+        lambda: runpy.run_path(program, run_name="__main__"),
+        *words,
+        cwd=cwd,
+        store=store,
+        clock=clock,
+    )
 
 
 def captured(call, *words, cwd, store="disabled", clock=lambda: 0.0):
     """A call that reads these words from the command line: exit code and output."""
     before, code, out, err = signal.getsignal(signal.SIGTERM), 0, StringIO(), StringIO()
     with ExitStack() as stack:
-        stack.enter_context(patch.dict(os.environ, {"MLFLOW_TRACKING_URI": store, "DVC_ROOT": str(cwd)}))
+        stack.enter_context(
+            patch.dict(os.environ, {"MLFLOW_TRACKING_URI": store, "DVC_ROOT": str(cwd)})
+        )
         stack.enter_context(patch.object(sys, "argv", ["stage", *map(str, words)]))
         stack.enter_context(patch("tactile_viewgcn.progress.clock", clock))
         for manager in (chdir(cwd), redirect_stdout(out), redirect_stderr(err)):
@@ -113,4 +141,9 @@ def refused(result) -> str:
 
 def left(place) -> set[str]:
     """Names of the files that stages have written into a folder."""
-    return {path.name for path in place.iterdir()} - {"params.yaml", "metadata.mat", "recordings", "ingest.json"}
+    return {path.name for path in place.iterdir()} - {
+        "params.yaml",
+        "metadata.mat",
+        "recordings",
+        "ingest.json",
+    }

@@ -27,7 +27,9 @@ def failing(error, place, *options):
     def needs(job, out):
         raise error
 
-    return captured(lambda: run(needs), "--out", "y", "--record", "record.json", *options, cwd=place)
+    return captured(
+        lambda: run(needs), "--out", "y", "--record", "record.json", *options, cwd=place
+    )
 
 
 @pytest.mark.parametrize(
@@ -37,8 +39,14 @@ def failing(error, place, *options):
         (FileNotFoundError("a.h5: no such file"), "a.h5: no such file"),
         (OSError(28, "No space left on device"), "No space left on device"),
         (MemoryError("Unable to allocate 3 GiB"), "out of memory"),
-        (torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2 GiB"), "Tried to allocate 2 GiB"),
-        (RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory"), "out of memory"),
+        (
+            torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2 GiB"),
+            "Tried to allocate 2 GiB",
+        ),
+        (
+            RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory"),
+            "out of memory",
+        ),
     ],
 )
 def test_what_a_user_can_mend_ends_in_one_line(place, error, says):
@@ -71,7 +79,9 @@ def test_a_source_that_a_temporary_workspace_lacks_is_named_with_its_path_in_the
 
 
 @pytest.mark.parametrize("record", ["record.json", "y/record.json"])
-def test_a_stage_whose_record_has_no_room_does_not_say_that_it_is_done_and_leaves_no_files_beside_it(place, record):
+def test_a_stage_whose_record_has_no_room_does_not_say_that_it_is_done_and_leaves_no_files_beside_it(
+    place, record
+):
     def needs(job, out):
         if record.startswith("y"):
             (out / "results").write_text("12")
@@ -84,7 +94,9 @@ def test_a_stage_whose_record_has_no_room_does_not_say_that_it_is_done_and_leave
         assert left(place) == (set() if code else {record.partition("/")[0]})
 
 
-@pytest.mark.parametrize("error", [ValueError("shapes"), RuntimeError("CUDA error: an illegal memory access")])
+@pytest.mark.parametrize(
+    "error", [ValueError("shapes"), RuntimeError("CUDA error: an illegal memory access")]
+)
 def test_a_fault_of_ours_keeps_its_traceback(place, error):
     assert "Traceback" in failing(error, place).stderr
 
@@ -99,12 +111,17 @@ def test_sigterm_ends_a_stage_with_its_own_code(place):
 def test_notes_and_epochs_are_kept_for_the_record_and_epochs_logged_at_once():
     epochs, run = [], Run()
     run.log = lambda *values: epochs.append(values)
-    job = Job(SimpleNamespace(pretrain=SimpleNamespace(epochs=2)), Record("pretrain", seconds=1e6), run=run)
+    job = Job(
+        SimpleNamespace(pretrain=SimpleNamespace(epochs=2)),
+        Record("pretrain", seconds=1e6),
+        run=run,
+    )
     job.note(Note("slow"))
     assert job.record.notes == [Note("slow", stage="pretrain")]
     for epoch in (1, 2):
         job.epoch(epoch, {"loss": 1.0 / epoch})
-    assert job.record.curves == {"loss": [1.0, 0.5]} and job.seconds > 1e6  # with those before an interruption
+    # with those before an interruption
+    assert job.record.curves == {"loss": [1.0, 0.5]} and job.seconds > 1e6
     assert epochs == [("log_metrics", {"loss": 1.0}, 1), ("log_metrics", {"loss": 0.5}, 2)]
 
 
@@ -117,13 +134,26 @@ def test_another_parameter_input_or_code_is_another_training(monkeypatch, tmp_pa
     (frames := tmp_path / "frames").write_text("a")
     (other := tmp_path / "other").write_text("b")
     key = checkpoint_key(frames)
-    others = [checkpoint_key(frames, seed=1), checkpoint_key(other), checkpoint_key(frames, stage="pretrain")]
-    assert len({key, *others, checkpoint_key(frames, system="mean")}) == 5 and checkpoint_key(frames) == key
+    others = [
+        checkpoint_key(frames, seed=1),
+        checkpoint_key(other),
+        checkpoint_key(frames, stage="pretrain"),
+    ]
+    assert (
+        len({key, *others, checkpoint_key(frames, system="mean")}) == 5
+        and checkpoint_key(frames) == key
+    )
     for folder in ("stages", "tactile_viewgcn", "data/virtual"):
-        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__")
+        )
     shutil.copy(ROOT / "dvc.yaml", tmp_path)
     monkeypatch.setattr(pipeline, "ROOT", tmp_path)
     assert checkpoint_key(frames) == key
-    for name, same in (("plots.py", True), ("systems/mvcnn.py", True), ("views/sampling.py", False)):
+    for name, same in (
+        ("plots.py", True),
+        ("systems/mvcnn.py", True),
+        ("views/sampling.py", False),
+    ):
         (tmp_path / "tactile_viewgcn" / name).write_text("# another version\n")
         assert (checkpoint_key(frames) == key) == same

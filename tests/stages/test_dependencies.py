@@ -1,4 +1,6 @@
-"""What DVC watches for each stage, in dvc.yaml: the code that it imports, and the parameters that it reads."""
+"""What DVC watches for each stage, in dvc.yaml: the code that it imports, and the parameters that
+it reads.
+"""
 
 import ast
 
@@ -13,7 +15,8 @@ STAGES = stages()
 PARAMS = load(ROOT / "params.yaml")
 SYSTEM = "tactile_viewgcn/systems/${model.system}.py"
 SYSTEMS = sorted(path.stem for path in (ROOT / "tactile_viewgcn" / "systems").glob("[!_]*.py"))
-#: Files that change no result but by rounding: they start a stage, store and show results, or report mistakes
+#: Files that change no result but by rounding: they start a stage, store and show results, or
+#: report mistakes
 NEUTRAL = {
     "stages/command.py",
     "stages/pipeline.py",
@@ -25,7 +28,11 @@ NEUTRAL = {
         *("device", "provenance", "tracking", "plots", "progress"),
     )
 }
-CASES = [(name, system) for name, stage in STAGES.items() for system in (SYSTEMS if SYSTEM in stage["deps"] else [""])]
+CASES = [
+    (name, system)
+    for name, stage in STAGES.items()
+    for system in (SYSTEMS if SYSTEM in stage["deps"] else [""])
+]
 
 
 def watched(name, system=""):
@@ -62,7 +69,8 @@ def test_every_dep_is_there_and_imported(name):
         if dep.endswith(".yaml"):  # a preset
             continue
         assert (ROOT / dep).exists() and any(is_below(file, [dep]) for file in files), dep
-    assert not is_below("tactile_viewgcn/systems/mvcnn.py", watched(name, "view_gcn"))  # another system's code
+    # another system's code
+    assert not is_below("tactile_viewgcn/systems/mvcnn.py", watched(name, "view_gcn"))
 
 
 def test_package_files_that_no_dep_names_hold_a_docstring_alone():
@@ -80,5 +88,8 @@ def test_a_stage_has_the_parameters_that_it_names_and_no_others():
     only = params_of({"params": reads}, PARAMS)
     assert vars(only).keys() == {"seed", "model", "cluster", "split"}
     assert vars(only.model) == {"backbone": PARAMS.model.backbone}
-    assert vars(only.cluster) == {"method": PARAMS.cluster.method, "restarts": PARAMS.cluster.restarts}
+    assert vars(only.cluster) == {
+        "method": PARAMS.cluster.method,
+        "restarts": PARAMS.cluster.restarts,
+    }
     assert (only.seed, only.split) == (PARAMS.seed, PARAMS.split)

@@ -1,4 +1,6 @@
-"""A disk that is full when a stage writes: output and record are one, and the line names what had no room."""
+"""A disk that is full when a stage writes: output and record are one, and the line names what had
+no room.
+"""
 
 import shutil
 from pathlib import Path
@@ -33,7 +35,11 @@ def contents(place) -> dict[str, bytes]:
     """Every file that stages leave, but for what is kept in `checkpoints` for the next run."""
     files = [file for file in place.rglob("*") if file.is_file()]
     names = {file.relative_to(place).as_posix(): file for file in files}
-    return {name: file.read_bytes() for name, file in names.items() if not name.startswith("checkpoints/")}
+    return {
+        name: file.read_bytes()
+        for name, file in names.items()
+        if not name.startswith("checkpoints/")
+    }
 
 
 @pytest.fixture
@@ -65,7 +71,9 @@ def no_room(stage, place, room) -> str:
 
 
 @pytest.mark.parametrize("stage", OUTPUTS)
-def test_without_room_for_the_record_the_old_pair_stays_or_neither_is_there(workspace, long_records, stage):
+def test_without_room_for_the_record_the_old_pair_stays_or_neither_is_there(
+    workspace, long_records, stage
+):
     before = contents(workspace)
     output, record = written(stage)
     line = no_room(stage, workspace, ROOM)
@@ -99,7 +107,10 @@ def test_a_training_is_not_lost_where_its_record_has_no_room(place, monkeypatch)
     save_table(place / "frames", fewer_anchors(table(), 4))
     assert run_stage("needs", "--out", "needs.json", cwd=place).returncode == 0
     files = "--needs needs.json --frames frames --out backbone.pt --record pretrain.json"
-    words = [*files.split(), *changed(*SMALL, "device=cpu", "precision=float32", "pretrain.epochs=2")]
+    words = [
+        *files.split(),
+        *changed(*SMALL, "device=cpu", "precision=float32", "pretrain.epochs=2"),
+    ]
     text = Record.text.fget
     with monkeypatch.context() as patched, room_for(ROOM):
         patched.setattr(Record, "text", property(lambda record: text(record) + " " * ROOM))

@@ -1,4 +1,6 @@
-"""What a stage says that takes long: how far it is and about how long it still takes, by a clock of the test's own."""
+"""What a stage says that takes long: how far it is and about how long it still takes, by a clock of
+the test's own.
+"""
 
 import re
 import shutil
@@ -15,7 +17,9 @@ STEP = re.compile(r"(\w[\w /,-]*): ([\d,]+) of ([\d,]+) ([\w ]+)")
 
 
 def said(stage, *words, cwd) -> dict[str, set[str]]:
-    """The numbers that were said of each step of a stage whose every look at the clock is a minute later."""
+    """The numbers that were said of each step of a stage whose every look at the clock is a minute
+    later.
+    """
     minutes = count(step=60.0)
     result = run_stage(stage, *words, cwd=cwd, clock=lambda: next(minutes))
     assert result.returncode == 0, result.stderr
@@ -39,14 +43,19 @@ def test_a_simulation_counts_its_frames(place):
     ("stage", "steps"),
     [
         ("preprocess", {"writing": {"1 blocks of frames"}}),
-        ("finetune", {"kernel, groups left out": {"4 folds"}, "fits of whole recordings": {"1 members"}}),
+        (
+            "finetune",
+            {"kernel, groups left out": {"4 folds"}, "fits of whole recordings": {"1 members"}},
+        ),
         ("evaluate", {"object protocol": {"3 trials"}, "recording protocol": {"3 trials"}}),
     ],
 )
 def test_a_stage_on_the_sensors_counts_its_steps(finished, tmp_path, stage, steps):
     place = tmp_path / "workspace"
     shutil.copytree(finished, place)
-    numbers = said(stage, *FILES[stage].split(), "--record", record_of(stage), *changed(*SENSORS), cwd=place)
+    numbers = said(
+        stage, *FILES[stage].split(), "--record", record_of(stage), *changed(*SENSORS), cwd=place
+    )
     assert {step: numbers.get(step) for step in steps} == steps, numbers
     if stage == "evaluate":
         assert "frames" in numbers and "k-means" in numbers
@@ -54,7 +63,9 @@ def test_a_stage_on_the_sensors_counts_its_steps(finished, tmp_path, stage, step
 
 def test_stages_of_a_network_count_pools_and_batches(place):
     save_table(place / "frames", fewer_anchors(table(), 4))
-    settings = changed(*SMALL, "device=cpu", "precision=float32", "pretrain.epochs=2", "model.system=mean")
+    settings = changed(
+        *SMALL, "device=cpu", "precision=float32", "pretrain.epochs=2", "model.system=mean"
+    )
     assert run_stage("needs", "--out", "needs.json", cwd=place).returncode == 0
     words = ("--needs", "needs.json", "--frames", "frames", *settings)
     assert said("cluster", *words, "--out", "views", cwd=place)["k-means"] == {"4 pools"}

@@ -1,4 +1,6 @@
-"""A glove of several persons: the errors for a new recording and for a new person, from one run and by every way."""
+"""A glove of several persons: the errors for a new recording and for a new person, from one run and
+by every way.
+"""
 
 import json
 import shlex
@@ -26,13 +28,19 @@ NEW = "a new session (a person, a day, a new fitting)"
 
 
 def write_glove(place, layout, *, unlike=1.0):
-    """Five sensors of bending fingers; persons differ in offsets and gains, by a multiple of what real ones do."""
+    """Five sensors of bending fingers; persons differ in offsets and gains, by a multiple of what
+    real ones do.
+    """
     rng = np.random.default_rng(4)
     bends, rise = rng.uniform(0, 1, (6, 5)), np.clip(np.linspace(0, 1.5, 20), 0, 1)[:, None]
     for person in PERSONS:
         offset, gain = 300 + unlike * rng.normal(0, 60, 5), 250 + unlike * rng.normal(0, 75, 5)
         for label, number in np.ndindex(len(GESTURES), REPEATS):
-            counts = offset + gain * bends[label] * rise * rng.uniform(0.8, 1.2) + rng.normal(0, 6, (20, 5))
+            counts = (
+                offset
+                + gain * bends[label] * rise * rng.uniform(0.8, 1.2)
+                + rng.normal(0, 6, (20, 5))
+            )
             folder = place / layout.format(person=person, gesture=GESTURES[label])
             save(folder / f"{number}.npy", counts.round().astype(np.int16))
     return place
@@ -44,7 +52,9 @@ def glove(tmp_path_factory):
 
 
 def finished(glove, place, **split):
-    """The metrics of a run of all stages by a line that `inspect` prints; their files are in `place`."""
+    """The metrics of a run of all stages by a line that `inspect` prints; their files are in
+    `place`.
+    """
     shutil.copy(ROOT / "params.yaml", place)
     words = shlex.split(" ".join(command_lines(inspect_source(glove), **split)).replace("\\", ""))
     settings = [words[at + 1] for at, word in enumerate(words) if word == "-S"]
@@ -55,19 +65,30 @@ def finished(glove, place, **split):
     return json.loads((place / "results/metrics.json").read_text())
 
 
-def test_one_run_has_the_errors_for_a_new_recording_and_for_a_new_person(glove, tmp_path, monkeypatch):
+def test_one_run_has_the_errors_for_a_new_recording_and_for_a_new_person(
+    glove, tmp_path, monkeypatch
+):
     metrics = finished(glove, tmp_path)
     new, error = (metrics[name]["error"] for name in ("new_session", "whole"))
     assert error["high"] < new["mean"] < 0.5 and not metrics["new_sessions"]
-    assert json.loads((tmp_path / "results/summary.json").read_text())["error.new_session"] == new["mean"]
+    assert (
+        json.loads((tmp_path / "results/summary.json").read_text())["error.new_session"]
+        == new["mean"]
+    )
     monkeypatch.chdir(tmp_path)
     text = text_of(run_page(read_run()))
     for each, what in (
         (error, "of a recording that it has not learnt from, in sessions that it has"),
         (new, f"of {NEW}"),
     ):
-        assert what in text and percent_interval(*(each[key] for key in ("mean", "low", "high"))) in text
-    assert f"not yet reliable. The whole interval lies below the error of guessing. For {NEW} it errs more" in text
+        assert (
+            what in text
+            and percent_interval(*(each[key] for key in ("mean", "low", "high"))) in text
+        )
+    assert (
+        f"not yet reliable. The whole interval lies below the error of guessing. For {NEW} it errs more"
+        in text
+    )
     assert "-S split.by=session" in text
 
 
@@ -92,8 +113,15 @@ def test_the_error_of_a_person_left_out_is_one_by_every_way(glove, tmp_path, mon
 
 def test_inspect_gives_both_errors_and_of_one_person_one_line(glove):
     overview, alone = inspect_source(glove), inspect_source(glove / PERSONS[0])
-    assert overview.error.high < overview.session_error.error and sum(NEW in what for _, what in facts(overview)) == 1
-    assert alone.session_error is None and command_lines(alone) and command_lines(alone, new_sessions=True) == []
+    assert (
+        overview.error.high < overview.session_error.error
+        and sum(NEW in what for _, what in facts(overview)) == 1
+    )
+    assert (
+        alone.session_error is None
+        and command_lines(alone)
+        and command_lines(alone, new_sessions=True) == []
+    )
 
 
 @pytest.mark.parametrize(
@@ -101,12 +129,18 @@ def test_inspect_gives_both_errors_and_of_one_person_one_line(glove):
     [
         ("{person}/{gesture}", 0.0, "SESSION/OBJECT/FILE", False),  # persons alike
         ("{gesture}/{person}", 0.0, "OBJECT/SESSION/FILE", True),
-        ("{person}/{gesture}", 1.0, "SESSION/OBJECT/FILE", True),  # readings tell both apart: the user is asked
+        # readings tell both apart: the user is asked
+        ("{person}/{gesture}", 1.0, "SESSION/OBJECT/FILE", True),
     ],
 )
-def test_what_readings_tell_apart_decides_which_folders_name_the_objects(tmp_path, folders, unlike, order, warned):
+def test_what_readings_tell_apart_decides_which_folders_name_the_objects(
+    tmp_path, folders, unlike, order, warned
+):
     overview = inspect_source(write_glove(tmp_path, folders, unlike=unlike))
-    assert tuple(overview.recordings.objects) == GESTURES and tuple(overview.recordings.sessions) == PERSONS
+    assert (
+        tuple(overview.recordings.objects) == GESTURES
+        and tuple(overview.recordings.sessions) == PERSONS
+    )
     texts = [note.text for note in warnings(overview) if note.topic == "folders"]
     other = {"SESSION/OBJECT/FILE": "OBJECT/SESSION/FILE"}.get(order, "SESSION/OBJECT/FILE")
     assert len(texts) == warned and all(f"'data.layout={other}'" in text for text in texts)

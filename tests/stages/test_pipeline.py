@@ -12,14 +12,17 @@ from tests.glove_data import SMALL
 from tests.stag_files import metadata, save_matlab5
 from tests.stages.running import commit, copy_repository, ran, sh
 
-pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("default")]  # the warnings are MLflow's own
+# the warnings are MLflow's own
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("default")]
 ROOT = Path(__file__).parents[2]
 WRITTEN = ("dvc.lock", "results/summary.json")  # kept in git
 ALL = ["needs", "ingest", "preprocess", "cluster", "pretrain", "finetune", "evaluate"]
 
 
 def stages_of(output):
-    """The stages that ran; DVC chooses the order of those that do not need each other, here it is ALL's."""
+    """The stages that ran; DVC chooses the order of those that do not need each other, here it is
+    ALL's.
+    """
     return sorted(ran(output), key=ALL.index)
 
 
@@ -28,16 +31,29 @@ def clone(tmp_path_factory):
     """A repository with the files of this one, set to tiny data, reproduced once and committed."""
     place = tmp_path_factory.mktemp("clone") / "repository"
     copy_repository(place, without=WRITTEN)
-    source = save_matlab5(place.parent / "recordings.mat", metadata(objects=4, recordings=2, frames=24))
-    changes = "split.by=source", "device=cpu", "precision=float32", "model.backbone.width=8", f"data.source={source}"
+    source = save_matlab5(
+        place.parent / "recordings.mat", metadata(objects=4, recordings=2, frames=24)
+    )
+    changes = (
+        "split.by=source",
+        "device=cpu",
+        "precision=float32",
+        "model.backbone.width=8",
+        f"data.source={source}",
+    )
     tree = asdict(load(place / "params.yaml", (*SMALL, *changes)))
     (place / "params.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
     commit(place)
     assert stages_of(sh("dvc", "repro", cwd=place)) == ALL
-    assert sh("git", "status", "--porcelain", "-uall", cwd=place).splitlines() == [f"?? {name}" for name in WRITTEN]
+    assert sh("git", "status", "--porcelain", "-uall", cwd=place).splitlines() == [
+        f"?? {name}" for name in WRITTEN
+    ]
     sh("git", "add", *WRITTEN, cwd=place)
     sh("git", "commit", "-qm", "results", cwd=place)
-    assert stages_of(sh("dvc", "repro", cwd=place)) == [] and sh("git", "status", "--porcelain", cwd=place) == ""
+    assert (
+        stages_of(sh("dvc", "repro", cwd=place)) == []
+        and sh("git", "status", "--porcelain", cwd=place) == ""
+    )
     return place
 
 
@@ -54,21 +70,32 @@ def test_a_fresh_clone_shows_the_figures_of_its_commit_and_runs_without_a_warnin
         sh("git", *words.split(), cwd=fresh)
     (shown,) = json.loads(sh("dvc", "metrics", "show", "--json", cwd=fresh))[""]["data"].values()
     assert shown["data"] == json.loads((clone / "results" / "summary.json").read_text())
-    output = sh("sh", "-c", "dvc exp run -S views=2 2>&1", cwd=fresh, MLFLOW_TRACKING_URI="disabled")
-    warnings = [line for line in output.splitlines() if "WARNING" in line or "failed to load" in line]
+    output = sh(
+        "sh", "-c", "dvc exp run -S views=2 2>&1", cwd=fresh, MLFLOW_TRACKING_URI="disabled"
+    )
+    warnings = [
+        line for line in output.splitlines() if "WARNING" in line or "failed to load" in line
+    ]
     assert stages_of(output) == ALL
     assert [line for line in warnings if "simulate" not in line and "/virtual/" not in line] == []
-    columns = sh("dvc", "exp", "show", "--only-changed", "--csv", cwd=fresh).splitlines()[0].split(",")
-    assert len(columns) < 24, " ".join(columns)  # six figures, one parameter and files; not every parameter
+    columns = (
+        sh("dvc", "exp", "show", "--only-changed", "--csv", cwd=fresh).splitlines()[0].split(",")
+    )
+    # six figures, one parameter and files; not every parameter
+    assert len(columns) < 24, " ".join(columns)
 
 
-def test_a_system_without_a_backbone_is_not_pretrained_for_and_the_backbone_of_others_is_restored(clone):
+def test_a_system_without_a_backbone_is_not_pretrained_for_and_the_backbone_of_others_is_restored(
+    clone,
+):
     backbone = (clone / "models" / "backbone.pt").read_bytes()
     restored, again = "Stage 'pretrain' is cached - skipping run", ["needs", "finetune", "evaluate"]
 
     def switch_to(system, members="[kernel]", *options):
         changes = ("-S", f"model.system={system}", "-S", f"model.members={members}")
-        return sh("dvc", "exp", "run", *options, *changes, cwd=clone, MLFLOW_TRACKING_URI="disabled")
+        return sh(
+            "dvc", "exp", "run", *options, *changes, cwd=clone, MLFLOW_TRACKING_URI="disabled"
+        )
 
     output = switch_to("sensors")
     assert stages_of(output) == ["needs", "cluster", "pretrain", "finetune", "evaluate"]

@@ -27,14 +27,26 @@ def workspace(finished, tmp_path, monkeypatch) -> Path:
 
 def test_the_page_says_what_the_files_say(workspace):
     page, run = run_page(read_run()), read_run()
-    text, error = text_of(page), json.loads(Path("results/metrics.json").read_text())["whole"]["error"]
+    text, error = (
+        text_of(page),
+        json.loads(Path("results/metrics.json").read_text())["whole"]["error"],
+    )
     assert f"{percent_interval(error['mean'], error['low'], error['high'])} % of the cases" in text
-    assert "Which of 4 objects does the hand hold?" in text and "`" not in page and "<code>folds</code>" in page
-    assert "It was tested on 8 recordings, 2 of each object." in text and "Little was tested" in text
+    assert (
+        "Which of 4 objects does the hand hold?" in text
+        and "`" not in page
+        and "<code>folds</code>" in page
+    )
+    assert (
+        "It was tested on 8 recordings, 2 of each object." in text and "Little was tested" in text
+    )
     notes = run.notes("choice") + run.notes("info")
     assert len(notes) > 3 and [note for note in notes if note.text not in text] == []
     assert "pretrain left out: this system needs no pretrained backbone" in text
-    assert parsed(page).tags.isdisjoint({"script", "link", "iframe"}) and "&lt;b&gt;Öl &amp; $x$" in page
+    assert (
+        parsed(page).tags.isdisjoint({"script", "link", "iframe"})
+        and "&lt;b&gt;Öl &amp; $x$" in page
+    )
 
 
 def test_an_unfinished_run_and_one_that_does_not_belong_together_are_refused(workspace):
@@ -45,7 +57,9 @@ def test_an_unfinished_run_and_one_that_does_not_belong_together_are_refused(wor
         read_run()
     path.write_text(record)
     Path("results/metrics.json").unlink()
-    with pytest.raises(UserError, match=r"the workspace: no results/metrics\.json; run the line that `tactile"):
+    with pytest.raises(
+        UserError, match=r"the workspace: no results/metrics\.json; run the line that `tactile"
+    ):
         read_run()
 
 
@@ -56,11 +70,17 @@ def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, m
         cli.main()
     lines = capsys.readouterr().out.splitlines()
     error = json.loads(Path("results/metrics.json").read_text())["whole"]["error"]
-    assert percent_interval(error["mean"], error["low"], error["high"]) in lines[0] and "guessing: " in lines[0]
+    assert (
+        percent_interval(error["mean"], error["low"], error["high"]) in lines[0]
+        and "guessing: " in lines[0]
+    )
     assert any(line.startswith("new/page.html: ") for line in lines)
     assert lines[-1].startswith(("dvc exp run ", "dvc exp show"))
     assert 1e4 < Path("new/page.html").stat().st_size < 3e6
-    for name, says in (("nowhere", "nowhere: no experiment"), ("0" * 32, "no MLflow store: disabled")):
+    for name, says in (
+        ("nowhere", "nowhere: no experiment"),
+        ("0" * 32, "no MLflow store: disabled"),
+    ):
         monkeypatch.setattr(sys, "argv", ["tactile-viewgcn", "report", name])
         with pytest.raises(SystemExit, match=r"^1$"):
             cli.main()
@@ -70,9 +90,17 @@ def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, m
 
 
 @pytest.mark.parametrize(
-    "path", ["runs/finetune.json", "results/metrics.json", "results/timing.json", "results/predictions.npz"]
+    "path",
+    [
+        "runs/finetune.json",
+        "results/metrics.json",
+        "results/timing.json",
+        "results/predictions.npz",
+    ],
 )
 @pytest.mark.parametrize("content", [b"", b"{", b"PK\x03\x04 and no more"])
 def test_a_damaged_file_ends_in_one_line(workspace, path, content):
     Path(path).write_bytes(content)
-    assert "damaged, or not written by this version" in str(CliRunner().invoke(cli.cli, ["report"]).exception)
+    assert "damaged, or not written by this version" in str(
+        CliRunner().invoke(cli.cli, ["report"]).exception
+    )

@@ -1,4 +1,6 @@
-"""The stages simulate, ingest, preprocess and needs at their command line: what they read, record and refuse."""
+"""The stages simulate, ingest, preprocess and needs at their command line: what they read, record
+and refuse.
+"""
 
 import json
 import os
@@ -23,7 +25,16 @@ from tactile_viewgcn.tracking import EXPERIMENT
 from tests.glove_data import ROOT, SMALL, fewer_anchors, table
 from tests.mlflow_stores import runs_of
 from tests.readers.files import save
-from tests.stages.running import changed, commit, copy_repository, ran, refused, run_stage, set_params, sh
+from tests.stages.running import (
+    changed,
+    commit,
+    copy_repository,
+    ran,
+    refused,
+    run_stage,
+    set_params,
+    sh,
+)
 
 GLOVE = {"objects": ["ball"], "sessions": 2, "grasps": 1, "grasp_frames": 17}  # the smallest
 LOCKS = ("dvc.lock", "data/virtual/dvc.lock")  # of other data
@@ -32,14 +43,18 @@ LEFT_OUT = "pretrain: left out, model.system does not need it\n"
 
 def needs_of(system, place):
     """The output of the stage `needs`, and the file that it writes."""
-    result = run_stage("needs", *changed(f"model.system={system}"), "--out", "needs.json", cwd=place)
+    result = run_stage(
+        "needs", *changed(f"model.system={system}"), "--out", "needs.json", cwd=place
+    )
     assert result.returncode == 0, result.stderr
     return result.stdout, (place / "needs.json").read_text()
 
 
 def repro(place):
     """The stages that `dvc repro ingest` runs, and its output."""
-    output = sh("dvc", "repro", "ingest", cwd=place, MLFLOW_TRACKING_URI="disabled", DVC_NO_ANALYTICS="1")
+    output = sh(
+        "dvc", "repro", "ingest", cwd=place, MLFLOW_TRACKING_URI="disabled", DVC_NO_ANALYTICS="1"
+    )
     return ran(output), output
 
 
@@ -49,16 +64,25 @@ def test_the_glove_s_recordings_are_written_with_a_record(place):
     assert result.returncode == 0, result.stderr
     assert "100 simulated frames of 4 recordings, virtual glove version" in result.stdout
     source = open_source(place / "made")
-    assert source.names["object"] == ["empty_hand", "ball"] and source.names["session"] == ["000", "001"]
+    assert source.names["object"] == ["empty_hand", "ball"] and source.names["session"] == [
+        "000",
+        "001",
+    ]
     record = Record.read((place / "simulate.json").read_text())
     assert (record.stage, record.counts["frames"]) == ("simulate", 100) and record.seconds > 0
     assert "copied" not in result.stdout
     (kept,) = (place / "checkpoints").glob("simulate-*/cost.json")
     steps = {"steps": 5000, "forced": 12}
     kept.write_text(json.dumps(json.loads(kept.read_text()) | steps | {"seconds": 1e6}))
-    with patch("tactile_viewgcn.glove.simulation.simulate", side_effect=AssertionError("it was simulated before")):
+    with patch(
+        "tactile_viewgcn.glove.simulation.simulate",
+        side_effect=AssertionError("it was simulated before"),
+    ):
         copied = run_stage("simulate", "--out", "again", "--record", "again.json", cwd=place)
-    assert "copied from checkpoints/simulate-" in copied.stdout and "1,000,000 s of simulation" in copied.stdout
+    assert (
+        "copied from checkpoints/simulate-" in copied.stdout
+        and "1,000,000 s of simulation" in copied.stdout
+    )
     assert "of 5,000 steps 12 missed the tolerance" in copied.stdout
     again = Record.read((place / "again.json").read_text())
     assert md5(place / "again") == md5(place / "made")
@@ -72,12 +96,17 @@ def test_dvc_simulates_where_the_source_is_what_the_glove_writes_and_nowhere_els
     set_params(place, "glove", **GLOVE)
     sh("git", "init", "-q", cwd=place)
     assert repro(place)[0] == ["needs", "simulate", "ingest"]
-    assert open_source(place / "data" / "virtual" / "recordings").names["object"] == ["empty_hand", "ball"]
+    assert open_source(place / "data" / "virtual" / "recordings").names["object"] == [
+        "empty_hand",
+        "ball",
+    ]
     assert (place / "data" / "virtual" / "recordings.json").is_file()
     assert repro(place)[0] == []
     status = sh("git", "status", "--porcelain", "-uall", cwd=place)
     kept = {line[3:] for line in status.splitlines()}
-    assert not any(name.startswith("data/virtual/recordings") or name.endswith(".h5") for name in kept)
+    assert not any(
+        name.startswith("data/virtual/recordings") or name.endswith(".h5") for name in kept
+    )
     assert "data/virtual/dvc.lock" in kept  # git does not ignore it
     shutil.copytree(place / "data" / "virtual" / "recordings", place / "own")
     set_params(place, "data", source="own")
@@ -87,28 +116,48 @@ def test_dvc_simulates_where_the_source_is_what_the_glove_writes_and_nowhere_els
     assert repro(place)[0] == ["needs", "simulate", "ingest"]
     before = md5(place / "runs")
     set_params(place, "data", source="mistyped")
-    with pytest.raises(AssertionError, match=r"Error: data\.source in params\.yaml is mistyped: no such file"):
+    with pytest.raises(
+        AssertionError, match=r"Error: data\.source in params\.yaml is mistyped: no such file"
+    ):
         repro(place)
     assert md5(place / "runs") == before  # the last run's, for `report`
 
 
 @pytest.mark.slow
-def test_a_copied_simulation_is_no_change_and_a_wrong_value_of_any_stage_is_refused_before_all_work(place):
+def test_a_copied_simulation_is_no_change_and_a_wrong_value_of_any_stage_is_refused_before_all_work(
+    place,
+):
     copy_repository(place, without=LOCKS)
     set_params(place, "glove", **GLOVE)
     entries = yaml.safe_load((place / "dvc.yaml").read_text())["stages"]
-    only = {"stages": {name: entries[name] for name in ("needs", "ingest")}}  # an applied experiment has all outputs
+    # an applied experiment has all outputs
+    only = {"stages": {name: entries[name] for name in ("needs", "ingest")}}
     (place / "dvc.yaml").write_text(yaml.safe_dump(only))
     commit(place)
     assert repro(place)[0] == ["needs", "simulate", "ingest"]
     commit(place)
     quiet = {"MLFLOW_TRACKING_URI": "disabled", "DVC_NO_ANALYTICS": "1"}
-    output = sh("dvc", "exp", "run", "--temp", "--name", "other", "-S", "seed=1", "ingest", cwd=place, **quiet)
-    assert ran(output)[:2] == ["needs", "simulate"] and "copied from checkpoints/simulate-" in output
+    output = sh(
+        "dvc",
+        "exp",
+        "run",
+        "--temp",
+        "--name",
+        "other",
+        "-S",
+        "seed=1",
+        "ingest",
+        cwd=place,
+        **quiet,
+    )
+    assert (
+        ran(output)[:2] == ["needs", "simulate"] and "copied from checkpoints/simulate-" in output
+    )
     sh("dvc", "exp", "apply", "other", cwd=place)
     status = sh("dvc", "status", "ingest", "data/virtual/dvc.yaml", cwd=place)
     assert status.strip() == "Data and pipelines are up to date."
-    shutil.rmtree(place / "data" / "virtual" / "recordings")  # so that there is something to simulate
+    # so that there is something to simulate
+    shutil.rmtree(place / "data" / "virtual" / "recordings")
     shutil.rmtree(place / "checkpoints")
     set_params(place, "pretrain", lr=-1.0)
     with pytest.raises(AssertionError, match=r"Error: params\.yaml: pretrain\.lr: ") as refusal:
@@ -119,7 +168,10 @@ def test_a_copied_simulation_is_no_change_and_a_wrong_value_of_any_stage_is_refu
 
 def test_dvc_hands_on_a_source_whatever_letters_its_path_has_and_the_layout_of_arrays(place):
     copy_repository(place, without=LOCKS)
-    save(place / (name := 'it\'s a "b" `c` $HOME & ${seed};#*') / "mug" / "1.npy", np.arange(24).reshape(4, 6))
+    save(
+        place / (name := 'it\'s a "b" `c` $HOME & ${seed};#*') / "mug" / "1.npy",
+        np.arange(24).reshape(4, 6),
+    )
     set_params(place, "data", source=name, shape=[2, 3])
     (place / ".dvc" / "config.local").write_text("[core]\n    no_scm = true\n")
     assert "4 frames of 2 x 3" in repro(place)[1]
@@ -129,16 +181,24 @@ def test_dvc_hands_on_a_source_whatever_letters_its_path_has_and_the_layout_of_a
 
 @pytest.mark.filterwarnings("default")  # MLflow's own
 def test_a_stage_leaves_one_run_with_its_parameters_metrics_and_record(finished):
-    """Each of them, when it is run by itself; the row has the ids of those before it, and what is left out has none."""
+    """Each of them, when it is run by itself; the row has the ids of those before it, and what is
+    left out has none.
+    """
     client = MlflowClient(f"sqlite:///{finished}/mlflow.db")
     runs, (row,) = runs_of(client), runs_of(client, EXPERIMENT)
     by_stage = {run.data.tags["stage"]: run for run in runs}
     assert len(runs) == len(by_stage) and set(by_stage) == {"ingest", "preprocess", "finetune"}
     keys = {"ingest": "data.source", "preprocess": "split.by", "finetune": "finetune.lr"}
     for stage, run in by_stage.items():
-        assert run.info.status == "FINISHED" and keys[stage] in run.data.params and "views" not in run.data.params
+        assert (
+            run.info.status == "FINISHED"
+            and keys[stage] in run.data.params
+            and "views" not in run.data.params
+        )
         assert run.data.metrics["seconds"] > 0 and run.data.metrics["peak_mb"] > 10
-        record = json.loads(Path(client.download_artifacts(run.info.run_id, f"{stage}.json")).read_text())
+        record = json.loads(
+            Path(client.download_artifacts(run.info.run_id, f"{stage}.json")).read_text()
+        )
         assert record == json.loads((finished / "runs" / f"{stage}.json").read_text())
         assert record["run_id"] == run.info.run_id
     assert by_stage["ingest"].data.metrics["frames"] == 4 * 6 * 12
@@ -149,7 +209,10 @@ def test_a_stage_leaves_one_run_with_its_parameters_metrics_and_record(finished)
     before = {"ingest", "preprocess", "finetune"}  # whose records evaluate reads
     assert links == {f"stage.{stage}": by_stage[stage].info.run_id for stage in before}
     summary = json.loads((finished / "results" / "summary.json").read_text())
-    assert row.data.params["views"] == "4" and row.data.metrics["error.object"] == summary["error.object"]
+    assert (
+        row.data.params["views"] == "4"
+        and row.data.metrics["error.object"] == summary["error.object"]
+    )
     steps = client.get_metric_history(row.info.run_id, "trials.error.object")
     assert sorted(metric.step for metric in steps) == [1, 2, 3]
     assert row.inputs.dataset_inputs[0].dataset.name == "metadata.mat"
@@ -160,7 +223,9 @@ def test_a_stage_leaves_one_run_with_its_parameters_metrics_and_record(finished)
 
 def test_all_systems_with_a_backbone_need_the_same_and_those_without_too(place):
     networks = set(get_args(System)) - {"sensors"}
-    assert {needs_of(name, place)[1] for name in networks} == {'{"cluster": true, "pretrain": true}\n'}
+    assert {needs_of(name, place)[1] for name in networks} == {
+        '{"cluster": true, "pretrain": true}\n'
+    }
     assert needs_of("sensors", place)[1] == '{"cluster": false, "pretrain": false}\n'
 
 
@@ -183,9 +248,12 @@ def test_stages_that_are_left_out_load_neither_torch_nor_scikit_learn_nor_mlflow
         "cluster": "--needs needs.json --frames frames --out views",
         "pretrain": "--needs needs.json --frames frames --out backbone.pt --record pretrain.json",
     }
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "DVC_ROOT": str(place)}  # and MLflow is not disabled
+    # and MLflow is not disabled
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "DVC_ROOT": str(place)}
     command = [sys.executable, "-c", PROGRAM.format(stages=words), *changed(*SMALL)]
-    done = subprocess.run(command, check=False, cwd=place, env=environment, capture_output=True, text=True)
+    done = subprocess.run(
+        command, check=False, cwd=place, env=environment, capture_output=True, text=True
+    )
     assert "cluster: left out" in done.stdout and LEFT_OUT in done.stdout, done.stderr
     imported = {"torch", "mlflow", "sklearn"} & set(done.stdout.rpartition("imported ")[2].split())
     row("torch, scikit-learn or MLflow in what is left out", len(imported), 0, " ".join(imported))
@@ -196,11 +264,17 @@ def test_stages_that_are_left_out_load_neither_torch_nor_scikit_learn_nor_mlflow
 
 
 @pytest.mark.parametrize(("system", "fitted"), [("sensors", True), ("mean", False)])
-def test_a_system_without_a_backbone_is_fitted_where_pretraining_was_left_out_and_no_other(place, system, fitted):
+def test_a_system_without_a_backbone_is_fitted_where_pretraining_was_left_out_and_no_other(
+    place, system, fitted
+):
     frames = table(*["split.validation=0.25"] * (not fitted))
     save_table(place / "frames", fewer_anchors(frames, 4))
     (place / "backbone.pt").write_text(LEFT_OUT)
-    words = ("--frames", "frames", *changed(*SMALL, "precision=float32", "device=cpu", f"model.system={system}"))
+    words = (
+        "--frames",
+        "frames",
+        *changed(*SMALL, "precision=float32", "device=cpu", f"model.system={system}"),
+    )
     needs_of(system, place)
     result = run_stage("cluster", "--needs", "needs.json", *words, "--out", "views", cwd=place)
     pools = f"{2 * len(frames.classes)} pools in "  # of the training and the validation side
@@ -214,5 +288,8 @@ def test_a_system_without_a_backbone_is_fitted_where_pretraining_was_left_out_an
         return
     assert "finetune: kernel + pooled_kernel fitted in " in result.stdout
     counts = Record.read((place / "finetune.json").read_text()).counts
-    assert (counts["weights.head"], counts["resolved.model.members"]) == (0, "kernel + pooled_kernel")
+    assert (counts["weights.head"], counts["resolved.model.members"]) == (
+        0,
+        "kernel + pooled_kernel",
+    )
     assert counts["threads"] == 1  # see conftest.py

@@ -13,14 +13,27 @@ from tactile_viewgcn.evaluation.trials import ASKED, Predictions, Trials
 from tactile_viewgcn.messages import UserError
 
 LABELS, GROUPS = np.repeat([0, 1], 40), np.repeat(np.arange(8), 10)
-COSTS = {"pretrain s": 2.0, "finetune s": 3.0, "ms alone": 1.0, "ms in batches": 0.5, "ms whole": 4.0, "peak MB": 100.0}
+COSTS = {
+    "pretrain s": 2.0,
+    "finetune s": 3.0,
+    "ms alone": 1.0,
+    "ms in batches": 0.5,
+    "ms whole": 4.0,
+    "peak MB": 100.0,
+}
 
 
-def answers(variant, wrong, *, seed=0, deal=0, fold=0, groups=GROUPS, trained=True, machine="H100", **costs):
-    """Two trials in which the first `wrong` view sets of every group of ten are mistaken for the other object."""
+def answers(
+    variant, wrong, *, seed=0, deal=0, fold=0, groups=GROUPS, trained=True, machine="H100", **costs
+):
+    """Two trials in which the first `wrong` view sets of every group of ten are mistaken for the
+    other object.
+    """
     mistaken = np.tile(np.arange(10) < wrong, 8)
     predicted, names = np.tile(np.where(mistaken, 1 - LABELS, LABELS), (2, 1)), groups.astype(str)
-    trials = {asked: Trials(predicted[..., None].copy(), LABELS, groups, names, 8) for asked in ASKED}
+    trials = {
+        asked: Trials(predicted[..., None].copy(), LABELS, groups, names, 8) for asked in ASKED
+    }
     predictions = Predictions(trials, np.array(["mug", "pen"]))
     cell = Cell(variant=variant, seed=seed, deal=deal, fold=fold, changes=(f"seed={seed}",))
     return Answers(cell, predictions, COSTS | costs, Losses(3.0, 1.0, 0.5, trained), machine, "ab")
@@ -36,57 +49,84 @@ def table(*cells, references=("a",)):
 def test_a_known_difference_has_its_size_and_its_interval():
     a, b = answers("a", 1), answers("b", 3)
     rows = table(a, b)
-    assert list(rows) == [(name, asked) for asked in ("object", "recording", "whole recordings") for name in "ab"]
+    assert list(rows) == [
+        (name, asked) for asked in ("object", "recording", "whole recordings") for name in "ab"
+    ]
     first, second = rows["a", "recording"], rows["b", "recording"]
     assert (first["error"], second["error"], second["vs a more"]) == pytest.approx((10, 30, 20))
     assert first["low"] <= 10 <= first["high"]
-    assert all(np.isnan(first[f"vs a {name}"]) for name in ("more", "low", "high", "seeds_low", "seeds_high"))
-    b.predictions.trials["recording"].best[..., 0][:, :10] = LABELS[:10]  # in one group it has no mistake
+    assert all(
+        np.isnan(first[f"vs a {name}"])
+        for name in ("more", "low", "high", "seeds_low", "seeds_high")
+    )
+    # in one group it has no mistake
+    b.predictions.trials["recording"].best[..., 0][:, :10] = LABELS[:10]
     second = table(a, b)["b", "recording"]
     assert second["vs a more"] == pytest.approx((7 * 20 - 10) / 8)
     assert second["vs a low"] < second["vs a more"] < second["vs a high"]
-    assert table(answers("c", 5), a, b)["b", "recording"]["vs a low"] == second["vs a low"]  # whatever else is compared
+    # whatever else is compared
+    assert table(answers("c", 5), a, b)["b", "recording"]["vs a low"] == second["vs a low"]
 
 
 @pytest.mark.parametrize(
     ("trained", "last", "verdicts"),
-    [(True, 3, ("errs more", "errs less")), (True, 0, (OPEN, OPEN)), (False, 3, (UNTRAINED, UNTRAINED))],
+    [
+        (True, 3, ("errs more", "errs less")),
+        (True, 0, (OPEN, OPEN)),
+        (False, 3, (UNTRAINED, UNTRAINED)),
+    ],
 )
 def test_a_verdict_needs_both_intervals_and_trained_networks(trained, last, verdicts):
     cells = [answers("a", 1, seed=seed) for seed in range(3)]
-    cells += [answers("b", wrong, seed=seed, trained=trained) for seed, wrong in enumerate((3, 4, last))]
+    cells += [
+        answers("b", wrong, seed=seed, trained=trained) for seed, wrong in enumerate((3, 4, last))
+    ]
     rows = table(*cells, references=("a", "b"))
     assert (rows["b", "object"]["vs a verdict"], rows["a", "object"]["vs b verdict"]) == verdicts
-    assert table(*cells[:2], *cells[3:5])["b", "object"]["vs a verdict"] == ("" if trained else UNTRAINED)
+    assert table(*cells[:2], *cells[3:5])["b", "object"]["vs a verdict"] == (
+        "" if trained else UNTRAINED
+    )
 
 
 def test_trainings_are_paired_on_one_kind_of_machine():
-    cells = [answers("a", 1), answers("b", 2), answers("b", 4, seed=1, machine="EPYC"), answers("a", 0, seed=1)]
+    cells = [
+        answers("a", 1),
+        answers("b", 2),
+        answers("b", 4, seed=1, machine="EPYC"),
+        answers("a", 0, seed=1),
+    ]
     row = table(*cells)["b", "recording"]
     assert (row["trainings"], row["error"], row["machine"]) == (2, pytest.approx(30), "H100, EPYC")
     assert row["vs a more"] == pytest.approx(10)
     at = [{"fold": fold, "groups": GROUPS + 8 * fold} for fold in (0, 1)]
     folds = [answers("b", 4, machine="EPYC", **at[0]), answers("b", 4, **at[1])]
     row = table(*folds, *(answers("a", 1, **each) for each in at))["b", "recording"]
-    assert row["error"] == pytest.approx(40) and np.isnan(row["vs a more"])  # a training of two machines
+    # a training of two machines
+    assert row["error"] == pytest.approx(40) and np.isnan(row["vs a more"])
 
 
 def test_a_small_group_counts_as_much_as_a_large_one():
-    groups = np.where(np.arange(80) < 10, 0, 1)  # 10 anchors, of which 9 are wrong, and 70, of which 7 are
+    # 10 anchors, of which 9 are wrong, and 70, of which 7 are
+    groups = np.where(np.arange(80) < 10, 0, 1)
     worse = answers("b", 1, groups=groups)
     worse.predictions.trials["recording"].best[..., 0][:, 1:9] = 1 - LABELS[1:9]
     row = table(worse, answers("a", 0, groups=groups))["b", "recording"]
     assert row["error"] == row["vs a more"] == pytest.approx((90 + 10) / 2)
-    assert (row["vs a low"], row["vs a high"]) == pytest.approx((10, 90))  # both draws of the one or the other
+    # both draws of the one or the other
+    assert (row["vs a low"], row["vs a high"]) == pytest.approx((10, 90))
 
 
 def test_the_interval_over_trainings_is_students_and_needs_three_seeds_of_one_deal():
     cells = [answers("a", 1, seed=seed) for seed in range(4)]
     cells += [answers("b", wrong, seed=seed) for seed, wrong in enumerate((2, 4, 3))]
     versus = table(*cells)["b", "object"]
-    assert (versus["trainings"], versus["std"]) == (3, pytest.approx(10))  # of errors of 20, 40 and 30
-    half = 4.3027 * 10 / 3**0.5  # the 97.5 % point for two degrees of freedom; 10, 30 and 20 points more
-    assert (versus["vs a seeds_low"], versus["vs a seeds_high"]) == pytest.approx((20 - half, 20 + half), rel=1e-3)
+    # of errors of 20, 40 and 30
+    assert (versus["trainings"], versus["std"]) == (3, pytest.approx(10))
+    # the 97.5 % point for two degrees of freedom; 10, 30 and 20 points more
+    half = 4.3027 * 10 / 3**0.5
+    assert (versus["vs a seeds_low"], versus["vs a seeds_high"]) == pytest.approx(
+        (20 - half, 20 + half), rel=1e-3
+    )
     assert np.isnan(table(*cells[:-1])["b", "object"]["vs a seeds_low"])
     dealt = [answers(name, 1, seed=seed, deal=seed % 2) for name in "ab" for seed in range(4)]
     assert np.isnan(table(*dealt)["b", "object"]["vs a seeds_low"])
@@ -94,11 +134,14 @@ def test_the_interval_over_trainings_is_students_and_needs_three_seeds_of_one_de
 
 def test_folds_stand_side_by_side_and_costs_are_those_of_the_cheapest_whole_training():
     both = [answers("a", 1), answers("a", 3, fold=1, groups=GROUPS + 8, **{"peak MB": 300.0})]
-    row = table(*both, answers("a", 9, seed=1))["a", "object"]  # the last lacks a fold, and is left out
+    # the last lacks a fold, and is left out
+    row = table(*both, answers("a", 9, seed=1))["a", "object"]
     assert (row["trainings"], row["error"]) == (1, pytest.approx(20))
     costs = COSTS | {"pretrain s": 4.0, "finetune s": 6.0, "peak MB": 300.0}
     assert {name: row[name] for name in COSTS} == costs
-    row = table(*(answers("a", 1, seed=seed, **{"finetune s": 9.0 - 2 * seed}) for seed in (0, 2, 1)))["a", "object"]
+    row = table(
+        *(answers("a", 1, seed=seed, **{"finetune s": 9.0 - 2 * seed}) for seed in (0, 2, 1))
+    )["a", "object"]
     assert row["finetune s"] == 5.0
     for part in ([answers("a", 1), answers("b", 1, fold=1)], [answers("a", 1)]):
         with pytest.raises(UserError, match="all 2 folds"):
@@ -106,7 +149,9 @@ def test_folds_stand_side_by_side_and_costs_are_those_of_the_cheapest_whole_trai
 
 
 def dealt(variant, wrong, deals):
-    """Answers in which each deal orders the eight groups differently, and one group is without mistakes."""
+    """Answers in which each deal orders the eight groups differently, and one group is without
+    mistakes.
+    """
     for deal in range(deals):
         groups = np.repeat(np.random.default_rng(deal).permutation(8), 10)
         one = answers(variant, wrong, deal=deal, groups=groups)
@@ -116,8 +161,11 @@ def dealt(variant, wrong, deals):
 
 def test_a_group_is_one_unit_in_all_deals():
     once, five = (table(*dealt("a", 0, n), *dealt("b", 4, n))["b", "recording"] for n in (1, 5))
-    assert (five["trainings"], five["error"]) == (5, pytest.approx(35)) and once["error"] == pytest.approx(35)
-    assert five["vs a low"] == pytest.approx(once["vs a low"], abs=1e-9)  # of forty groups it were closer
+    assert (five["trainings"], five["error"]) == (5, pytest.approx(35)) and once[
+        "error"
+    ] == pytest.approx(35)
+    # of forty groups it were closer
+    assert five["vs a low"] == pytest.approx(once["vs a low"], abs=1e-9)
 
 
 def test_other_view_sets_are_not_compared():
@@ -134,31 +182,67 @@ def test_the_pareto_front_holds_what_nothing_beats():
 def test_a_reference_of_a_crossed_study_stands_for_the_variant_in_the_same_place():
     rows = table(
         *(answers("a / 1 recording", 4), answers("b / 1 recording", 3)),
-        *(answers("a / 8 recordings", 0), answers("b / 8 recordings", 2), answers("b / 9 recordings", 2)),
+        *(
+            answers("a / 8 recordings", 0),
+            answers("b / 8 recordings", 2),
+            answers("b / 9 recordings", 2),
+        ),
     )
-    more = {name: row["vs a more"] for (name, protocol), row in rows.items() if protocol == "object"}
-    assert all(np.isnan(more.pop(name)) for name in ("a / 1 recording", "a / 8 recordings", "b / 9 recordings"))
+    more = {
+        name: row["vs a more"] for (name, protocol), row in rows.items() if protocol == "object"
+    }
+    assert all(
+        np.isnan(more.pop(name))
+        for name in ("a / 1 recording", "a / 8 recordings", "b / 9 recordings")
+    )
     assert more == {"b / 1 recording": pytest.approx(-10), "b / 8 recordings": pytest.approx(20)}
 
 
 def test_the_detectable_difference_is_the_half_width_of_the_widest_paired_interval():
     def row(low, high, seeds=np.nan):
-        ends = {"vs a low": low, "vs a high": high, "vs a seeds_low": -seeds, "vs a seeds_high": seeds}
+        ends = {
+            "vs a low": low,
+            "vs a high": high,
+            "vs a seeds_low": -seeds,
+            "vs a seeds_high": seeds,
+        }
         return {"protocol": "recording", "vs a more": 0.0, "vs a verdict": ""} | ends
 
     rows = [row(-9.0, 9.0) | {"protocol": "object"}]  # only the last protocol, that of use, counts
-    rows += [row(np.nan, np.nan), row(-2.0, 4.0), row(1.0, 3.0), row(-9.0, 9.0) | {"vs a verdict": UNTRAINED}]
-    assert all(words in power(pd.DataFrame(rows), 8) for words in ("3.0 points over 8 split groups", "below 5"))
+    rows += [
+        row(np.nan, np.nan),
+        row(-2.0, 4.0),
+        row(1.0, 3.0),
+        row(-9.0, 9.0) | {"vs a verdict": UNTRAINED},
+    ]
+    assert all(
+        words in power(pd.DataFrame(rows), 8)
+        for words in ("3.0 points over 8 split groups", "below 5")
+    )
     text = power(pd.DataFrame([*rows, row(-2.0, 12.0, seeds=10.0)]), 8)
-    assert all(words in text for words in ("7.0 points over 8", "10.0 points over trainings", "above 5"))
+    assert all(
+        words in text for words in ("7.0 points over 8", "10.0 points over trainings", "above 5")
+    )
     assert "no detectable difference" in power(pd.DataFrame(rows[:2]), 8)
 
 
 @pytest.mark.parametrize("picture", [None, "seconds"])
-def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_missing(tmp_path, picture):
+def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_missing(
+    tmp_path, picture
+):
     folds = [{"fold": fold, "groups": GROUPS + 8 * fold} for fold in (0, 1)]
-    cells = [each for at in folds for each in (answers("a", 1, **at), answers("b", 3, trained=False, **at))]
-    settings = {"reference": "a", "seeds": [0, 1], "folds": [0, 1], "columns": ["finetune s"], "picture": picture}
+    cells = [
+        each
+        for at in folds
+        for each in (answers("a", 1, **at), answers("b", 3, trained=False, **at))
+    ]
+    settings = {
+        "reference": "a",
+        "seeds": [0, 1],
+        "folds": [0, 1],
+        "columns": ["finetune s"],
+        "picture": picture,
+    }
     study = Study(name="made", question="Which?", variants={"a": {}, "b": {"views": 4}}, **settings)
     text = write_report(study, cells, tmp_path, ("split.by=grasp",)).replace("\n", " ")
     pictures = {"results.png"} if picture else set()
@@ -166,7 +250,14 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
     rows = pd.read_csv(tmp_path / "results.csv")
     assert len(rows) == 3 * 2 and "finetune s" in rows and "peak MB" not in rows
     assert rows["vs a more"].iloc[-1] == pytest.approx(20)
-    assert "| b †       | 30.0 (" in text and "| 20.0 (20.0 to 20.0) | not trained to its end |" in text
+    assert (
+        "| b †       | 30.0 (" in text
+        and "| 20.0 (20.0 to 20.0) | not trained to its end |" in text
+    )
     assert "Trainings that have not been run: a 1 of 2, b 1 of 2." in text
-    for words in ("`split.by=grasp`", "160 view sets, 160 whole recordings, 2 classes", "16 split groups"):
+    for words in (
+        "`split.by=grasp`",
+        "160 view sets, 160 whole recordings, 2 classes",
+        "16 split groups",
+    ):
         assert words in text

@@ -19,7 +19,14 @@ def cell_of(*changes, variant="a"):
     return Cell(variant=variant, seed=0, deal=0, fold=0, changes=changes)
 
 
-LEAST = {"question": "Which?", "variants": {"a": {}}, "reference": None, "seeds": [0], "folds": [0], "columns": []}
+LEAST = {
+    "question": "Which?",
+    "variants": {"a": {}},
+    "reference": None,
+    "seeds": [0],
+    "folds": [0],
+    "columns": [],
+}
 
 
 @pytest.fixture
@@ -35,27 +42,49 @@ def study(tmp_path, monkeypatch):
 
 
 def test_cells_are_every_variant_from_every_seed_on_every_fold(study):
-    grid_of = {"variants": {"a": {"views": 4}, "b": {"views": 2}}, "cross": [{"x": {"cluster.restarts": 1}, "y": {}}]}
+    grid_of = {
+        "variants": {"a": {"views": 4}, "b": {"views": 2}},
+        "cross": [{"x": {"cluster.restarts": 1}, "y": {}}],
+    }
     once = {"seeds": [3, 5], "folds": [0, 1], "one_seed": ["b / x"]}
     made = study(set={"split.by": "recording"}, **grid_of, **once)
     counted = [(cell.variant, cell.seed) for cell in made.cells()]
     crossed = product(("a / x", "a / y", "b / x", "b / y"), (3, 5))
-    assert {each: counted.count(each) for each in counted} == {each: 2 for each in crossed if each != ("b / x", 5)}
-    changes = ("split.by=recording", "views=4", "cluster.restarts=1", "seed=3", "split.deal=0", "split.fold=0")
+    assert {each: counted.count(each) for each in counted} == {
+        each: 2 for each in crossed if each != ("b / x", 5)
+    }
+    changes = (
+        "split.by=recording",
+        "views=4",
+        "cluster.restarts=1",
+        "seed=3",
+        "split.deal=0",
+        "split.fold=0",
+    )
     first = made.cells()[0]
-    assert replace(first, changes=first.changes[-6:]) == Cell(variant="a / x", seed=3, deal=0, fold=0, changes=changes)
+    assert replace(first, changes=first.changes[-6:]) == Cell(
+        variant="a / x", seed=3, deal=0, fold=0, changes=changes
+    )
 
 
 def test_every_variant_is_trained_on_each_fold_of_each_deal_deal_by_deal(study):
     variants = {"a": {}, "b": {"preset": "network", "pretrain.epochs": 2}}
     made = study(variants=variants, folds="all", deals=[0, 3], set={"split.folds": 2})
-    assert [(cell.deal, cell.variant, cell.fold) for cell in made.cells()] == list(product([0, 3], "ab", [0, 1]))
+    assert [(cell.deal, cell.variant, cell.fold) for cell in made.cells()] == list(
+        product([0, 3], "ab", [0, 1])
+    )
     changes = made.cells()[-1].changes  # those of the preset, then later ones
     assert "split.deal=3" in changes and "model.system=vote" in changes
     assert changes.index("pretrain.epochs=8") < changes.index("pretrain.epochs=2")
     grasps = made.cells(("split.folds=6", "split.by=grasp"))
     assert len(grasps) == 2 * 2 * 6
-    assert grasps[-1].changes[-5:] == ("split.folds=6", "split.by=grasp", "seed=0", "split.deal=3", "split.fold=5")
+    assert grasps[-1].changes[-5:] == (
+        "split.folds=6",
+        "split.by=grasp",
+        "seed=0",
+        "split.deal=3",
+        "split.fold=5",
+    )
     once = study(variants=variants, deals=[3, 0], one_deal=["a"])
     assert [(cell.deal, cell.variant) for cell in once.cells()] == [(3, "a"), (3, "b"), (0, "b")]
 
@@ -109,21 +138,33 @@ def test_a_cell_is_known_by_what_its_source_holds_wherever_it_lies(tmp_path):
         (["nosuch"], "expected one of claims, compare"),
         (["compare", "--set", "views=4"], "--set without --out"),
         (["compare", "--set", "vews=4", "--out", "elsewhere"], "did you mean views?"),
-        (["compare", "--set", "seed=4", "--out", "elsewhere"], "--set seed: every cell has its own"),
+        (
+            ["compare", "--set", "seed=4", "--out", "elsewhere"],
+            "--set seed: every cell has its own",
+        ),
         (["error_time", "--set", "views=8", "--out", "elsewhere"], "the same training twice"),
-        (["compare", "--out", "pyproject.toml/results"], "Not a directory; with --out name a folder"),
+        (
+            ["compare", "--out", "pyproject.toml/results"],
+            "Not a directory; with --out name a folder",
+        ),
         (["compare", "--out", "/proc"], "with --out name a folder that you can write into"),
     ],
 )
-def test_a_mistake_on_the_command_line_ends_in_one_line_before_any_cell(monkeypatch, words, expected):
+def test_a_mistake_on_the_command_line_ends_in_one_line_before_any_cell(
+    monkeypatch, words, expected
+):
     monkeypatch.setattr("studies.__main__.run_cells", None)
     result = CliRunner().invoke(main, words)
     assert result.exit_code == 1 and expected in result.output and result.output.count("\n") == 1
 
 
 @pytest.mark.parametrize("folds", ["all", [0]])
-@pytest.mark.parametrize(("committed", "word"), [({}, "^no params"), ({"views": 0}, "params.yaml in git's HEAD: v")])
-def test_no_cell_without_committed_parameters_or_with_wrong_ones(study, monkeypatch, committed, word, folds):
+@pytest.mark.parametrize(
+    ("committed", "word"), [({}, "^no params"), ({"views": 0}, "params.yaml in git's HEAD: v")]
+)
+def test_no_cell_without_committed_parameters_or_with_wrong_ones(
+    study, monkeypatch, committed, word, folds
+):
     monkeypatch.setattr(grid, "committed_params", lambda path: committed)
     with pytest.raises(UserError, match=word):
         study(folds=folds).cells()
@@ -131,7 +172,13 @@ def test_no_cell_without_committed_parameters_or_with_wrong_ones(study, monkeypa
 
 
 def test_cells_have_the_committed_values_below_all_changes(study, monkeypatch):
-    monkeypatch.setattr(grid, "committed_params", lambda path: {"views": 5, "seed": 0, "pretrain.epochs": 7})
+    monkeypatch.setattr(
+        grid, "committed_params", lambda path: {"views": 5, "seed": 0, "pretrain.epochs": 7}
+    )
     cells = study(variants={"a": {}, "b": {"views": 4}}).cells(("preprocess.transform=log",))
-    params = [default_params(cell.changes) for cell in cells]  # whatever a run has left in params.yaml
-    assert [(p.views, p.preprocess.transform, p.pretrain.epochs) for p in params] == [(5, "log", 7), (4, "log", 7)]
+    # whatever a run has left in params.yaml
+    params = [default_params(cell.changes) for cell in cells]
+    assert [(p.views, p.preprocess.transform, p.pretrain.epochs) for p in params] == [
+        (5, "log", 7),
+        (4, "log", 7),
+    ]

@@ -10,7 +10,9 @@ from tests.records import RECORD
 
 
 def record(*curve, guessing=3.0):
-    return replace(RECORD, curves={"loss": list(curve)} if curve else {}, counts={"loss.first": guessing})
+    return replace(
+        RECORD, curves={"loss": list(curve)} if curve else {}, counts={"loss.first": guessing}
+    )
 
 
 @pytest.mark.parametrize(

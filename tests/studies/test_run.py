@@ -1,4 +1,6 @@
-"""Cells as DVC experiments in a small repository: failed, interrupted, refused, and on Dask's workers."""
+"""Cells as DVC experiments in a small repository: failed, interrupted, refused, and on Dask's
+workers.
+"""
 
 import os
 import re
@@ -26,11 +28,14 @@ from tests.studies.test_take import write_cell
 
 CELLS = {
     key_of(cell, code_of_stages()): cell
-    for cell in (Cell(variant="a", seed=seed, deal=0, fold=0, changes=(f"seed={seed}",)) for seed in range(4))
+    for cell in (
+        Cell(variant="a", seed=seed, deal=0, fold=0, changes=(f"seed={seed}",)) for seed in range(4)
+    )
 }
 KEYS = list(CELLS)
 TWO = {key: CELLS[key] for key in KEYS[:2]}
-#: A cell appends its seed to a file outside of its experiment. At first the second one does not end, the third fails.
+#: A cell appends its seed to a file outside of its experiment. At first the second one does not
+#: end, the third fails.
 STAGE = """stages:
   evaluate:
     cmd: >-
@@ -50,7 +55,8 @@ def machine(tmp_path, monkeypatch):
     sh("dvc", "init", "-q", cwd=place)
     stage = STAGE.format(log=tmp_path / "log", cell=tmp_path / "cell", outs=", ".join(RESULTS))
     (place / "dvc.yaml").write_text(stage)
-    (place / "params.yaml").write_text("seed: 0\ncluster: {restarts: 10}\n")  # the other keys have their defaults
+    # the other keys have their defaults
+    (place / "params.yaml").write_text("seed: 0\ncluster: {restarts: 10}\n")
     (place / ".gitignore").write_text("/studies/\n")
     commit(place)
     monkeypatch.chdir(place)
@@ -66,7 +72,9 @@ def processes_in(folder):
 
 
 def wait_for(condition, works=lambda: True):
-    """Wait for a condition, as long as what brings it about works; pytest's own limit ends a test that hangs."""
+    """Wait for a condition, as long as what brings it about works; pytest's own limit ends a test
+    that hangs.
+    """
     while not condition():
         assert works() or condition()
         time.sleep(0.5)
@@ -74,7 +82,9 @@ def wait_for(condition, works=lambda: True):
 
 def python(*words, cwd, **options):
     """A Python program of this checkout in another folder, as a process."""
-    return subprocess.Popen([sys.executable, *words], cwd=cwd, env=os.environ | {"PYTHONPATH": str(ROOT)}, **options)
+    return subprocess.Popen(
+        [sys.executable, *words], cwd=cwd, env=os.environ | {"PYTHONPATH": str(ROOT)}, **options
+    )
 
 
 def seeds_in(log):
@@ -87,22 +97,34 @@ def with_dvc(test):
 
 
 @with_dvc
-def test_a_failed_cell_is_named_and_the_same_command_runs_it_again_and_no_other(machine, tmp_path, capsys):
+def test_a_failed_cell_is_named_and_the_same_command_runs_it_again_and_no_other(
+    machine, tmp_path, capsys
+):
     (tmp_path / "log.stuck").mkdir()
     faults = run_cells("made", CELLS, jobs=3)
-    assert list(faults) == [KEYS[2]] and faults[KEYS[2]].startswith("failed: Error: the glove is on fire; see")
+    assert list(faults) == [KEYS[2]] and faults[KEYS[2]].startswith(
+        "failed: Error: the glove is on fire; see"
+    )
     lines = capsys.readouterr().out.splitlines()
     assert {f"{cell} ..." for cell in CELLS.values()} < set(lines) and len(lines) == 2 * len(CELLS)
     ends = [line.rpartition("; ") for line in lines if not line.endswith(" ...")]
     assert [left for *_, left in ends] == ["3 left", "2 left", "1 left", "0 left"]
     for text, *_ in ends:
-        assert re.search(r"seed [013].*: \d+ s, 50\.0 % of recordings wrong$|seed 2.*: failed: Error: the glove", text)
+        assert re.search(
+            r"seed [013].*: \d+ s, 50\.0 % of recordings wrong$|seed 2.*: failed: Error: the glove",
+            text,
+        )
     set_params(machine, "cluster", restarts=3)  # as a run in the same folder does
     intact = (record := tmp_path / "cell/runs/pretrain.json").rename(tmp_path / "intact")
     record.write_text("{}")
-    damaged, again = (run_cells("made", CELLS, jobs=2)[KEYS[2]] for _ in range(2))  # the same experiment twice
+    # the same experiment twice
+    damaged, again = (run_cells("made", CELLS, jobs=2)[KEYS[2]] for _ in range(2))
     intact.rename(record)
-    assert damaged == again and "its results cannot be read (KeyError: 'notes')" in damaged and "\n" not in damaged
+    assert (
+        damaged == again
+        and "its results cannot be read (KeyError: 'notes')" in damaged
+        and "\n" not in damaged
+    )
     sh("sh", "-c", re.search(r"to run it again: (.*) \(", damaged)[1], cwd=machine)
     assert run_cells("made", CELLS, jobs=2) == {}
     assert seeds_in(tmp_path / "log") == [0, 1, 2, 2, 2, 3] and all(map(stored, KEYS))
@@ -120,7 +142,9 @@ def test_ctrl_c_in_a_terminal_ends_the_cells_and_the_others_are_run_later(machin
     code += f"from studies.__main__ import main; main(['made', '--jobs', '{jobs}'])"
     (machine / "studies").mkdir()
     (machine / "studies/made.yaml").write_text(yaml.safe_dump(LEAST | {"seeds": [0, 1]}))
-    study = python("-c", code, cwd=machine, start_new_session=True, stderr=subprocess.PIPE, text=True)
+    study = python(
+        "-c", code, cwd=machine, start_new_session=True, stderr=subprocess.PIPE, text=True
+    )
 
     def both_began():  # DVC may leave a folder as it starts
         return stored(KEYS[0]) and (tmp_path / "log.stuck").exists()
@@ -142,16 +166,50 @@ def test_a_killed_worker_s_cell_goes_to_another_and_all_come_out_once(machine, t
     with socket() as port:
         port.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{port.getsockname()[1]}"
-    dask = [python("-m", "dask", "scheduler", "--port", address.rpartition(":")[2], "--no-dashboard", cwd=machine)]
+    dask = [
+        python(
+            "-m",
+            "dask",
+            "scheduler",
+            "--port",
+            address.rpartition(":")[2],
+            "--no-dashboard",
+            cwd=machine,
+        )
+    ]
     for name in ("first", "second"):
-        sh("git", "clone", "-q", "-c", "user.name=t", "-c", "user.email=t@localhost", machine, name, cwd=tmp_path)
-        worker = ("-m", "dask", "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--name", name)
+        sh(
+            "git",
+            "clone",
+            "-q",
+            "-c",
+            "user.name=t",
+            "-c",
+            "user.email=t@localhost",
+            machine,
+            name,
+            cwd=tmp_path,
+        )
+        worker = (
+            "-m",
+            "dask",
+            "worker",
+            address,
+            "--nthreads",
+            "1",
+            "--no-nanny",
+            "--no-dashboard",
+            "--name",
+            name,
+        )
         dask.append(python(*worker, cwd=tmp_path / name))
     try:
         with ThreadPoolExecutor(1) as pool:
             study = pool.submit(run_cells, "made", CELLS, scheduler=address)
             wait_for((tmp_path / "log.stuck").exists, works=lambda: not study.done())
-            name = next(name for name in ("first", "second") if "sleep" in processes_in(tmp_path / name))
+            name = next(
+                name for name in ("first", "second") if "sleep" in processes_in(tmp_path / name)
+            )
             dask[1 + (name == "second")].kill()
             assert study.result() == {}
         assert seeds_in(tmp_path / "log") == [0, 1, 1, 2, 3] and all(map(stored, KEYS))
@@ -163,21 +221,32 @@ def test_a_killed_worker_s_cell_goes_to_another_and_all_come_out_once(machine, t
 
 @with_dvc
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_a_clone_at_another_commit_and_changed_data_are_refused_before_any_work(machine, tmp_path, capsys, jobs):
+def test_a_clone_at_another_commit_and_changed_data_are_refused_before_any_work(
+    machine, tmp_path, capsys, jobs
+):
     assert "expected 123456789" in run_cell("made", KEYS[0], CELLS[KEYS[0]], "123456789abc")[2]
     (source := tmp_path / "source").write_bytes(b"1")
-    on_file = [replace(cell, changes=(*cell.changes, f"data.source={source}")) for cell in CELLS.values()]
+    on_file = [
+        replace(cell, changes=(*cell.changes, f"data.source={source}")) for cell in CELLS.values()
+    ]
     cells = {key_of(cell, code_of_stages()): cell for cell in on_file}
     source.write_bytes(b"2")  # while the study runs
     assert run_cells("made", cells, jobs=jobs).keys() == cells.keys()
     printed = re.findall(r"(a, seed \d.*): failed: (.*); (\d) left\n", capsys.readouterr().out)
     names, reasons, left = zip(*printed, strict=True)
     assert set(names) == set(map(str, on_file)) and "".join(left) == "3210"
-    assert "code or data have changed" in reasons[0] and {*reasons[1:]} == {f"the same as of {names[0]}"}
+    assert "code or data have changed" in reasons[0] and {*reasons[1:]} == {
+        f"the same as of {names[0]}"
+    }
     assert not (tmp_path / "log").exists()
 
 
 def test_an_experiment_has_the_last_change_of_a_key_and_a_source_that_it_can_read():
     cell = replace(CELLS[KEYS[0]], changes=("views=4", "seed=1", "views=2", "data.source=tests"))
-    expected = {"++views=2", "++seed=1", f"++data.source={Path('tests').resolve()}", "++pretrain.epochs=30"}
+    expected = {
+        "++views=2",
+        "++seed=1",
+        f"++data.source={Path('tests').resolve()}",
+        "++pretrain.epochs=30",
+    }
     assert expected < set(settings(cell)) and "++views=4" not in settings(cell)

@@ -21,7 +21,10 @@ from tests.glove_data import ROOT
 from tests.records import RECORD
 from tests.stages.running import commit
 
-CELLS = {views: Cell(variant=views, seed=0, deal=0, fold=0, changes=(f"views={views}",)) for views in ("2", "4")}
+CELLS = {
+    views: Cell(variant=views, seed=0, deal=0, fold=0, changes=(f"views={views}",))
+    for views in ("2", "4")
+}
 ORIGIN = {"git.dirty": "false", "device": "NVIDIA H100", "processor": "Intel"}
 
 
@@ -40,14 +43,18 @@ def place(tmp_path, monkeypatch):
 
 
 def write_cell(folder, views, *, md5="ab", changes=(), only=None, **origin):
-    """What the stages write for a cell of that number of views; `only` one record has the changed origin."""
+    """What the stages write for a cell of that number of views; `only` one record has the changed
+    origin.
+    """
     unchanged = ORIGIN | {"mlflow.source.git.commit": git("rev-parse", "HEAD").strip()}
     values = flatten(load("params.yaml", (f"views={views}", *changes)))
     inputs, curves = {"frames": {"path": "f", "md5": md5}}, {"loss": [2.0, 1.5]}
     for name in ("results/evaluate", "runs/pretrain", "runs/finetune"):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         of_record = unchanged | (origin if only in (None, name) else {})
-        record = replace(RECORD, origin=of_record, params={"values": values}, inputs=inputs, curves=curves)
+        record = replace(
+            RECORD, origin=of_record, params={"values": values}, inputs=inputs, curves=curves
+        )
         (folder / f"{name}.json").write_text(replace(record, counts={"loss.first": 3.0}).text)
     latency = {kind: {"median": views} for kind in ("single", "batch", "whole")}
     timing = {"seconds": {"pretrain": 1, "finetune": 2}, "peak_mb": 3, "latency_ms": latency}
@@ -79,7 +86,10 @@ def test_cells_are_known_by_their_parameters_and_those_of_before_stay(place):
         ({"git.dirty": "true", "only": "runs/finetune"}, "files that were not committed"),
         ({"mlflow.source.git.commit": "0" * 40}, "ran at commit 000000.*lacks"),
         ({"mlflow.source.git.commit": "--output=victim"}, "expected 40 hexadecimal digits"),
-        ({"mlflow.source.git.commit": "HEAD~1", "only": "runs/pretrain"}, "with a different code: dvc.yaml"),
+        (
+            {"mlflow.source.git.commit": "HEAD~1", "only": "runs/pretrain"},
+            "with a different code: dvc.yaml",
+        ),
     ],
 )
 def test_a_cell_of_another_recipe_code_or_data_is_refused_and_none_is_taken(place, differs, words):
@@ -107,11 +117,15 @@ def test_frames_are_compared_with_those_of_cells_before(place):
         take_cells(place.parent / "later", CELLS)
 
 
-@pytest.mark.parametrize("name", ["results/predictions.npz", "results/timing.json", "runs/pretrain.json"])
+@pytest.mark.parametrize(
+    "name", ["results/predictions.npz", "results/timing.json", "runs/pretrain.json"]
+)
 @pytest.mark.parametrize("content", [None, "{}"])
 def test_a_missing_or_damaged_file_is_one_line(place, name, content):
     write_cell(place / "first", 4)
-    (place / "first" / name).unlink() if content is None else (place / "first" / name).write_text(content)
+    (place / "first" / name).unlink() if content is None else (place / "first" / name).write_text(
+        content
+    )
     with pytest.raises(UserError, match="first: not the results of a cell"):
         take_cells(place, CELLS)
 
@@ -127,12 +141,16 @@ def test_a_folder_twice_or_none_is_refused(place):
 
 
 @pytest.mark.parametrize(("changes", "out"), [((), None), (("cluster.restarts=3",), Path("other"))])
-def test_a_study_that_takes_cells_runs_none_and_reports_those_that_are_there(place, capsys, monkeypatch, changes, out):
+def test_a_study_that_takes_cells_runs_none_and_reports_those_that_are_there(
+    place, capsys, monkeypatch, changes, out
+):
     monkeypatch.setattr("studies.__main__.run_cells", None)
     write_cell(place / "first", 4, changes=changes)
     (place.parent / "params.yaml").write_text("")  # DVC is about to write it
     settings = {"reference": None, "seeds": [0], "folds": [0], "columns": []}
-    study = Study(name="made", question="", variants={"a": {"views": 4}, "b": {"views": 2}}, **settings)
+    study = Study(
+        name="made", question="", variants={"a": {"views": 4}, "b": {"views": 2}}, **settings
+    )
     with pytest.raises(UserError, match="first/results: not the results of a cell"):
         run(study, take=place / "first", changes=changes, out=out)
     assert not Path("studies").exists() and not Path("other").exists()

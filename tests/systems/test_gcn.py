@@ -12,7 +12,8 @@ from tests.systems.small_systems import LINE, built, fill, head_of, only_leaky, 
 def test_the_normalised_adjacency_by_hand():
     root6 = math.sqrt(6)
     expected = [[1 / 2, 1 / root6, 0], [1 / root6, 1 / 3, 1 / root6], [0, 1 / root6, 1 / 2]]
-    middle_joined = normalised_adjacency(LINE[:3], 2)  # 0 - 1 - 3: the middle one is among the nearest of both
+    # 0 - 1 - 3: the middle one is among the nearest of both
+    middle_joined = normalised_adjacency(LINE[:3], 2)
     torch.testing.assert_close(middle_joined, torch.tensor(expected))
     torch.testing.assert_close(normalised_adjacency(LINE[:3], 1), torch.eye(3))
     torch.testing.assert_close(normalised_adjacency(LINE[:3], 9), torch.full((3, 3), 1 / 3))
@@ -26,13 +27,16 @@ def test_two_layers_of_gcn_by_hand():
     fill(system.layers[1].bias, [-1])
     r = 1 / math.sqrt(6)
     # first layer: [-3, 3, 5] -> ReLU[-1.5 + 3r, -3r + 1 + 5r, 3r + 2.5] = [0, 1 + 2r, 2.5 + 3r]
-    # second: [-1, 2r, 1.5 + 3r] -> ReLU[-1/2 + 2r², -r + 2r/3 + 1.5r + 3r², 2r² + 0.75 + 1.5r], r² = 1/6
+    # second: [-1, 2r, 1.5 + 3r] -> ReLU[-1/2 + 2r², -r + 2r/3 + 1.5r + 3r², 2r² + 0.75 + 1.5r], r²
+    # = 1/6
     nodes = [0, 1 / 2 + 7 * r / 6, 13 / 12 + 3 * r / 2]
     assert system(torch.tensor([[[-1.0], [2], [3]]]))[0].item() == pytest.approx(max(nodes))
 
 
 def test_fewer_views_sit_where_furthest_point_sampling_comes_first():
-    whole, few = (built("gcn", "model.neighbours=2", places=places) for places in (LINE, LINE[[0, 3, 2]]))
+    whole, few = (
+        built("gcn", "model.neighbours=2", places=places) for places in (LINE, LINE[[0, 3, 2]])
+    )
     views = some_views(few)
     assert torch.equal(whole.head(views)[0], few.head(views)[0])
 
@@ -41,4 +45,6 @@ def test_gcn_takes_the_first_of_listed_neighbours():
     one, listed = (built("gcn", f"model.neighbours={near}") for near in ("2", "[2, 4, 4]"))
     views = some_views(one)
     assert torch.equal(one.head(views)[0], listed.head(views)[0])
-    assert (one.head(views)[0] - built("gcn", "model.neighbours=4").head(views)[0]).abs().max() > 1e-3
+    assert (
+        one.head(views)[0] - built("gcn", "model.neighbours=4").head(views)[0]
+    ).abs().max() > 1e-3

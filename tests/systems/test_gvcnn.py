@@ -16,7 +16,9 @@ def test_the_grouped_mean_by_hand():
     expected = torch.tensor([[(0.2 * 1 + 0.4 * 3 + 0.9 * 5) / 1.5, (0.4 * 4 + 0.9 * 10) / 1.5]])
     torch.testing.assert_close(grouped_mean(features, scores, 4), expected)
     for alike in (0.2, 1):  # a score may round to 1
-        torch.testing.assert_close(grouped_mean(features, torch.full((1, 3), alike), 2), features.mean(dim=1))
+        torch.testing.assert_close(
+            grouped_mean(features, torch.full((1, 3), alike), 2), features.mean(dim=1)
+        )
 
 
 def test_gvcnn_scores_the_maps_and_averages_them_by_hand():
@@ -24,8 +26,11 @@ def test_gvcnn_scores_the_maps_and_averages_them_by_hand():
     system = only_leaky(head_of(GVCNN, places=LINE[:2], features=(1, 1, 2), classes=1))
     fill(system.score.weight, [1, -1])
     fill(system.score.bias, [0])
-    # the maps [1, 4] and [2, 1]: scores 3/4 and 1/2, both in the upper half; [2, 2.25] and [3, 3]: 1/5 and 0, the lower
+    # the maps [1, 4] and [2, 1]: scores 3/4 and 1/2, both in the upper half; [2, 2.25] and [3, 3]:
+    # 1/5 and 0, the lower
     views = torch.tensor([[1.0, 4], [2, 1], [2, 2.25], [3, 3]]).view(1, 4, 1, 1, 2)
-    expected = ((3 / 4 + 1 / 2) / 2 * (2.5 + 1.5) / 2 + 1 / 5 / 2 * (2.125 + 3) / 2) / ((3 / 4 + 1 / 2) / 2 + 1 / 5 / 2)
+    expected = ((3 / 4 + 1 / 2) / 2 * (2.5 + 1.5) / 2 + 1 / 5 / 2 * (2.125 + 3) / 2) / (
+        (3 / 4 + 1 / 2) / 2 + 1 / 5 / 2
+    )
     assert system(views)[0].item() == pytest.approx(expected)
     assert system(views.bfloat16())[0].item() == pytest.approx(expected)

@@ -11,7 +11,9 @@ from tests.systems.small_systems import built, head_of, some_views
 def test_cnn_lstm_classifies_the_last_state_of_the_plain_loop():
     head, views = built("cnn_lstm").head, some_views(built("cnn_lstm"))
     cell, states = nn.LSTMCell(16, 16), [None]
-    cell.load_state_dict({name.removesuffix("_l0"): weight for name, weight in head.memory.state_dict().items()})
+    cell.load_state_dict(
+        {name.removesuffix("_l0"): weight for name, weight in head.memory.state_dict().items()}
+    )
     for view in views.unbind(dim=1):
         states.append(cell(view, states[-1]))
     logits = head(views)[0]
@@ -20,7 +22,9 @@ def test_cnn_lstm_classifies_the_last_state_of_the_plain_loop():
 
 
 def plain_conv_lstm(system, views):
-    """Logits by a loop over views and gates, each gate a convolution of the view and one of the hidden state."""
+    """Logits by a loop over views and gates, each gate a convolution of the view and one of the
+    hidden state.
+    """
     batch, _, channels, height, width = views.shape
     weight, bias = system.gates.weight, system.gates.bias
     hidden, cell = torch.zeros(2, batch, channels, height, width)
@@ -42,4 +46,5 @@ def test_conv_lstm_equals_the_plain_loop_over_views_and_gates():
     views = torch.randn(2, 5, 3, 4, 6)
     expected = plain_conv_lstm(system, views)
     torch.testing.assert_close(system(views)[0], expected)
-    torch.testing.assert_close(system(views.bfloat16())[0], expected, rtol=0, atol=0.01)  # in float32 too
+    # in float32 too
+    torch.testing.assert_close(system(views.bfloat16())[0], expected, rtol=0, atol=0.01)

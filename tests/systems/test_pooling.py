@@ -23,7 +23,8 @@ def test_vote_averages_log_probabilities_by_hand():
     system = head_of(Vote, features=2, classes=2)
     fill(system.classifier.weight, torch.eye(2))
     fill(system.classifier.bias, [0, 0])
-    log3, ln = math.log(3), math.log  # probabilities 3/4 and 1/4, then 1/2 and 1/2, then 1/10 and 9/10
+    # probabilities 3/4 and 1/4, then 1/2 and 1/2, then 1/10 and 9/10
+    log3, ln = math.log(3), math.log
     views = torch.tensor([[[log3, 0], [5, 5], [0, 2 * log3]]])
     expected = torch.tensor([[ln(3 / 4 / 2 / 10) / 3, ln(1 / 4 / 2 * 9 / 10) / 3]])
     torch.testing.assert_close(system(views)[0], expected)
@@ -32,4 +33,7 @@ def test_vote_averages_log_probabilities_by_hand():
 def test_vote_begins_as_the_pretrained_classifier_and_is_not_trained():
     network, _ = finetune("model.system=vote", "finetune.moments=running", every=12)
     for part, module in (("backbone", network.backbone), ("classifier", network.head.classifier)):
-        assert all(torch.equal(module.state_dict()[name], weight) for name, weight in pretrained()[part].items())
+        assert all(
+            torch.equal(module.state_dict()[name], weight)
+            for name, weight in pretrained()[part].items()
+        )

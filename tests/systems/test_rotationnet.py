@@ -11,7 +11,10 @@ from tests.systems.small_systems import LINE, head_of
 
 def brute_force(ratio):
     """The highest sum of a matrix (4, 4) over permutations, and the permutation."""
-    return max((sum(float(ratio[i, j]) for i, j in enumerate(turn)), turn) for turn in permutations(range(4)))
+    return max(
+        (sum(float(ratio[i, j]) for i, j in enumerate(turn)), turn)
+        for turn in permutations(range(4))
+    )
 
 
 def test_the_best_permutation_and_its_score_are_those_of_brute_force():
@@ -27,7 +30,8 @@ def test_the_best_permutation_and_its_score_are_those_of_brute_force():
             assert tuple(place[b, label].tolist()) == turn
             assert scores[b, label].item() == pytest.approx(best, abs=1e-5)
             involutions += all(turn[turn[i]] == i for i in range(4))
-    assert involutions < 15  # where it is not its own inverse, views and viewpoints cannot be mistaken
+    # where it is not its own inverse, views and viewpoints cannot be mistaken
+    assert involutions < 15
 
 
 def test_rotationnet_s_loss_of_more_views_equals_the_plain_loop():

@@ -10,13 +10,26 @@ from tests.systems.small_systems import NARROW, NETWORKS
 
 
 @pytest.mark.parametrize("views", [1, 40])
-@pytest.mark.parametrize(("name", "reuse"), [*((name, 1) for name in NETWORKS), ("gvcnn", 4), ("conv_lstm", 4)])
+@pytest.mark.parametrize(
+    ("name", "reuse"), [*((name, 1) for name in NETWORKS), ("gvcnn", 4), ("conv_lstm", 4)]
+)
 def test_it_trains_and_evaluates_with_one_view_and_with_more_views_than_frames(name, reuse, views):
     """With and without reused features, which on maps are of another shape."""
-    changes = f"model.system={name}", f"finetune.feature_reuse={reuse}", f"views={views}", "evaluate.trials=1"
+    changes = (
+        f"model.system={name}",
+        f"finetune.feature_reuse={reuse}",
+        f"views={views}",
+        "evaluate.trials=1",
+    )
     params, frames = recipe(NARROW, *changes), fewer_anchors(table(), 12)
-    classifier, progress = finetune_classifier(frames, views_of(frames, params), pretrained(NARROW), params, CPU)
-    assert np.isfinite(progress.curves["loss"]).all() if classifier.head.trainable else not progress.curves
+    classifier, progress = finetune_classifier(
+        frames, views_of(frames, params), pretrained(NARROW), params, CPU
+    )
+    assert (
+        np.isfinite(progress.curves["loss"]).all()
+        if classifier.head.trainable
+        else not progress.curves
+    )
     logits = []
     classifier.head.register_forward_hook(lambda _, __, out: logits.append(out[0]))
     evaluate_table(classifier, frames, params, CPU)

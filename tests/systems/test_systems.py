@@ -25,7 +25,9 @@ ON_MAPS = {"conv_lstm", "gvcnn"}
 
 
 @pytest.mark.parametrize("name", NETWORKS)
-def test_the_order_of_the_views_matters_where_it_should_and_those_in_time_order_see_them_sorted(name):
+def test_the_order_of_the_views_matters_where_it_should_and_those_in_time_order_see_them_sorted(
+    name,
+):
     network = built(name, "model.neighbours=2")
     assert network.head.in_time_order == (name in IN_TIME)
     features = torch.randn(20, *network.feature_shape, generator=torch.Generator().manual_seed(2))
@@ -33,20 +35,31 @@ def test_the_order_of_the_views_matters_where_it_should_and_those_in_time_order_
     shuffled = rising[:, [2, 0, 3, 1]]
     with torch.inference_mode():
         expected, moved = (network.head(features[sets])[0] for sets in (rising, shuffled))
-        direct, sorted_or_not = (view_set_logits(network.head, features, sets) for sets in (rising, shuffled))
+        direct, sorted_or_not = (
+            view_set_logits(network.head, features, sets) for sets in (rising, shuffled)
+        )
     torch.testing.assert_close(direct, expected)
     torch.testing.assert_close(sorted_or_not, expected if name in IN_TIME else moved)
-    assert (moved - expected).abs().max() < 1e-5 if name in ANY_ORDER else (moved - expected).abs().max() > 1e-3
+    assert (
+        (moved - expected).abs().max() < 1e-5
+        if name in ANY_ORDER
+        else (moved - expected).abs().max() > 1e-3
+    )
 
 
 @pytest.mark.parametrize("name", NETWORKS)
 def test_fewer_and_more_views_are_taken_where_a_system_says_so(name):
     classifier = built(name)
     assert classifier.head.takes_fewer == (name not in ALL_VIEWS)
-    assert classifier.takes_fewer == (name not in ALL_VIEWS | ON_MAPS)  # on maps each number costs as much as the rest
+    # on maps each number costs as much as the rest
+    assert classifier.takes_fewer == (name not in ALL_VIEWS | ON_MAPS)
     assert (classifier.head.takes == "maps") == (name in ON_MAPS)
     assert not built("view_gcn", "model.selector=joint").takes_fewer
-    with nullcontext() if classifier.head.takes_fewer else pytest.raises(UserError, match=f"model.system is {name}"):
+    with (
+        nullcontext()
+        if classifier.head.takes_fewer
+        else pytest.raises(UserError, match=f"model.system is {name}")
+    ):
         recipe("finetune.num_views=random", f"model.system={name}")
     assert classifier.head.takes_more == (name in ANY_NUMBER)
     for count in [*range(1, 4)] * classifier.head.takes_fewer + [9] * classifier.head.takes_more:
@@ -63,17 +76,24 @@ def test_a_loss_moves_every_weight(name, classes):
     logits, aux = classifier.head(views)
     assert logits.shape == (3, classes) and logits.isfinite().all()
     classifier.head.loss(logits, aux, labels).backward()
-    still = {key for key, weight in classifier.head.named_parameters() if not weight.grad.abs().sum() > 0}
+    still = {
+        key for key, weight in classifier.head.named_parameters() if not weight.grad.abs().sum() > 0
+    }
     assert still == set()
 
 
 @pytest.mark.parametrize("name", NETWORKS)
 def test_a_system_says_whether_its_loss_reads_values_on_the_processor(name, monkeypatch):
-    monkeypatch.setattr(torch, "autocast", lambda *_, **options: nullcontext())  # which refuses the device "meta"
+    # which refuses the device "meta"
+    monkeypatch.setattr(torch, "autocast", lambda *_, **options: nullcontext())
     classifier = built(name).train()
-    head, views = classifier.head.to("meta"), some_views(classifier).to("meta")  # whose values no processor can read
+    # whose values no processor can read
+    head, views = classifier.head.to("meta"), some_views(classifier).to("meta")
     with nullcontext() if head.capturable else pytest.raises(RuntimeError, match="meta tensor"):
-        assert head.loss(*head(views), torch.zeros(3, dtype=torch.int64, device="meta")).device.type == "meta"
+        assert (
+            head.loss(*head(views), torch.zeros(3, dtype=torch.int64, device="meta")).device.type
+            == "meta"
+        )
 
 
 @pytest.mark.parametrize("name", ["gvcnn", "rotationnet"])

@@ -16,7 +16,8 @@ from tests.systems.small_systems import head_of
 from tests.trained_network import without_dropout
 
 ROOT = Path(__file__).parents[2]
-PLACES = np.random.default_rng(0).normal(size=(9, 3)).astype(np.float32).astype(float)  # no two distances alike
+# no two distances alike
+PLACES = np.random.default_rng(0).normal(size=(9, 3)).astype(np.float32).astype(float)
 
 
 def leaky(x):
@@ -39,12 +40,20 @@ def nearest(places, i, count):
 def furthest(places, count):
     chosen = [0]
     while len(chosen) < count:
-        chosen.append(int(np.argmax([min(((place - places[j]) ** 2).sum() for j in chosen) for place in places])))
+        chosen.append(
+            int(
+                np.argmax(
+                    [min(((place - places[j]) ** 2).sum() for j in chosen) for place in places]
+                )
+            )
+        )
     return chosen
 
 
 def convolved(layer, nodes, places, count, power):
-    """Equations 1 and 2: the sum over a node's nearest, itself among them, weighted by an MLP of the edge."""
+    """Equations 1 and 2: the sum over a node's nearest, itself among them, weighted by an MLP of
+    the edge.
+    """
     sums = np.zeros_like(nodes)
     for i, here in enumerate(places):
         for j in nearest(places, i, count):
@@ -56,18 +65,30 @@ def convolved(layer, nodes, places, count, power):
 
 
 def exchanged(layer, nodes):
-    """Equations 3 and 4: a message from each node to each, itself among them, and what a node makes of their sum."""
-    received = [sum(leaky(dense(layer.message, np.concatenate([sender, node]))) for sender in nodes) for node in nodes]
+    """Equations 3 and 4: a message from each node to each, itself among them, and what a node makes
+    of their sum.
+    """
+    received = [
+        sum(leaky(dense(layer.message, np.concatenate([sender, node]))) for sender in nodes)
+        for node in nodes
+    ]
     return normed(layer.norm, dense(layer.fusion, np.hstack([nodes, received])))
 
 
 def selected(sampler, nodes, places, kept):
-    """Equation 5: the surest of the four nearest of each sampled node, and the logits (kept, K, classes) of all."""
+    """Equation 5: the surest of the four nearest of each sampled node, and the logits (kept, K,
+    classes) of all.
+    """
     near = np.array([nearest(places, i, 4) for i in furthest(places, kept)])
     if sampler.joint:
-        logits = np.stack([dense(sampler.classifier, nodes[each].ravel()).reshape(kept, -1) for each in near.T], axis=1)
+        logits = np.stack(
+            [dense(sampler.classifier, nodes[each].ravel()).reshape(kept, -1) for each in near.T],
+            axis=1,
+        )
     else:
-        weights = zip(sampler.classifier.weight.numpy(), sampler.classifier.bias.numpy(), near, strict=False)
+        weights = zip(
+            sampler.classifier.weight.numpy(), sampler.classifier.bias.numpy(), near, strict=False
+        )
         logits = np.stack([nodes[each] @ weight.T + bias for weight, bias, each in weights])
     odds = np.exp(logits)
     confidence = (odds / odds.sum(axis=0 if sampler.joint else 2, keepdims=True)).max(axis=2)
@@ -91,7 +112,12 @@ def test_the_network_is_equations_1_to_5_of_all_views_and_of_the_furthest_few(
     torch.manual_seed(0)
     changes = f"edge_distance={distance}", f"neighbours={neighbours}", f"selector={selector}"
     changes = [f"model.{change}" for change in changes]
-    head = head_of(ViewGCN, *changes, places=PLACES, features=6, classes=3).double().eval().requires_grad_(False)
+    head = (
+        head_of(ViewGCN, *changes, places=PLACES, features=6, classes=3)
+        .double()
+        .eval()
+        .requires_grad_(False)
+    )
     for name, values in (*head.named_buffers(), *head.named_parameters()):
         if "norm" in name and values.is_floating_point():
             values.uniform_(0.5, 1.5)
@@ -99,11 +125,15 @@ def test_the_network_is_equations_1_to_5_of_all_views_and_of_the_furthest_few(
     for nodes in views:
         places, descriptors = PLACES if count == 9 else PLACES[furthest(PLACES, count)], []
         for level, near in enumerate(neighbours):
-            nodes = convolved(head.convolutions[level], nodes, places, near, 1 if distance == "squared" else 0.5)
+            nodes = convolved(
+                head.convolutions[level], nodes, places, near, 1 if distance == "squared" else 0.5
+            )
             descriptors.append(nodes.max(axis=0))
             if level < 2:
                 nodes = exchanged(head.messages[level], nodes)
-                chosen, each = selected(head.samplers[level], nodes, places, max(1, count >> level + 1))
+                chosen, each = selected(
+                    head.samplers[level], nodes, places, max(1, count >> level + 1)
+                )
                 nodes, places = nodes[chosen], places[chosen]
                 outputs.append(each)
         hidden = leaky(dense(head.classifier[0], np.concatenate(descriptors)))
@@ -116,18 +146,28 @@ def test_the_network_is_equations_1_to_5_of_all_views_and_of_the_furthest_few(
 
 @pytest.mark.parametrize(("view_loss", "share"), [("sum", 1), ("mean", 1 / 3)])
 def test_equation_6_by_hand(view_loss, share):
-    """Two view sets alike; samplers of two candidates and of one, with probabilities of 1/2, 3/4 and 1/2."""
+    """Two view sets alike; samplers of two candidates and of one, with probabilities of 1/2, 3/4
+    and 1/2.
+    """
     outputs = share * math.log(2 * 4 / 3 * 2)
-    head, zero, label = head_of(ViewGCN, f"model.view_loss={view_loss}"), torch.zeros(2, 2), torch.tensor([0, 0])
+    head, zero, label = (
+        head_of(ViewGCN, f"model.view_loss={view_loss}"),
+        torch.zeros(2, 2),
+        torch.tensor([0, 0]),
+    )
     aux = [torch.tensor([[0.0, 0], [math.log(3), 0]]).expand(2, 1, 2, 2), torch.zeros(2, 1, 1, 2)]
     assert head.loss(zero, [], label).item() == pytest.approx(math.log(2))
     assert head.loss(zero, aux, label).item() == pytest.approx(math.log(2) + outputs)
 
 
-@pytest.mark.parametrize(("views", "levels"), [(1, 0), (2, 1), (3, 1), (4, 2), (7, 2), (8, 3), (99, 3)])
+@pytest.mark.parametrize(
+    ("views", "levels"), [(1, 0), (2, 1), (3, 1), (4, 2), (7, 2), (8, 3), (99, 3)]
+)
 def test_a_level_has_half_of_the_nodes_and_two_at_least(views, levels):
     head = head_of(ViewGCN, places=torch.rand(views, 3))
-    assert len(head.convolutions) == levels and head.classifier[0].in_features == max(1, levels) * 16
+    assert (
+        len(head.convolutions) == levels and head.classifier[0].in_features == max(1, levels) * 16
+    )
 
 
 def test_the_released_preset_has_the_released_number_of_weights():
@@ -143,12 +183,16 @@ def test_gradients_equal_finite_differences(row, monkeypatch):
     passing = message_passing.NonLocalMessagePassing(3).double()
     convolution = LocalGraphConvolution(3, 3, "squared").double()
     positions = torch.randn(2, 5, 3, dtype=torch.float64)
-    network = without_dropout(head_of(ViewGCN, places=viewpoints(8), features=3, classes=2).double())
+    network = without_dropout(
+        head_of(ViewGCN, places=viewpoints(8), features=3, classes=2).double()
+    )
     layers = {
         "equation 2's convolution": lambda nodes: convolution(nodes, positions),
         "equation 4's sum": passing,
         "the network's loss": lambda nodes: network.loss(*network(nodes), torch.tensor([0, 1])),
     }
     for name, layer in layers.items():
-        nodes = torch.randn(2, 8 if "loss" in name else 5, 3, dtype=torch.float64, requires_grad=True)
+        nodes = torch.randn(
+            2, 8 if "loss" in name else 5, 3, dtype=torch.float64, requires_grad=True
+        )
         row(f"of {name}, every entry", 1.0 - torch.autograd.gradcheck(layer, nodes))

@@ -20,16 +20,27 @@ from tests.glove_data import table
 def made(*, dtype=np.int16, frames=10, **changes):
     """Ten frames or fewer out of the small table, above two baselines by turns."""
     whole, at = table(), np.arange(0, 288, 29)[:frames]
-    columns = {name: values[at] for name, values in vars(whole).items() if np.shape(values)[:1] == (288,)}
-    columns |= {"counts": whole.counts[at].astype(dtype), "baseline": np.arange(frames) % 2, "scale": 150.0}
+    columns = {
+        name: values[at] for name, values in vars(whole).items() if np.shape(values)[:1] == (288,)
+    }
+    columns |= {
+        "counts": whole.counts[at].astype(dtype),
+        "baseline": np.arange(frames) % 2,
+        "scale": 150.0,
+    }
     means = np.random.default_rng(0).uniform(510, 516, (2, 12, 12)).astype(np.float32)
-    return replace(whole, **columns | {"baseline_mean": means, "classes": ["cup", "мяч", "pen", "tape"]} | changes)
+    return replace(
+        whole,
+        **columns | {"baseline_mean": means, "classes": ["cup", "мяч", "pen", "tape"]} | changes,
+    )
 
 
 def test_the_network_input_of_counts_at_the_ends_of_their_type_is_finite_and_of_the_scale_is_full():
     excess = np.array([-(2.0**31), 0, 2.0**31])
     assert network_input(excess, "clip", 1e-3).tolist() == [0, 0, 1]
-    np.testing.assert_allclose(network_input(excess, "log", 1e-3), [0, 0, 31 * np.log(2)], rtol=1e-6)
+    np.testing.assert_allclose(
+        network_input(excess, "log", 1e-3), [0, 0, 31 * np.log(2)], rtol=1e-6
+    )
     assert network_input(np.array(150.0), "log", 150.0) == pytest.approx(5.017280, abs=1e-6)
 
 
@@ -42,15 +53,21 @@ def test_inputs_are_counts_above_the_frames_baseline_transformed(transform):
     for row, i in enumerate(index):
         for at in np.ndindex(12, 12):
             excess = float(frames.counts[i, *at]) - float(frames.baseline_mean[i % 2, *at])
-            naive = min(max(excess / 150, 0), 1) if transform == "clip" else np.log(1 + max(excess, 0))
+            naive = (
+                min(max(excess / 150, 0), 1) if transform == "clip" else np.log(1 + max(excess, 0))
+            )
             assert read[row, *at] == pytest.approx(naive, rel=1e-4, abs=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("dtype", "frames"), [(np.int16, 10), (np.int32, 10), (np.float32, 10), (np.int16, 1), (np.int16, 0)]
+    ("dtype", "frames"),
+    [(np.int16, 10), (np.int32, 10), (np.float32, 10), (np.int16, 1), (np.int16, 0)],
 )
 def test_what_is_written_is_read_back_in_every_field(tmp_path, dtype, frames):
-    written, path = made(dtype=dtype, transform="log", scale=0.1, frames=frames), tmp_path / "frames"
+    written, path = (
+        made(dtype=dtype, transform="log", scale=0.1, frames=frames),
+        tmp_path / "frames",
+    )
     save_table(path, written)
     read = load_table(path, Frames)
     assert not read.counts.flags.owndata  # memory-mapped
@@ -65,7 +82,9 @@ def test_what_is_written_is_read_back_in_every_field(tmp_path, dtype, frames):
 
 
 def put(path, content):
-    path.write_bytes(content) if isinstance(content, bytes) else np.save(path, content, allow_pickle=True)
+    path.write_bytes(content) if isinstance(content, bytes) else np.save(
+        path, content, allow_pickle=True
+    )
 
 
 DAMAGE = {  # what is done to a table's folder
@@ -85,7 +104,9 @@ def test_a_damaged_table_is_refused_in_one_line(tmp_path, damage):
     path = tmp_path / "frames"
     save_table(path, made())
     DAMAGE[damage](path)
-    with pytest.raises(UserError, match=r"^.*frames: damaged, .*delete it and repeat the command$") as error:
+    with pytest.raises(
+        UserError, match=r"^.*frames: damaged, .*delete it and repeat the command$"
+    ) as error:
         load_table(path, Frames)
     assert "\n" not in str(error.value)
 
@@ -93,10 +114,14 @@ def test_a_damaged_table_is_refused_in_one_line(tmp_path, damage):
 @pytest.mark.parametrize("share", [0, 0.3, 0.999])
 def test_recordings_without_room_on_the_disk_leave_the_earlier_table(tmp_path, share):
     path, source = tmp_path / "recordings", tmp_path / "pen.npy"
-    np.save(source, np.random.default_rng(0).integers(500, 600, size=(5000, 3, 4)).astype(np.int16))  # two blocks
+    # two blocks
+    np.save(source, np.random.default_rng(0).integers(500, 600, size=(5000, 3, 4)).astype(np.int16))
     read_source(source, path, Form(labelled=False))
     right = {file.name: file.read_bytes() for file in path.iterdir()}
-    with pytest.raises(OSError, match="recordings") as error, room_for(int(share * max(map(len, right.values())))):
+    with (
+        pytest.raises(OSError, match="recordings") as error,
+        room_for(int(share * max(map(len, right.values())))),
+    ):
         read_source(source, path, Form(labelled=False))
     assert error.value.errno == errno.EFBIG and sorted(tmp_path.iterdir()) == [source, path]
     assert {file.name: file.read_bytes() for file in path.iterdir()} == right

@@ -1,4 +1,5 @@
-"""What a look at the readings finds: frames in common, what stands still, equal ends, another unit; and no false alarm.
+"""What a look at the readings finds: frames in common, what stands still, equal ends, another unit;
+and no false alarm.
 
 Recordings are of channels, or of an array, made here; which of them are faulty is known.
 """
@@ -50,16 +51,23 @@ def walk(seed, frames, channels, step=2.0):
 
 
 def windows(arrays, length, step):
-    return [array[start : start + length] for array in arrays for start in range(0, len(array) - length + 1, step)]
+    return [
+        array[start : start + length]
+        for array in arrays
+        for start in range(0, len(array) - length + 1, step)
+    ]
 
 
-#: Kinds of readings (T, C) whose windows overlap by half: real numbers, tenths, integers, a single channel.
+#: Kinds of readings (T, C) whose windows overlap by half: real numbers, tenths, integers, a single
+#: channel.
 READINGS = {
     "real numbers": lambda seed: walk(seed, 220, 8),
     "tenths": lambda seed: walk(seed, 220, 8).round(1),
     "integers": lambda seed: walk(seed, 220, 8).round(),
     "a single channel": lambda seed: walk(seed, 220, 1),
-    "a channel that stands still, and noise": lambda seed: np.column_stack([np.zeros(220), walk(seed, 220, 3)]),
+    "a channel that stands still, and noise": lambda seed: np.column_stack(
+        [np.zeros(220), walk(seed, 220, 3)]
+    ),
 }
 
 
@@ -81,7 +89,10 @@ def test_windows_that_overlap_are_warned_of_and_held_out_with_the_others_of_thei
 def test_windows_with_a_clock_of_their_own_are_known_by_the_other_readings(rate):
     parts = windows([walk(seed, 220, 8) for seed in range(6)], 40, 20)
     clocked = [np.column_stack([part, rate * np.arange(40)]) for part in parts]
-    assert "54 recordings" in warned(table_of(clocked, np.repeat(np.arange(6), 10) % 3))["shared frames"]
+    assert (
+        "54 recordings"
+        in warned(table_of(clocked, np.repeat(np.arange(6), 10) % 3))["shared frames"]
+    )
 
 
 @pytest.mark.parametrize("length", [12, 20, 40])
@@ -105,7 +116,9 @@ def test_recordings_whose_sensors_only_rise_are_no_copies():
 
 def test_a_glove_that_froze_is_named_though_its_clock_goes_on():
     arrays = frozen(counts(0), {1, 4}, 0)
-    text = warned(table_of([np.column_stack([array, np.arange(40) / 50]) for array in arrays]))["standing still"]
+    text = warned(table_of([np.column_stack([array, np.arange(40) / 50]) for array in arrays]))[
+        "standing still"
+    ]
     assert "2 recordings: X[1], X[4]" in text
 
 
@@ -116,7 +129,9 @@ def test_windows_that_only_touch_and_recordings_that_are_alike_are_not_warned_of
 
 
 def quantised(seed, *, channels, levels):
-    """Recordings (T, C) of few levels, at rest most of the time, pressed in the middle: many frames are equal."""
+    """Recordings (T, C) of few levels, at rest most of the time, pressed in the middle: many frames
+    are equal.
+    """
     rng = np.random.default_rng(seed)
     arrays = []
     for number in range(60):
@@ -225,7 +240,9 @@ def test_groups_of_recordings_with_common_frames_become_one():
     person = each // 20  # two of the long recordings each
     np.testing.assert_array_equal(groups_together(recordings, look_at(recordings), person), person)
     alike = table_of(counts(0))
-    np.testing.assert_array_equal(groups_together(alike, look_at(alike), np.arange(480)), np.arange(480))
+    np.testing.assert_array_equal(
+        groups_together(alike, look_at(alike), np.arange(480)), np.arange(480)
+    )
 
 
 def test_fit_says_that_windows_overlap():
@@ -255,7 +272,10 @@ def test_a_frozen_glove_is_named(dtype):
     text = warned(table_of(frozen(arrays, {1, 4}, 0)))["standing still"]
     assert "X[1]" in text and "X[4]" in text and "X[2]" not in text
     text = warned(table_of(frozen(arrays, {2, 5, 7}, 15)))["equal ends"]
-    assert all(f"X[{number}] (the last 25 of 40)" in text for number in (2, 5, 7)) and "X[3]" not in text
+    assert (
+        all(f"X[{number}] (the last 25 of 40)" in text for number in (2, 5, 7))
+        and "X[3]" not in text
+    )
 
 
 @pytest.mark.parametrize("value", [0, 500, 1023])
@@ -298,7 +318,10 @@ def padded(arrays, fill, at_end=True):
 @pytest.mark.parametrize("longer", [0, 20])
 def test_padding_is_named_and_whether_its_length_tells_the_object(fill, at_end, longer):
     rng = np.random.default_rng(0)
-    arrays = [500 + rng.normal(0, 1, (40 + longer * (number % 3) + rng.integers(0, 9), 8)) for number in range(24)]
+    arrays = [
+        500 + rng.normal(0, 1, (40 + longer * (number % 3) + rng.integers(0, 9), 8))
+        for number in range(24)
+    ]
     text = warned(table_of(padded(arrays, fill, at_end)))["equal ends"]
     assert "24 recordings" in text and ("differs between the objects" in text) == (longer > 0)
 
@@ -308,14 +331,19 @@ def test_padding_is_named_where_frames_repeat_and_a_hand_at_rest_is_not():
     slow = [500 + (rng.random((50 + number, 2)) < 0.2).astype(int) for number in range(24)]
     assert "24 recordings" in warned(table_of(padded(slow, "zeros")))["equal ends"]
     force = [rng.uniform(80, 200, 6) * rng.normal(1, 0.1, (30, 6)) for number in range(24)]
-    rests = rng.integers(5, 20, (24, 2))  # frames before and after a firm grip that begins and ends within a frame
-    held = [np.pad(each, ((before, after), (0, 0))) for each, (before, after) in zip(force, rests, strict=True)]
+    # frames before and after a firm grip that begins and ends within a frame
+    rests = rng.integers(5, 20, (24, 2))
+    held = [
+        np.pad(each, ((before, after), (0, 0)))
+        for each, (before, after) in zip(force, rests, strict=True)
+    ]
     assert warned(table_of(held)) == {}
 
 
 @pytest.mark.parametrize("of_object", [True, False], ids=["of one object", "of some of each"])
 @pytest.mark.parametrize(
-    ("offset", "factor"), [*((500, each) for each in (3.3 / 1023, 1 / 16, 9.81, 1000)), (0, 3.3 / 1023), (0, 102)]
+    ("offset", "factor"),
+    [*((500, each) for each in (3.3 / 1023, 1 / 16, 9.81, 1000)), (0, 3.3 / 1023), (0, 102)],
 )
 def test_recordings_in_another_unit_are_named_with_the_factor(offset, factor, of_object):
     arrays = [array - 500 + offset for array in counts(0, recordings=24)]
@@ -339,14 +367,21 @@ def test_whole_counts_that_often_stand_still_are_named_in_another_unit_too():
 
 
 def test_half_of_the_recordings_in_volts_are_found_too():
-    arrays = [array * (3.3 / 1023 if number >= 12 else 1) for number, array in enumerate(counts(0, recordings=24))]
+    arrays = [
+        array * (3.3 / 1023 if number >= 12 else 1)
+        for number, array in enumerate(counts(0, recordings=24))
+    ]
     assert "12 recordings" in warned(table_of(arrays))["unit"]
 
 
 def test_a_light_grip_and_an_empty_hand_are_no_other_unit():
     rng = np.random.default_rng(0)
     force = [0.0, 2.0, 400.0]
-    arrays = [rng.normal(0, 0.3, (60, 8)) + force[number % 3] * rng.uniform(0.5, 1, 8) for number in range(24)]
+    arrays = [
+        rng.normal(0, 0.3, (60, 8)) + force[number % 3] * rng.uniform(0.5, 1, 8)
+        for number in range(24)
+    ]
     assert warned(table_of(arrays)) == {}
-    weak = [rng.normal(0, 30 * 0.7 ** (number % 12), (60, 8)) for number in range(24)]  # muscles of any strength
+    # muscles of any strength
+    weak = [rng.normal(0, 30 * 0.7 ** (number % 12), (60, 8)) for number in range(24)]
     assert warned(table_of(weak)) == {}

@@ -8,7 +8,12 @@ from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.source import COLUMNS, Form, storage_type
 from tactile_viewgcn.tables import recordings as module
 from tactile_viewgcn.tables.counts import read_columns, write_columns
-from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, recordings_of, write_recordings
+from tactile_viewgcn.tables.recordings import (
+    Recordings,
+    frames_by_recording,
+    recordings_of,
+    write_recordings,
+)
 from tests.glove_data import source, written
 
 RNG = np.random.default_rng(0)
@@ -36,7 +41,11 @@ def test_recordings_in_blocks_are_written_in_equal_bytes_and_read_back_whole(tmp
     assert (table.shape, table.counts.dtype) == ((4, 6), np.int16)
     assert table.objects == ["empty_hand", "object1"] and table.sessions == ["session0", "session1"]
     assert table.recordings == [f"recording{number}" for number in range(5)]
-    assert [(start, len(counts)) for start, counts in table.blocks()] == [(0, 20), (20, 20), (40, 10)]
+    assert [(start, len(counts)) for start, counts in table.blocks()] == [
+        (0, 20),
+        (20, 20),
+        (40, 10),
+    ]
     np.testing.assert_array_equal(np.concatenate([counts for _, counts in table.blocks()]), COUNTS)
     for name, values in columns.items():
         np.testing.assert_array_equal(table.columns[name], values, err_msg=name)
@@ -66,17 +75,39 @@ def test_frames_and_sensors_that_ever_vary_are_indexed_like_arrays(tmp_path):
     table = written(tmp_path / "t", counts, cuts=(5, 10))
     assert np.argwhere(~table.live).tolist() == [[1, 2], [2, 2]]
     frames, live = table.part(np.arange(0, 50, 3)).counts, table.live_counts()
-    for gathered, array in ((frames, counts[::3]), (live, np.ascontiguousarray(counts[:, table.live]))):
-        assert (gathered.shape, gathered.dtype, len(gathered)) == (array.shape, array.dtype, len(array))
-        for at in (slice(None), slice(3, 17, 4), np.array([9, 2, 9]), np.arange(len(array)) % 3 == 0, np.arange(0)):
+    for gathered, array in (
+        (frames, counts[::3]),
+        (live, np.ascontiguousarray(counts[:, table.live])),
+    ):
+        assert (gathered.shape, gathered.dtype, len(gathered)) == (
+            array.shape,
+            array.dtype,
+            len(array),
+        )
+        for at in (
+            slice(None),
+            slice(3, 17, 4),
+            np.array([9, 2, 9]),
+            np.arange(len(array)) % 3 == 0,
+            np.arange(0),
+        ):
             np.testing.assert_array_equal(gathered[at], array[at])
             assert gathered[at].flags.c_contiguous  # sums over it are the same to the last digit
 
 
-def test_a_part_has_the_sensors_that_vary_in_it_and_mixed_recordings_their_frames_in_order(tmp_path):
-    table = written(tmp_path / "t", np.array([[[1, 5]], [[2, 5]], [[1, 5]], [[1, 6]]]), recording=[2, 0, 2, 0])
-    assert table.live.all() and [each.tolist() for each in frames_by_recording(table)] == [[1, 3], [0, 2]]
-    assert table.part(np.arange(3)).live.all() and table.varying(np.arange(3)).tolist() == [[True, False]]
+def test_a_part_has_the_sensors_that_vary_in_it_and_mixed_recordings_their_frames_in_order(
+    tmp_path,
+):
+    table = written(
+        tmp_path / "t", np.array([[[1, 5]], [[2, 5]], [[1, 5]], [[1, 6]]]), recording=[2, 0, 2, 0]
+    )
+    assert table.live.all() and [each.tolist() for each in frames_by_recording(table)] == [
+        [1, 3],
+        [0, 2],
+    ]
+    assert table.part(np.arange(3)).live.all() and table.varying(np.arange(3)).tolist() == [
+        [True, False]
+    ]
 
 
 STORED = {

@@ -22,16 +22,22 @@ class Interrupted(KeyboardInterrupt):
 
 
 def pretrained(path, *changes):
-    """The modules and the progress; `on_epoch` is called with every value of the curves, also of a training resumed."""
+    """The modules and the progress; `on_epoch` is called with every value of the curves, also of a
+    training resumed.
+    """
     calls = []
     keep = {"checkpoint_path": path, "on_epoch": lambda *values: calls.append(values)}
     modules, progress = pretrain("pretrain.epochs=4", *changes, every=6, **keep)
-    assert calls == [(number, {"loss": loss}) for number, loss in enumerate(progress.curves["loss"], start=1)]
+    assert calls == [
+        (number, {"loss": loss}) for number, loss in enumerate(progress.curves["loss"], start=1)
+    ]
     return modules, progress
 
 
 def finetuned(path, *changes):
-    return finetune("finetune.epochs=4", "split.validation=0.25", *changes, every=6, checkpoint_path=path)
+    return finetune(
+        "finetune.epochs=4", "split.validation=0.25", *changes, every=6, checkpoint_path=path
+    )
 
 
 def interrupt(monkeypatch, after):
@@ -51,11 +57,21 @@ def interrupt(monkeypatch, after):
         (pretrained, (), 1),
         (pretrained, (), 4),
         (finetuned, ("finetune.feature_reuse=4", "finetune.num_views=random"), 1),
-        (finetuned, ("finetune.feature_reuse=4", "finetune.resample_views=never", "finetune.schedule=cosine"), 4),
+        (
+            finetuned,
+            (
+                "finetune.feature_reuse=4",
+                "finetune.resample_views=never",
+                "finetune.schedule=cosine",
+            ),
+            4,
+        ),
         (finetuned, ("views=1", "finetune.feature_reuse=8"), 1),
     ],
 )
-def test_an_interrupted_training_ends_as_one_that_was_not(tmp_path, monkeypatch, train, changes, after):
+def test_an_interrupted_training_ends_as_one_that_was_not(
+    tmp_path, monkeypatch, train, changes, after
+):
     whole, progress = train(None, *changes)
     path = tmp_path / "training.pt"
     with monkeypatch.context() as patch:
@@ -66,12 +82,18 @@ def test_an_interrupted_training_ends_as_one_that_was_not(tmp_path, monkeypatch,
     resumed, again = train(path, *changes)
     assert equal_weights(whole, resumed) and again.curves == progress.curves
     assert again.epoch == progress.epoch == 4 and progress.resumed == (0, 0.0)
-    assert [re.findall(r"\d+ ", str(each)) for each in (progress, again)] == [["4 "], ["4 ", f"{after} "]]  # epochs
+    # epochs
+    assert [re.findall(r"\d+ ", str(each)) for each in (progress, again)] == [
+        ["4 "],
+        ["4 ", f"{after} "],
+    ]
     assert again.resumed[0] == after and again.seconds >= again.resumed[1] > 0
 
 
 @pytest.mark.parametrize("stage", ["pretrain", "finetune"])
-def test_a_stage_that_was_interrupted_goes_on_and_ends_as_one_that_was_not(tmp_path, monkeypatch, stage):
+def test_a_stage_that_was_interrupted_goes_on_and_ends_as_one_that_was_not(
+    tmp_path, monkeypatch, stage
+):
     shutil.copy(FILE, tmp_path)
     save_table(tmp_path / "data" / "frames", table())
     save_table(tmp_path / "data" / "views", views_of(table(), recipe()))
@@ -118,9 +140,19 @@ def path_of(tmp_path, monkeypatch):
     return path_of
 
 
-def test_another_stage_key_or_machine_has_another_file_in_the_original_repository(tmp_path, monkeypatch, path_of):
-    machines = [CPU, Compute(torch.device("cpu"), "bfloat16"), Compute(torch.device("cuda"), "float32")]
-    cases = [("finetune", "b", CPU), ("pretrain", "a", CPU), *(("finetune", "a", machine) for machine in machines)]
+def test_another_stage_key_or_machine_has_another_file_in_the_original_repository(
+    tmp_path, monkeypatch, path_of
+):
+    machines = [
+        CPU,
+        Compute(torch.device("cpu"), "bfloat16"),
+        Compute(torch.device("cuda"), "float32"),
+    ]
+    cases = [
+        ("finetune", "b", CPU),
+        ("pretrain", "a", CPU),
+        *(("finetune", "a", machine) for machine in machines),
+    ]
     paths = [path_of(*case) for case in cases]
     assert len(set(paths)) == 5 and path_of(*cases[0]) == paths[0]
     assert {path.parent for path in paths} == {tmp_path / "checkpoints"}
@@ -128,7 +160,9 @@ def test_another_stage_key_or_machine_has_another_file_in_the_original_repositor
     assert path_of(*cases[0]) not in paths
 
 
-def test_a_failed_training_keeps_its_file_and_a_second_process_with_the_same_training_has_none(path_of):
+def test_a_failed_training_keeps_its_file_and_a_second_process_with_the_same_training_has_none(
+    path_of,
+):
     training = "pretrain", "key", CPU
     with pytest.raises(Interrupted), training_checkpoint(*training) as path:
         path.write_bytes(b"under way")

@@ -1,4 +1,6 @@
-"""Training and answers on a CUDA card beside those on the processor; without a card the tests skip, saying so."""
+"""Training and answers on a CUDA card beside those on the processor; without a card the tests skip,
+saying so.
+"""
 
 from copy import deepcopy
 
@@ -40,7 +42,9 @@ def test_every_network_learns_in_bfloat16_and_its_logits_are_those_of_the_proces
     assert progress.curves["loss"][-1] < 0.5 * progress.curves["loss"][0]
     weights = {"backbone": backbone.state_dict(), "classifier": classifier.state_dict()}
     graphs.clear()
-    tuned, progress = finetune_classifier(table(), views_of(table(), params), weights, params, compute)
+    tuned, progress = finetune_classifier(
+        table(), views_of(table(), params), weights, params, compute
+    )
     assert not tuned.head.trainable or progress.curves["loss"][-1] < progress.first_loss
     assert bool(graphs) == (tuned.head.trainable and tuned.head.capturable)
     draw = torch.Generator().manual_seed(2)
@@ -63,14 +67,19 @@ def test_an_interrupted_training_goes_on_as_one_that_was_not(tmp_path):
         pretrain_backbone(table(), recipe(), CUDA, tmp_path / "kept.pt", stop)
     progress = pretrain_backbone(table(), recipe(), CUDA, tmp_path / "kept.pt")[2]
     assert progress.resumed[0] == 2
-    assert progress.curves["loss"] == pytest.approx(whole.curves["loss"], abs=0.01)  # some sums have no fixed order
+    # some sums have no fixed order
+    assert progress.curves["loss"] == pytest.approx(whole.curves["loss"], abs=0.01)
 
 
 def test_a_repeated_step_has_the_loss_and_the_gradients_of_a_launched_one(graphs):
     draw = torch.Generator().manual_seed(4)
-    launched = torch.nn.Sequential(torch.nn.Linear(8, 16), torch.nn.Tanh(), torch.nn.Linear(16, 3)).cuda()
+    launched = torch.nn.Sequential(
+        torch.nn.Linear(8, 16), torch.nn.Tanh(), torch.nn.Linear(16, 3)
+    ).cuda()
     repeated = deepcopy(launched)
-    loss_of = Replay(lambda inputs, targets: mse_loss(repeated(inputs), targets), repeated.parameters())
+    loss_of = Replay(
+        lambda inputs, targets: mse_loss(repeated(inputs), targets), repeated.parameters()
+    )
     for _ in range(4):
         inputs, targets = (torch.randn(32, width, generator=draw).cuda() for width in (8, 3))
         expected, loss = mse_loss(launched(inputs), targets), loss_of(inputs, targets)
@@ -87,7 +96,13 @@ def test_a_repeated_step_has_the_loss_and_the_gradients_of_a_launched_one(graphs
 
 @pytest.mark.parametrize(
     "change",
-    [*(f"finetune.{name}" for name in ("feature_reuse=1", "feature_reuse=4", "num_views=random")), "model.system=stag"],
+    [
+        *(
+            f"finetune.{name}"
+            for name in ("feature_reuse=1", "feature_reuse=4", "num_views=random")
+        ),
+        "model.system=stag",
+    ],
 )
 def test_repeated_kernels_learn_what_launched_ones_do(change, graphs, monkeypatch):
     params = recipe("finetune.epochs=3", change)

@@ -46,9 +46,13 @@ def test_random_draws_are_of_the_training_side_alone(monkeypatch, draw):
 
 
 @pytest.mark.parametrize(
-    ("reuse", "views", "filled"), [(1, 4, 0), (2, 4, 1), (2, 1, 0)], ids=["no reuse", "reuse", "one view"]
+    ("reuse", "views", "filled"),
+    [(1, 4, 0), (2, 4, 1), (2, 1, 0)],
+    ids=["no reuse", "reuse", "one view"],
 )
-def test_the_bank_is_filled_once_a_training_where_features_are_reused(monkeypatch, reuse, views, filled):
+def test_the_bank_is_filled_once_a_training_where_features_are_reused(
+    monkeypatch, reuse, views, filled
+):
     fills, fill = [], SetLoss.fill_bank
     monkeypatch.setattr(SetLoss, "fill_bank", lambda *arguments: fills.append(fill(*arguments)))
     finetune("finetune.epochs=2", f"finetune.feature_reuse={reuse}", f"views={views}", every=12)
@@ -57,17 +61,23 @@ def test_the_bank_is_filled_once_a_training_where_features_are_reused(monkeypatc
 
 def test_a_side_draws_one_set_around_each_of_its_anchors():
     frames = fewer_anchors(table(VALIDATED), 3)
-    side = SideViewSets(VALIDATION, frames, views_of(frames, recipe()), recipe("cluster.assignment=anchor"), CPU)
+    side = SideViewSets(
+        VALIDATION, frames, views_of(frames, recipe()), recipe("cluster.assignment=anchor"), CPU
+    )
     index = frames.on(VALIDATION)
     np.testing.assert_array_equal(side.frames.labels, frames.label[index])
     np.testing.assert_array_equal(side.frames[torch.arange(len(index))][:, 0], frames.inputs(index))
     sets = side.draw()
-    np.testing.assert_array_equal(index[sets[:, 0]], np.flatnonzero(frames.anchor & (frames.side == VALIDATION)))
+    np.testing.assert_array_equal(
+        index[sets[:, 0]], np.flatnonzero(frames.anchor & (frames.side == VALIDATION))
+    )
     assert sets.max() < len(index)
 
 
 def planned(*changes, **order):
-    """A side, its anchors' view sets (A, V), and the batches of an epoch; the noise of frames is a change of sign."""
+    """A side, its anchors' view sets (A, V), and the batches of an epoch; the noise of frames is a
+    change of sign.
+    """
     params, frames = recipe(*changes), table()
     side = SideViewSets(TRAIN, frames, views_of(frames, params), params, CPU)
     drawn, side.frames.noisy = side.draw(), lambda at: -side.frames[at]
@@ -84,11 +94,17 @@ def test_an_epoch_s_batches_hold_every_view_set_once_and_differ_by_one_at_most()
 
 @pytest.mark.parametrize("in_time_order", [False, True])
 def test_a_batch_has_the_noisy_frames_that_pass_and_the_class_of_each_set(in_time_order):
-    side, drawn, batches = planned("finetune.feature_reuse=2", "finetune.batch=5", in_time_order=in_time_order)
-    anchor_of = {tuple(sorted(sets)): anchor for sets, anchor in zip(drawn, side.anchors, strict=True)}
+    side, drawn, batches = planned(
+        "finetune.feature_reuse=2", "finetune.batch=5", in_time_order=in_time_order
+    )
+    anchor_of = {
+        tuple(sorted(sets)): anchor for sets, anchor in zip(drawn, side.anchors, strict=True)
+    }
     for frames, labels, sets, passing in batches:
         np.testing.assert_array_equal(-frames, side.frames[torch.from_numpy(sets.ravel()[passing])])
-        np.testing.assert_array_equal(np.broadcast_to(labels, sets.T.shape), side.frames.labels[sets.T])
+        np.testing.assert_array_equal(
+            np.broadcast_to(labels, sets.T.shape), side.frames.labels[sets.T]
+        )
         for row, passed in zip(sets, sets.ravel()[passing.reshape(len(sets), -1)], strict=True):
             assert anchor_of[tuple(sorted(row))] in passed
         assert (np.diff(sets, axis=1) >= 0).all() == in_time_order
@@ -100,13 +116,18 @@ def test_of_each_set_one_frame_in_reuse_passes_the_backbone(feature_reuse, count
     columns = set()
     for *_, sets, passing in batches:
         rows, column = np.divmod(passing, 4)
-        assert rows.tolist() == np.repeat(np.arange(len(sets)), count).tolist() and (np.diff(passing) > 0).all()
+        assert (
+            rows.tolist() == np.repeat(np.arange(len(sets)), count).tolist()
+            and (np.diff(passing) > 0).all()
+        )
         columns |= set(column.tolist())
     assert columns == {0, 1, 2, 3}
 
 
 def test_random_sizes_are_all_there_one_a_batch_and_keep_the_anchor():
-    side, _, batches = planned("finetune.num_views=random", "finetune.batch=3", "finetune.feature_reuse=2")
+    side, _, batches = planned(
+        "finetune.num_views=random", "finetune.batch=3", "finetune.feature_reuse=2"
+    )
     assert {sets.shape[1] for _, _, sets, _ in batches} == {1, 2, 3, 4}
     for *_, sets, passing in batches:
         assert len(passing) == len(sets) * -(-sets.shape[1] // 2)

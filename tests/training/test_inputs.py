@@ -1,4 +1,6 @@
-"""Network input of frames, from memory or from the table's mapped file, and its changes in training."""
+"""Network input of frames, from memory or from the table's mapped file, and its changes in
+training.
+"""
 
 from dataclasses import replace
 
@@ -31,7 +33,9 @@ def test_a_batch_is_the_network_input_of_its_frames_in_the_order_that_convolutio
     np.testing.assert_array_equal(torch.cat(parts)[:, 0], expected)
 
 
-@pytest.mark.parametrize(("share", "transform", "full_scale"), [(0.015, "clip", 1), (0.3, "clip", 1), (0.3, "log", 2)])
+@pytest.mark.parametrize(
+    ("share", "transform", "full_scale"), [(0.015, "clip", 1), (0.3, "clip", 1), (0.3, "log", 2)]
+)
 def test_noise_is_white_of_the_stated_share_of_full_scale(share, transform, full_scale):
     """Full scale of the logarithm is log(1 + e² - 1)."""
     index, everyone = np.arange(200), torch.arange(200)

@@ -23,7 +23,9 @@ class Loss(nn.Module):
 
 
 def run(loss_of, parameters, *, epochs, steps=2, rate=0.25, validate=dict, schedule="constant"):
-    """A training whose batches are pairs of epoch and step: its progress or its error, and the batches it took."""
+    """A training whose batches are pairs of epoch and step: its progress or its error, and the
+    batches it took.
+    """
     changes = f"epochs={epochs}", f"schedule={schedule}", "step_size=1"
     config, taken, calls = recipe(*(f"pretrain.{change}" for change in changes)).pretrain, [], []
 
@@ -34,18 +36,35 @@ def run(loss_of, parameters, *, epochs, steps=2, rate=0.25, validate=dict, sched
 
     optimiser, on_epoch = torch.optim.SGD(parameters, rate), lambda *values: calls.append(values)
     try:
-        progress = fit("loop", config, steps, Loss(loss_of), optimiser, batches, validate, [], on_epoch=on_epoch)
+        progress = fit(
+            "loop",
+            config,
+            steps,
+            Loss(loss_of),
+            optimiser,
+            batches,
+            validate,
+            [],
+            on_epoch=on_epoch,
+        )
     except UserError as error:
         return str(error), taken
     curves = progress.curves.items()
     assert progress.epoch == epochs
-    assert calls == [(epoch + 1, {name: line[epoch] for name, line in curves}) for epoch in range(epochs)]
+    assert calls == [
+        (epoch + 1, {name: line[epoch] for name, line in curves}) for epoch in range(epochs)
+    ]
     return progress, taken
 
 
 def test_a_step_goes_down_the_loss_by_its_epoch_s_rate_and_the_curves_are_means_over_batches_and_what_is_validated():
     weight, values = nn.Parameter(torch.zeros(())), iter([0.5, 0.25])
-    options = {"epochs": 2, "rate": 2.0, "schedule": "step", "validate": lambda: {"validation_error": next(values)}}
+    options = {
+        "epochs": 2,
+        "rate": 2.0,
+        "schedule": "step",
+        "validate": lambda: {"validation_error": next(values)},
+    }
     progress, taken = run(lambda *_: weight * 1, [weight], **options)
     assert taken == [(0, 0), (0, 1), (1, 0), (1, 1)] and weight.item() == -2 * (1 + 1 + 0.5 + 0.5)
     assert progress.curves == {"loss": [-1.0, -4.5], "validation_error": [0.5, 0.25]}
@@ -53,18 +72,24 @@ def test_a_step_goes_down_the_loss_by_its_epoch_s_rate_and_the_curves_are_means_
 
 @pytest.mark.parametrize("bad", [math.inf, math.nan, 1e6])
 @pytest.mark.parametrize("epoch", [0, 1])
-def test_a_training_that_diverges_ends_and_names_the_epoch_the_rates_and_the_key_to_lower(bad, epoch):
+def test_a_training_that_diverges_ends_and_names_the_epoch_the_rates_and_the_key_to_lower(
+    bad, epoch
+):
     """Two weights of one, whose loss is 2, and from an epoch's second batch on about `bad`."""
     first, second = (nn.Parameter(torch.ones(())) for _ in range(2))
     groups = [{"params": [first], "lr": 1e-9}, {"params": [second], "lr": 0.0}]
-    fault, taken = run(lambda *batch: first + second * (bad if batch >= (epoch, 1) else 1.0), groups, epochs=3)
+    fault, taken = run(
+        lambda *batch: first + second * (bad if batch >= (epoch, 1) else 1.0), groups, epochs=3
+    )
     assert taken == [(0, 0), (0, 1), (1, 0), (1, 1)][: 2 * epoch + 2]
     assert fault.startswith(f"loop diverged in epoch {epoch + 1} at a learning rate of 1e-09, 0: ")
     assert fault.endswith("lower loop.lr")
 
 
 @pytest.mark.parametrize(("bad", "diverges"), [(18.0, False), (20.0, True)])
-def test_an_epoch_may_be_up_to_ten_times_as_bad_as_the_first_loss_of_all_however_it_has_risen_since(bad, diverges):
+def test_an_epoch_may_be_up_to_ten_times_as_bad_as_the_first_loss_of_all_however_it_has_risen_since(
+    bad, diverges
+):
     first = nn.Parameter(torch.ones(()))
     losses = lambda epoch, _: first * (2.0, 15.0, bad + 1)[epoch]  # noqa: E731
     assert isinstance(run(losses, [first], epochs=3, rate=1e-12)[0], str) == diverges
@@ -74,7 +99,9 @@ def test_an_epoch_may_be_up_to_ten_times_as_bad_as_the_first_loss_of_all_however
 def test_a_training_that_begins_with_a_loss_below_1_diverges_at_ten(bad, diverges):
     """The first loss is 0.05, and the means of both epochs after it are `bad`."""
     weight = nn.Parameter(torch.ones(()))
-    outcome, taken = run(lambda epoch, _: weight * (bad if epoch else 0.05), [weight], epochs=3, rate=1e-12)
+    outcome, taken = run(
+        lambda epoch, _: weight * (bad if epoch else 0.05), [weight], epochs=3, rate=1e-12
+    )
     assert isinstance(outcome, str) == diverges
     assert len(taken) == (4 if diverges else 6)
 

@@ -29,10 +29,17 @@ def normalised(layer, values, parts):
 
 
 @pytest.mark.parametrize("in_time_order", [False, True])
-def test_moments_are_means_over_batches_the_backbone_s_first_then_the_head_s_in_its_order(in_time_order):
-    """Three batches of 300 frames, a tensor that knows no noise, then four of 400 view sets, without dropout."""
+def test_moments_are_means_over_batches_the_backbone_s_first_then_the_head_s_in_its_order(
+    in_time_order,
+):
+    """Three batches of 300 frames, a tensor that knows no noise, then four of 400 view sets,
+    without dropout.
+    """
     draw = torch.Generator().manual_seed(0)
-    frames, sets = 5 * torch.randn(300, 2, generator=draw).exp(), torch.randint(300, (400, 3), generator=draw)
+    frames, sets = (
+        5 * torch.randn(300, 2, generator=draw).exp(),
+        torch.randint(300, (400, 3), generator=draw),
+    )
     network = nn.Module()
     network.backbone = nn.Sequential(nn.Dropout(0.5), nn.BatchNorm1d(2, affine=False))
     network.head = FirstView(in_time_order)

@@ -18,15 +18,21 @@ SETS, LABELS = some_sets(24, 4, 6), np.arange(6) % 4
 
 
 def classifier_of(system):
-    """The small trained classifier, or another system's with random weights; in training, but without dropout."""
+    """The small trained classifier, or another system's with random weights; in training, but
+    without dropout.
+    """
     torch.manual_seed(0)
-    other = build_classifier(torch.from_numpy(viewpoints(4)), 4, recipe(f"model.system={system}").model, (12, 12))
+    other = build_classifier(
+        torch.from_numpy(viewpoints(4)), 4, recipe(f"model.system={system}").model, (12, 12)
+    )
     return without_dropout((trained() if system == "view_gcn" else other).train())
 
 
 def loss_of(classifier, frames, sets=SETS, labels=LABELS):
     nodes = classifier.backbone(frames.unsqueeze(1))
-    return classifier.head.loss(*classifier.head(nodes[torch.from_numpy(sets)]), torch.from_numpy(labels))
+    return classifier.head.loss(
+        *classifier.head(nodes[torch.from_numpy(sets)]), torch.from_numpy(labels)
+    )
 
 
 def not_finite(system, inputs, sets=SETS, labels=LABELS):
@@ -68,11 +74,15 @@ def test_two_view_sets_of_two_frames_are_enough_for_batch_normalisation(row):
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_a_systems_loss_of_logits_10_000_times_as_large(row, system):
     head = classifier_of(system).eval().head
-    nodes = torch.rand(24, *classifier_of(system).feature_shape, generator=torch.Generator().manual_seed(0))
+    nodes = torch.rand(
+        24, *classifier_of(system).feature_shape, generator=torch.Generator().manual_seed(0)
+    )
     with torch.no_grad():
         logits, aux = head(nodes[torch.from_numpy(SETS)])
         single, exact = (
-            head.loss(1e4 * logits.to(kind), [1e4 * one.to(kind) for one in aux], torch.from_numpy(LABELS))
+            head.loss(
+                1e4 * logits.to(kind), [1e4 * one.to(kind) for one in aux], torch.from_numpy(LABELS)
+            )
             for kind in (torch.float32, torch.float64)
         )
     error = max_rel_error(single, exact)

@@ -21,10 +21,14 @@ from tests.training.small_trainings import finetune, pretrain
 )
 def test_it_learns_to_recognise_the_objects(train, changes, epochs):
     curves = train(*changes, "split.validation=0.25")[1].curves
-    assert {name: len(line) for name, line in curves.items()} == {"loss": epochs, "validation_error": epochs}
+    assert {name: len(line) for name, line in curves.items()} == {
+        "loss": epochs,
+        "validation_error": epochs,
+    }
     assert curves["validation_error"][-1] < 0.3  # of new recordings; chance: 0.75
     assert curves["loss"][-1] < 0.7 * curves["loss"][0]
-    assert list(train("pretrain.epochs=1", every=12)[1].curves) == ["loss"]  # without a validation side
+    # without a validation side
+    assert list(train("pretrain.epochs=1", every=12)[1].curves) == ["loss"]
 
 
 @pytest.fixture
@@ -33,7 +37,9 @@ def fitted(monkeypatch):
     arguments = {}
 
     def fit(stage, config, steps, loss, optimiser, batches, validate, *_):
-        arguments.update(groups=optimiser.param_groups, loss=loss, batches=batches, validate=validate)
+        arguments.update(
+            groups=optimiser.param_groups, loss=loss, batches=batches, validate=validate
+        )
         return Progress()
 
     for training in (pretraining, finetuning):
@@ -42,11 +48,15 @@ def fitted(monkeypatch):
 
 
 @pytest.mark.parametrize(("dropout", "share"), [("true", 0.2), ("false", 0.0)])
-def test_backbone_and_graph_network_have_rates_of_their_own_and_the_backbone_its_dropout(fitted, dropout, share):
+def test_backbone_and_graph_network_have_rates_of_their_own_and_the_backbone_its_dropout(
+    fitted, dropout, share
+):
     network, _ = finetune("finetune.lr=5e-4", f"finetune.backbone_dropout={dropout}")
     backbone, head = fitted["groups"]
     assert (backbone["lr"], head["lr"]) == (1e-4, 5e-4)
-    assert {(group["momentum"], group["weight_decay"]) for group in fitted["groups"]} == {(0.9, 1e-4)}
+    assert {(group["momentum"], group["weight_decay"]) for group in fitted["groups"]} == {
+        (0.9, 1e-4)
+    }
     assert [len(group["params"]) for group in (backbone, head)] == [
         len(list(part.parameters())) for part in (network.backbone, network.head)
     ]
@@ -79,9 +89,15 @@ def test_frames_carry_the_noise_of_the_recipe(fitted, train):
 
 
 @pytest.mark.parametrize("train", [pretrain, finetune])
-def test_layers_are_in_training_in_every_epoch_and_in_evaluation_while_they_are_validated(fitted, train):
+def test_layers_are_in_training_in_every_epoch_and_in_evaluation_while_they_are_validated(
+    fitted, train
+):
     train("split.validation=0.25", "finetune.moments=running", every=12)
-    layers = [layer for layer in fitted["loss"].modules() if hasattr(layer, "running_mean") or hasattr(layer, "p")]
+    layers = [
+        layer
+        for layer in fitted["loss"].modules()
+        if hasattr(layer, "running_mean") or hasattr(layer, "p")
+    ]
     for epoch in range(2):
         next(iter(fitted["batches"](epoch)))
         assert all(layer.training for layer in layers)

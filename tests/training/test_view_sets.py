@@ -14,7 +14,9 @@ from tests.glove_data import CPU
 def loss_with_bank(size, shape=(1,), compute=CPU):
     """A loss whose network's features are the frames themselves; it comes in evaluation mode."""
     head = SimpleNamespace(capturable=True)
-    return SetLoss(SimpleNamespace(backbone=nn.Flatten().eval(), head=head, feature_shape=shape), compute, size)
+    return SetLoss(
+        SimpleNamespace(backbone=nn.Flatten().eval(), head=head, feature_shape=shape), compute, size
+    )
 
 
 class Noisy:
@@ -40,7 +42,11 @@ def test_the_bank_holds_each_frame_s_features_and_those_of_noisy_frames(noise):
 
 @pytest.mark.parametrize(
     ("precision", "shape", "dtype"),
-    [("bfloat16", (4, 2, 2), torch.bfloat16), ("bfloat16", (4,), torch.float32), ("float32", (4, 2, 2), torch.float32)],
+    [
+        ("bfloat16", (4, 2, 2), torch.bfloat16),
+        ("bfloat16", (4,), torch.float32),
+        ("float32", (4, 2, 2), torch.float32),
+    ],
 )
 def test_the_bank_keeps_the_precision_of_features_and_of_maps(precision, shape, dtype):
     bank = loss_with_bank(3, shape, Compute(CPU.device, precision)).bank
@@ -57,4 +63,5 @@ def test_a_batch_has_new_features_and_banked_ones_and_gradients_reach_the_new_al
     loss(frames, torch.zeros(2), sets, passing).backward()
     assert seen[0].squeeze(-1).tolist() == [[100, 1, 101], [0, 102, 103]]
     assert torch.equal(frames.grad, 2 * frames.detach())
-    assert loss.bank.flatten().tolist() == [0, 1, 2, 3, 100, 5, 6, 101, 8, 103, 10, 11]  # of frame 4's two the first
+    # of frame 4's two the first
+    assert loss.bank.flatten().tolist() == [0, 1, 2, 3, 100, 5, 6, 101, 8, 103, 10, 11]

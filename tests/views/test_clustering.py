@@ -11,7 +11,12 @@ from sklearn.cluster import KMeans
 from stages.cluster import cluster
 from tactile_viewgcn.tables.frames import NO_CLUSTER, TEST, Views, load_table, save_table
 from tactile_viewgcn.views import clustering
-from tactile_viewgcn.views.clustering import cluster_pools, pool_ids, pool_scores, principal_components
+from tactile_viewgcn.views.clustering import (
+    cluster_pools,
+    pool_ids,
+    pool_scores,
+    principal_components,
+)
 from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.glove_data import recipe, table, views_of
 
@@ -23,11 +28,15 @@ def same_partition(one, other):
     return np.array_equal(one[:, None] == one, other[:, None] == other)
 
 
-@given(st.lists(st.tuples(*(st.integers(0, most) for most in (2, 1, 2, 2))), min_size=1, max_size=30))
+@given(
+    st.lists(st.tuples(*(st.integers(0, most) for most in (2, 1, 2, 2))), min_size=1, max_size=30)
+)
 @settings(max_examples=25, deadline=None)
 def test_pools_are_those_of_a_loop(frames):
     columns = np.array(frames).T
-    of_frames = SimpleNamespace(**dict(zip(("side", "label", "recording", "group"), columns, strict=True)))
+    of_frames = SimpleNamespace(
+        **dict(zip(("side", "label", "recording", "group"), columns, strict=True))
+    )
     index = np.arange(len(frames))[::2]
     for scope, length in (("object", 2), ("recording", 4)):
         keys = [frames[i][:length] for i in index]
@@ -38,11 +47,17 @@ def test_pools_are_those_of_a_loop(frames):
 def test_training_and_validation_frames_get_a_cluster_and_test_frames_none():
     frames = table(VALIDATED)
     views = views_of(frames, PARAMS)
-    assert (views.cluster[frames.side == TEST] == NO_CLUSTER).all() and views.cluster.dtype == np.int16
+    assert (
+        views.cluster[frames.side == TEST] == NO_CLUSTER
+    ).all() and views.cluster.dtype == np.int16
     for number in np.unique(views.pool[frames.side != TEST]):
         assert set(views.cluster[views.pool == number].tolist()) == set(range(4))
-    np.testing.assert_array_equal(views.pool, pool_ids(frames, np.arange(len(frames)), PARAMS.cluster.scope))
-    np.testing.assert_array_equal(views.viewpoints, viewpoints(PARAMS.views, PARAMS.viewpoints, PARAMS.seed))
+    np.testing.assert_array_equal(
+        views.pool, pool_ids(frames, np.arange(len(frames)), PARAMS.cluster.scope)
+    )
+    np.testing.assert_array_equal(
+        views.viewpoints, viewpoints(PARAMS.views, PARAMS.viewpoints, PARAMS.seed)
+    )
 
 
 def test_the_seed_decides_the_clusters(tmp_path):
@@ -72,7 +87,9 @@ def test_random_clusters_and_a_single_one_compute_nothing(monkeypatch, method, v
     monkeypatch.setattr(clustering, "pool_scores", None)
     monkeypatch.setattr(clustering, "kmeans", None)
     params = recipe(f"cluster.method={method}").cluster
-    cluster = cluster_pools(np.zeros((16, 3)), np.arange(16) % 2, views, params, np.random.default_rng(0))
+    cluster = cluster_pools(
+        np.zeros((16, 3)), np.arange(16) % 2, views, params, np.random.default_rng(0)
+    )
     assert np.bincount(cluster, minlength=views).tolist() == [16 // views] * views
 
 
@@ -80,7 +97,9 @@ def test_random_clusters_and_a_single_one_compute_nothing(monkeypatch, method, v
 def test_components_are_those_of_the_singular_values(shape):
     points = np.random.default_rng(6).random(shape)
     left, values, _ = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
-    np.testing.assert_allclose(np.abs(principal_components(points, 4)), np.abs(left * values)[:, :4], atol=1e-9)
+    np.testing.assert_allclose(
+        np.abs(principal_components(points, 4)), np.abs(left * values)[:, :4], atol=1e-9
+    )
     released = min(8, *shape)  # components, of the released code
     assert pool_scores(points, np.zeros(len(points), dtype=int))[0].shape == (len(points), released)
 

@@ -8,7 +8,9 @@ from tactile_viewgcn.views.recording_clusters import RecordingClusters
 
 
 def clumps(sizes, seed=0):
-    """Points (T, 12) of clumps of these numbers of frames, far from each other, in a random order; clump (T,)."""
+    """Points (T, 12) of clumps of these numbers of frames, far from each other, in a random order;
+    clump (T,).
+    """
     rng = np.random.default_rng(seed)
     clump = rng.permutation(np.repeat(np.arange(len(sizes)), sizes))
     centres = 100 * rng.normal(size=(len(sizes), 12))
@@ -21,7 +23,9 @@ def test_each_frame_has_a_set_of_one_frame_of_each_cluster(sizes, assignment):
     points, clump = clumps(sizes)
     sets = RecordingClusters(Cluster(assignment=assignment)).view_sets(points, 4)
     assert sets.shape == (len(points), 4)
-    np.testing.assert_array_equal(np.sort(clump[sets], axis=1), np.tile(np.arange(4), (len(points), 1)))
+    np.testing.assert_array_equal(
+        np.sort(clump[sets], axis=1), np.tile(np.arange(4), (len(points), 1))
+    )
     assert (sets == np.arange(len(points))[:, None]).sum(axis=1).tolist() == [1] * len(points)
     columns = {tuple(row) for row in clump[sets].tolist()}
     assert (len(columns) == 1) == (assignment == "index")  # a cluster stays at its viewpoint

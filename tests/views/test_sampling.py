@@ -16,24 +16,31 @@ def clustered(draw):
     views, pools = draw(st.integers(1, 6)), draw(st.integers(1, 4))
     extra = draw(st.lists(st.integers(0, pools - 1), max_size=30))
     pool = np.array(draw(st.permutations([*range(pools), *extra])))
-    cluster = np.array(draw(st.lists(st.integers(0, views - 1), min_size=len(pool), max_size=len(pool))))
+    cluster = np.array(
+        draw(st.lists(st.integers(0, views - 1), min_size=len(pool), max_size=len(pool)))
+    )
     return cluster, pool, views
 
 
 @given(clustered(), st.integers(0, 2**32 - 1))
 @settings(max_examples=60, deadline=None)
-def test_each_column_is_of_its_cluster_the_anchor_in_its_own_and_other_assignments_reorder_that(case, seed):
+def test_each_column_is_of_its_cluster_the_anchor_in_its_own_and_other_assignments_reorder_that(
+    case, seed
+):
     cluster, pool, views = case
     drawn, anchors = ViewSets(cluster, pool, views), np.arange(len(pool))
     sets, by_anchor, at_random = (
-        drawn.draw(anchors, np.random.default_rng(seed), kind) for kind in ("index", "anchor", "random")
+        drawn.draw(anchors, np.random.default_rng(seed), kind)
+        for kind in ("index", "anchor", "random")
     )
     assert sets.shape == (len(pool), views)
     np.testing.assert_array_equal(sets[anchors, cluster], anchors)
     for anchor, row in enumerate(sets):
         assert (pool[row] == pool[anchor]).all()
         for column, frame in enumerate(row):
-            assert drawn.empty[pool[anchor], column] == (not ((pool == pool[anchor]) & (cluster == column)).any())
+            assert drawn.empty[pool[anchor], column] == (
+                not ((pool == pool[anchor]) & (cluster == column)).any()
+            )
             assert drawn.empty[pool[anchor], column] or cluster[frame] == column
     np.testing.assert_array_equal(by_anchor[:, 0], anchors)
     for other in (by_anchor, at_random):
@@ -54,20 +61,31 @@ def test_frames_of_a_cluster_are_drawn_equally_often_and_for_an_empty_one_those_
     sets = ViewSets(cluster, pool, 4).draw(np.full(DRAWS, 2), np.random.default_rng(0))
     for column, drawn in enumerate(([2], [1, 4], range(8), [5, 6, 7])):
         expected = np.isin(np.arange(9), drawn) / len(drawn)
-        np.testing.assert_allclose(np.bincount(sets[:, column], minlength=9) / DRAWS, expected, atol=0.02)
+        np.testing.assert_allclose(
+            np.bincount(sets[:, column], minlength=9) / DRAWS, expected, atol=0.02
+        )
 
 
 def test_columns_are_drawn_independently_and_the_columns_beside_the_anchor_s_in_every_order():
-    drawn, rng = ViewSets(np.repeat(np.arange(4), 2), np.zeros(8, dtype=int), 4), np.random.default_rng(0)
+    drawn, rng = (
+        ViewSets(np.repeat(np.arange(4), 2), np.zeros(8, dtype=int), 4),
+        np.random.default_rng(0),
+    )
     sets = drawn.draw(np.full(DRAWS, 4), rng)
     others = np.unique(sets[:, [0, 1, 3]], axis=0, return_counts=True)[1]
     np.testing.assert_allclose(others / DRAWS, np.full(8, 1 / 8), atol=0.02)
-    orders, counts = np.unique(anchor_first(sets, np.full(DRAWS, 4), rng), axis=0, return_counts=True)
+    orders, counts = np.unique(
+        anchor_first(sets, np.full(DRAWS, 4), rng), axis=0, return_counts=True
+    )
     assert (orders[:, 0] == 2).all() and np.sort(orders, axis=1).tolist() == [[0, 1, 2, 3]] * 6
     np.testing.assert_allclose(counts / DRAWS, 1 / 6, atol=0.02)
 
 
-@given(st.lists(st.integers(0, 3), min_size=1, max_size=60), st.integers(1, 9), st.integers(0, 2**32 - 1))
+@given(
+    st.lists(st.integers(0, 3), min_size=1, max_size=60),
+    st.integers(1, 9),
+    st.integers(0, 2**32 - 1),
+)
 @settings(max_examples=40, deadline=None)
 def test_random_parts_of_a_pool_are_equally_large(pool, views, seed):
     pool = np.array(pool)
@@ -75,7 +93,8 @@ def test_random_parts_of_a_pool_are_equally_large(pool, views, seed):
     for number in np.unique(pool):
         sizes = np.bincount(parts[pool == number], minlength=views)
         assert len(sizes) == views
-        assert sizes.max() - sizes.min() <= 1  # fewer frames than views lie in a part each: a view set shows them all
+        # fewer frames than views lie in a part each: a view set shows them all
+        assert sizes.max() - sizes.min() <= 1
 
 
 def test_view_sets_of_a_part_of_the_frames_count_them_from_0():
@@ -93,5 +112,9 @@ def test_without_clusters_view_sets_are_all_pairs_of_a_pool():
     assert views.clustered and not free.clustered
     np.testing.assert_array_equal(free.pool, views.pool)
     np.testing.assert_array_equal(free.viewpoints, views.viewpoints)
-    pairs = np.concatenate([np.sort(sets_of(free, index, rng).draw(index, rng), axis=1) for _ in range(60)])
-    assert set(map(tuple, pairs.tolist())) == {(i, j) for i, j in np.ndindex(8, 8) if i < j and i // 4 == j // 4}
+    pairs = np.concatenate(
+        [np.sort(sets_of(free, index, rng).draw(index, rng), axis=1) for _ in range(60)]
+    )
+    assert set(map(tuple, pairs.tolist())) == {
+        (i, j) for i, j in np.ndindex(8, 8) if i < j and i // 4 == j // 4
+    }

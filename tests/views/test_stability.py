@@ -1,6 +1,7 @@
 """Principal components and k-means on frames that leave them little to go by.
 
-As many components as the points have dimensions keep all distances, so scores are compared with the points themselves.
+As many components as the points have dimensions keep all distances, so scores are compared with the
+points themselves.
 """
 
 import numpy as np
@@ -26,7 +27,10 @@ def distances(points):
 def test_components_keep_all_distances_in_few_dimensions_and_far_from_the_origin(row):
     rng = np.random.default_rng(0)
     flat = rng.random((60, 3)) @ rng.random((3, 200))  # fewer dimensions than sensors
-    for name, points in (("rank 3", flat), ("rank 3, each ten times", np.repeat(flat, 10, axis=0)[:, :100])):
+    for name, points in (
+        ("rank 3", flat),
+        ("rank 3, each ten times", np.repeat(flat, 10, axis=0)[:, :100]),
+    ):
         error = max_rel_error(distances(principal_components(points, 8)), distances(points))
         row(f"distances, {name}", error, DIGITS)
     for offset in (1.0, 1e3, 1e6, 1e9):
@@ -57,8 +61,16 @@ def test_three_frames_over_and_over_are_three_clusters(row):
     rng, owner = np.random.default_rng(0), np.arange(30) % 3
     three = rng.random((3, 6))[owner]
     for name, noise in (("equal", 0.0), ("equal to 13 digits", 1e-13)):
-        labels = kmeans(principal_components(three + noise * rng.random(three.shape), 6), VIEWS, restarts=2, seed=0)
-        row(f"pairs in one cluster, {name}", share_different(labels[:, None] == labels, owner[:, None] == owner))
+        labels = kmeans(
+            principal_components(three + noise * rng.random(three.shape), 6),
+            VIEWS,
+            restarts=2,
+            seed=0,
+        )
+        row(
+            f"pairs in one cluster, {name}",
+            share_different(labels[:, None] == labels, owner[:, None] == owner),
+        )
         sets = ViewSets(labels, np.zeros(30, dtype=int), VIEWS).draw(np.arange(30), rng)
         row(f"empty clusters drawn from the pool, {name}", ((sets < 0) | (sets >= 30)).mean())
         row(f"clusters beyond three, {name}", labels.max() - 2)
@@ -69,10 +81,16 @@ def test_of_fewer_frames_than_1_000_views_each_is_a_cluster_and_every_view_is_a_
     points = np.random.default_rng(0).random((300, 12))
     labels = kmeans(principal_components(points, 8), 1000, restarts=2, seed=0)
     row("frames that share a cluster", 300 - len(np.unique(labels)))
-    sets = ViewSets(labels, np.zeros(300, dtype=int), 1000).draw(np.arange(300), np.random.default_rng(0))
+    sets = ViewSets(labels, np.zeros(300, dtype=int), 1000).draw(
+        np.arange(300), np.random.default_rng(0)
+    )
     row("views that are no frame", float(((sets < 0) | (sets >= 300)).mean()))
-    alone = np.take_along_axis(sets, np.broadcast_to(labels, (300, 300)), axis=1)  # views of a cluster of one frame
-    row("frames away from their cluster's view", share_different(alone, np.broadcast_to(np.arange(300), (300, 300))))
+    # views of a cluster of one frame
+    alone = np.take_along_axis(sets, np.broadcast_to(labels, (300, 300)), axis=1)
+    row(
+        "frames away from their cluster's view",
+        share_different(alone, np.broadcast_to(np.arange(300), (300, 300))),
+    )
 
 
 @pytest.mark.stability("scales far from one")
@@ -89,6 +107,8 @@ def test_clusters_do_not_depend_on_the_number_of_threads(row):
     clusters = []
     for threads in (1, 2):
         with threadpool_limits(threads):
-            views = cluster_frames(table(), viewpoints(4), recipe().cluster, np.random.default_rng(0))
+            views = cluster_frames(
+                table(), viewpoints(4), recipe().cluster, np.random.default_rng(0)
+            )
             clusters.append(views.cluster)
     row("clusters, two threads against one", share_different(*clusters))

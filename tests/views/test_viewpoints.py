@@ -13,7 +13,9 @@ def squared(places):
 
 
 def widest(count):
-    """The least distance of `count` points on the unit sphere is at most this (Fejes Toth); sharp at 3, 4, 6, 12."""
+    """The least distance of `count` points on the unit sphere is at most this (Fejes Toth); sharp
+    at 3, 4, 6, 12.
+    """
     return 2.0 if count == 2 else np.sqrt(4 - np.sin(np.pi * count / (6 * (count - 2))) ** -2)
 
 
@@ -29,7 +31,9 @@ def test_the_circle_is_thirty_degrees_up_and_its_places_are_equally_spaced(count
     across = np.hypot(places[:, 0], places[:, 1])
     np.testing.assert_allclose(np.rad2deg(np.arctan2(places[:, 2], across)), 30)
     steps = np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1)
-    np.testing.assert_allclose(steps, 2 * np.sqrt(3) * np.cos(np.deg2rad(30)) * np.sin(np.pi / count))
+    np.testing.assert_allclose(
+        steps, 2 * np.sqrt(3) * np.cos(np.deg2rad(30)) * np.sin(np.pi / count)
+    )
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 7, 50, 1000])
@@ -42,7 +46,9 @@ def test_the_sphere_s_places_are_spread_evenly(count):
 
 @given(st.integers(1, 300), st.sampled_from(["auto", "random"]))
 @settings(max_examples=20, deadline=None)
-def test_every_place_is_as_far_out_as_a_vertex_of_the_cube_and_random_ones_follow_the_seed(count, kind):
+def test_every_place_is_as_far_out_as_a_vertex_of_the_cube_and_random_ones_follow_the_seed(
+    count, kind
+):
     first, again, other = (viewpoints(count, kind, seed) for seed in (3, 3, 4))
     assert first.shape == (count, 3)
     np.testing.assert_allclose(np.linalg.norm(first, axis=1), np.sqrt(3))
