@@ -15,15 +15,15 @@ ALLOWED = {
     "root": set(),
     "readers": set(),
     "tables": {"readers"},
-    "frames": {"readers", "tables", "sensors"},
+    "frames": {"readers", "tables", "members"},
     "views": {"tables"},
     "nn": set(),
-    "sensors": set(),
-    "systems": {"nn", "sensors"},
+    "members": set(),
+    "systems": {"nn", "members"},
     "training": {"tables", "views", "nn", "systems"},
-    "recognition": {"readers", "tables", "frames", "views", "nn", "sensors", "systems", "training"},
+    "recognition": {"readers", "tables", "frames", "views", "nn", "members", "systems", "training"},
     "evaluation": {"tables", "views", "systems", "recognition"},
-    "pages": {"readers", "tables", "frames", "sensors", "systems", "evaluation"},
+    "pages": {"readers", "tables", "frames", "members", "systems", "evaluation"},
     "glove": set(),
 }
 # what may use all of the package: its commands, and what `from tactile_viewgcn import` gives
@@ -104,7 +104,7 @@ def test_the_package_its_commands_the_sensors_and_the_virtual_glove_load_neither
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, env=environment)
 
 
-@pytest.mark.parametrize("folder", ["nn", "sensors", "systems"])
+@pytest.mark.parametrize("folder", ["nn", "members", "systems"])
 def test_building_blocks_know_no_file_and_no_dvc(folder):
     unknown = {"h5py", "pathlib", "dvc", "csv", "json"}
     assert [

@@ -14,13 +14,13 @@ from tactile_viewgcn.frames.folds import complete_folds
 from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.split import SPLIT_SEED, published_test, split_groups
 from tactile_viewgcn.intervals import FEW, proportion_interval
+from tactile_viewgcn.members.features import every_few, is_array
+from tactile_viewgcn.members.representation import Representation, contact_unit
 from tactile_viewgcn.messages import Note, UserError, warnings_of
 from tactile_viewgcn.params import PreprocessSection
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.layout import other_order
 from tactile_viewgcn.readers.source import AUTO, Form, setting
-from tactile_viewgcn.sensors.features import every_few, is_array
-from tactile_viewgcn.sensors.representation import Representation, contact_unit
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.look import held_together, look_at

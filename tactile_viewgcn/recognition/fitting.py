@@ -11,6 +11,15 @@ from torch import Tensor
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.intervals import percent_interval, proportion_interval
+from tactile_viewgcn.members.convolutions import SAMPLE
+from tactile_viewgcn.members.examples import Examples
+from tactile_viewgcn.members.features import every_few, is_array
+from tactile_viewgcn.members.representation import (
+    NETWORK,
+    Representation,
+    contact_unit,
+    successive_noise,
+)
 from tactile_viewgcn.messages import NEW_SESSION, Note, UserError, several
 from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import Member, Model, Params, on_sensors
@@ -20,17 +29,8 @@ from tactile_viewgcn.recognition.calibration import (
     calibration_warning,
     network_temperature,
 )
-from tactile_viewgcn.recognition.left_out import LeftOut
-from tactile_viewgcn.recognition.network_member import NetworkMember
-from tactile_viewgcn.sensors.convolutions import SAMPLE
-from tactile_viewgcn.sensors.examples import Examples
-from tactile_viewgcn.sensors.features import every_few, is_array
-from tactile_viewgcn.sensors.representation import (
-    NETWORK,
-    Representation,
-    contact_unit,
-    successive_noise,
-)
+from tactile_viewgcn.recognition.network_training import NetworkMember
+from tactile_viewgcn.recognition.out_of_fold import LeftOut
 from tactile_viewgcn.systems import load_system
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION, Frames, Views

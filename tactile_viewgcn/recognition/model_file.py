@@ -26,6 +26,7 @@ from torch import Tensor
 
 from tactile_viewgcn.device import select_device
 from tactile_viewgcn.files import readable, write_file
+from tactile_viewgcn.members.representation import NETWORK
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.nn.network import ViewNetwork, spread_frames
 from tactile_viewgcn.params import (
@@ -37,7 +38,6 @@ from tactile_viewgcn.params import (
     preset_changes,
 )
 from tactile_viewgcn.recognition.calibration import Classifier, recording_answer
-from tactile_viewgcn.sensors.representation import NETWORK
 from tactile_viewgcn.systems import load_system, system_class
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TRAIN, Frames, frame_rates, network_input

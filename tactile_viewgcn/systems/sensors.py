@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.special import softmax
 
+from tactile_viewgcn.members.estimators import Estimator, added, probabilities
+from tactile_viewgcn.members.examples import Examples
+from tactile_viewgcn.members.features import MOST_FRAMES, every_few
+from tactile_viewgcn.members.representation import NETWORK, OF_EACH_FRAME, Representation, for_sets
 from tactile_viewgcn.progress import steps
-from tactile_viewgcn.sensors.estimators import Estimator, added, probabilities
-from tactile_viewgcn.sensors.examples import Examples
-from tactile_viewgcn.sensors.features import MOST_FRAMES, every_few
-from tactile_viewgcn.sensors.representation import NETWORK, OF_EACH_FRAME, Representation, for_sets
 
 if TYPE_CHECKING:
     from tactile_viewgcn.device import Compute

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.recognition.fitting import _of_new_sessions
-from tactile_viewgcn.recognition.left_out import LeftOut
+from tactile_viewgcn.recognition.out_of_fold import LeftOut
 from tactile_viewgcn.systems.sensors import NETWORK
 from tactile_viewgcn.tables.frames import TEST
 from tests.recognition.answers import Answers

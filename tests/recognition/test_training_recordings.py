@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from tactile_viewgcn.members import features
 from tactile_viewgcn.recognition.fitting import examples_of, training_recordings
-from tactile_viewgcn.sensors import features
 from tactile_viewgcn.tables.frames import TRAIN
 from tests.glove_data import table
 

@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 from scipy.special import softmax
 
-from tactile_viewgcn.sensors.estimators import Arrays, Estimator, sampled
+from tactile_viewgcn.members.estimators import Arrays, Estimator, sampled
 
 LENGTH = 9
 PLACES = np.array(list(combinations(range(LENGTH), 3)))  # of the weights 2 in each kernel

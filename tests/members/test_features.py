@@ -7,7 +7,7 @@ from statistics import fmean, median, pstdev
 import numpy as np
 import pytest
 
-from tactile_viewgcn.sensors import features
+from tactile_viewgcn.members import features
 
 READINGS = np.random.default_rng(0).normal(size=(2, 43, 3))  # two recordings of three channels
 

@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from tactile_viewgcn.members.representation import OF_FRAMES, Representation
 from tactile_viewgcn.progress import steps
-from tactile_viewgcn.sensors.representation import OF_FRAMES, Representation
 
 # view sets of a size: of each recording, and about as many in all; at least one of each
 SETS, MOST_SETS = 4, 300

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.special import log_softmax, softmax
 
+from tactile_viewgcn.members import features
+from tactile_viewgcn.members.estimators import FLOOR
+from tactile_viewgcn.members.representation import Representation
 from tactile_viewgcn.params import SensorMember
-from tactile_viewgcn.sensors import features
-from tactile_viewgcn.sensors.estimators import FLOOR
-from tactile_viewgcn.sensors.representation import Representation
 from tactile_viewgcn.systems import sensors
 from tactile_viewgcn.systems.sensors import SensorClassifier
-from tests.sensors.small_recordings import (
+from tests.members.small_recordings import (
     ARRAY,
     CHANNELS,
     NAMES,

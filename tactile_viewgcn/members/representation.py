@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-import tactile_viewgcn.sensors.features as features
-from tactile_viewgcn.sensors.convolutions import Convolutions, Ridge
-from tactile_viewgcn.sensors.estimators import FEWEST_TREES, TREES, Estimator, Forest
-from tactile_viewgcn.sensors.kernels import KernelRidge, NormalisedVectors, SupportVectors
+import tactile_viewgcn.members.features as features
+from tactile_viewgcn.members.convolutions import Convolutions, Ridge
+from tactile_viewgcn.members.estimators import FEWEST_TREES, TREES, Estimator, Forest
+from tactile_viewgcn.members.kernels import KernelRidge, NormalisedVectors, SupportVectors
 
 if TYPE_CHECKING:
     from tactile_viewgcn.tables.counts import Counts

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tactile_viewgcn.sensors import representation
-from tactile_viewgcn.sensors.representation import Representation, contact_unit, successive_noise
+from tactile_viewgcn.members import representation
+from tactile_viewgcn.members.representation import Representation, contact_unit, successive_noise
 
 
 def test_one_reading_in_ten_is_above_four_units_and_a_glove_that_is_hardly_touched_has_a_unit_too():

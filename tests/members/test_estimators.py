@@ -13,10 +13,10 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
-from tactile_viewgcn.sensors import estimators
-from tactile_viewgcn.sensors.convolutions import Ridge
-from tactile_viewgcn.sensors.estimators import Forest, probabilities, sampled
-from tactile_viewgcn.sensors.kernels import KernelRidge, NormalisedVectors, SupportVectors
+from tactile_viewgcn.members import estimators
+from tactile_viewgcn.members.convolutions import Ridge
+from tactile_viewgcn.members.estimators import Forest, probabilities, sampled
+from tactile_viewgcn.members.kernels import KernelRidge, NormalisedVectors, SupportVectors
 
 ALL = [Ridge, NormalisedVectors, SupportVectors, KernelRidge, lambda: Forest(20)]
 

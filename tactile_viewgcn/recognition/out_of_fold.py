@@ -9,10 +9,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactile_viewgcn.frames.folds import left_out
+from tactile_viewgcn.members.estimators import added, log_shares, probabilities
+from tactile_viewgcn.members.examples import Examples
 from tactile_viewgcn.progress import steps
 from tactile_viewgcn.recognition.calibration import fit_temperature, fit_weights
-from tactile_viewgcn.sensors.estimators import added, log_shares, probabilities
-from tactile_viewgcn.sensors.examples import Examples
 
 FOLDS = 5
 LEAST_WEIGHT = 0.1  # of the largest: a member with less is left out

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.stability.rows import max_rel_error
 from tactile_viewgcn.params import SensorMember
-from tests.sensors.small_recordings import ARRAY, answers, fitted, values
+from tests.members.small_recordings import ARRAY, answers, fitted, values
 
 CHANNELS = np.ones((1, 5), dtype=bool)
 SCALED, FRAME, SINGLE = (

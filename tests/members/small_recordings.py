@@ -5,9 +5,9 @@ from unittest.mock import patch
 import numpy as np
 from scipy.special import softmax
 
-from tactile_viewgcn.sensors import representation
-from tactile_viewgcn.sensors.examples import Examples
-from tactile_viewgcn.sensors.representation import Representation, contact_unit
+from tactile_viewgcn.members import representation
+from tactile_viewgcn.members.examples import Examples
+from tactile_viewgcn.members.representation import Representation, contact_unit
 from tactile_viewgcn.systems.sensors import SensorClassifier
 from tactile_viewgcn.views.viewpoints import viewpoints
 

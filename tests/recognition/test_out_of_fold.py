@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 
+from tactile_viewgcn.members.representation import NETWORK
 from tactile_viewgcn.recognition.fitting import ARRAY, CHANNELS, UNWEIGHED, fit_classifier
-from tactile_viewgcn.recognition.left_out import LeftOut
 from tactile_viewgcn.recognition.model_file import build_classifier
-from tactile_viewgcn.sensors.representation import NETWORK
+from tactile_viewgcn.recognition.out_of_fold import LeftOut
 from tactile_viewgcn.tables.frames import TEST
 from tests.glove_data import CPU, recipe, table, views_of
 from tests.recognition.answers import Answers
@@ -105,7 +105,7 @@ def test_a_member_of_less_than_a_tenth_of_the_largest_weight_is_left_out_and_the
     """Weights of four members, and of three once the fourth is gone."""
     weights = {4: [4.0, 0.41, 1.0, 0.39], 3: [3.0, 2.0, 1.0]}
     by_number = lambda each, _: np.array(weights[len(each)])  # noqa: E731
-    monkeypatch.setattr("tactile_viewgcn.recognition.left_out.fit_weights", by_number)
+    monkeypatch.setattr("tactile_viewgcn.recognition.out_of_fold.fit_weights", by_number)
     members = ["kernel", "pooled_kernel", "svm", "trees"]
     assert with_answers().weighed(members) == dict(zip(members, weights[3], strict=False))
 

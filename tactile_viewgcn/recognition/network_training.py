@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from tactile_viewgcn.device import Compute
+from tactile_viewgcn.members.representation import NETWORK
 from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import default_params, preset_changes
 from tactile_viewgcn.progress import steps
 from tactile_viewgcn.recognition.calibration import recording_answers
-from tactile_viewgcn.sensors.representation import NETWORK
 from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import TEST, TRAIN, Frames, Views
 from tactile_viewgcn.training.finetuning import finetune_classifier

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tactile_viewgcn.members.representation import NETWORK
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import default_params, preset_changes
-from tactile_viewgcn.recognition import network_member
+from tactile_viewgcn.recognition import network_training
 from tactile_viewgcn.recognition.fitting import fit_classifier, training_recordings
-from tactile_viewgcn.recognition.left_out import LeftOut
-from tactile_viewgcn.recognition.network_member import NetworkMember
-from tactile_viewgcn.sensors.representation import NETWORK
+from tactile_viewgcn.recognition.network_training import NetworkMember
+from tactile_viewgcn.recognition.out_of_fold import LeftOut
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tests.glove_data import CPU, recipe, table, views_of
 
@@ -90,7 +90,7 @@ def trained(monkeypatch):
 
 
 def limit(monkeypatch, readings):
-    monkeypatch.setitem(network_member.MOST_READINGS, "cpu", readings)
+    monkeypatch.setitem(network_training.MOST_READINGS, "cpu", readings)
 
 
 @pytest.mark.parametrize("members", ["auto", "[kernel, network]"])
@@ -156,7 +156,7 @@ def test_a_network_that_diverges_is_left_out_and_was_given_no_frame_that_is_left
         sides.append(table.side)
         raise UserError("diverged")
 
-    monkeypatch.setattr(network_member, "pretrain_backbone", pretrained)
+    monkeypatch.setattr(network_training, "pretrain_backbone", pretrained)
     without = fitted("[kernel, network]")
     assert without.model.members == ["kernel"] and without.temperature is not None
     assert any("diverged" in note.text for note in without.notes)

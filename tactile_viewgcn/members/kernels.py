@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import solve
 from scipy.special import softmax
 
-from tactile_viewgcn.sensors.estimators import MOST_POINTS, Estimator, sampled
+from tactile_viewgcn.members.estimators import MOST_POINTS, Estimator, sampled
 
 WIDTH, RIDGE, SHARPNESS = 2.0, 0.3, 8.0  # of kernel ridge regression
 C = 10.0  # of the support vector machines

@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from tactile_viewgcn.sensors.convolutions import FEATURES, GOLDEN, Convolutions
+from tactile_viewgcn.members.convolutions import FEATURES, GOLDEN, Convolutions
 
 
 def convolved(series, places, dilation, frame):
