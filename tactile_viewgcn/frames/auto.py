@@ -18,7 +18,7 @@ from tactile_viewgcn.frames.filter import flagged, sensors_in_contact
 from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_note
 from tactile_viewgcn.frames.open_hand import MIN_FRAMES, HandStates, hand_states
 from tactile_viewgcn.frames.split import has_published_split
-from tactile_viewgcn.members.features import is_array
+from tactile_viewgcn.sensor_array import is_array
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, MAX_NUMBER, PreprocessSection
 from tactile_viewgcn.tables.counts import evenly

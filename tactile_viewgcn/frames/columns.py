@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from tactile_viewgcn.frames.leak import QuickError, quick_error
-from tactile_viewgcn.members.features import is_array
+from tactile_viewgcn.sensor_array import is_array
 from tactile_viewgcn.messages import Note, listed
 from tactile_viewgcn.readers.source import LEAVE_OUT
 from tactile_viewgcn.schema import as_change

@@ -1,1 +1,1 @@
-"""Classifiers of the sensors' readings, without a backbone: unit, estimators, systems."""
+"""The members of the classifier on the sensors, one file each, and what they share."""

@@ -1,24 +1,24 @@
-"""The examples that the members of a classifier on the sensors are fitted to and compared by."""
+"""The training recordings as the members read them: whole, as frames, and as random view sets."""
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from tactile_viewgcn.members.representation import OF_FRAMES, Representation
+from tactile_viewgcn.members.representation import Representation
 from tactile_viewgcn.progress import steps
 
-# view sets of a size: of each recording, and about as many in all; at least one of each
-SETS, MOST_SETS = 4, 300
-# of which view sets are drawn and single frames are taken; of a recording
-MOST_FRAMES, LEAST_FRAMES = 2000, 8
+SETS = 4  # view sets of a size and a recording
+MOST_SETS = 300  # view sets of a size, about; each recording has at least one
+SAMPLED_FRAMES = 2000  # single frames, about, of all recordings
+LEAST_SAMPLED = 8  # single frames of a recording
 
 
 class Examples:
-    """Training recordings as the members read them: whole, as single frames, and as random view sets.
+    """Labelled training recordings, and what the members read of them.
 
     Args:
-        read: function from a recording's number to its counts (T, S) above baseline, in the order
-            of time.
+        read: function from a recording's index to its counts (T, S) above baseline, in the order of
+            time.
         labels: (R,) class of each recording.
         representation: fitted to the recordings.
         sizes: numbers of frames in view sets.
@@ -27,9 +27,10 @@ class Examples:
 
     Attributes:
         lengths: (R,) frames of each recording.
-        frames: (N, S) scaled readings of a sample of frames; frame_recording: (N,) recording of
-            each.
-        sets: by number of frames k, view sets (M, k) of indices into `frames`.
+        frames: (N, S) scaled readings of a sample of frames.
+        frame_recording: (N,) recording of each of these frames.
+        sets: by number of frames k, view sets (M, k) of indices into `frames`; each is of one
+            recording.
     """
 
     def __init__(
@@ -37,57 +38,80 @@ class Examples:
         read: Callable[[int], np.ndarray],
         labels: np.ndarray,
         representation: Representation,
+        *,
         sizes: Sequence[int],
         classes: int,
         seed: int,
     ):
-        rng, numbers = np.random.default_rng(seed), np.arange(len(labels))
-        self.labels, self.classes, self.representation, self._read = (
-            labels,
-            classes,
-            representation,
-            read,
-        )
+        self.labels = labels
+        self.classes = classes
+        self.representation = representation
+        self._read = read
         self._points: dict[str, np.ndarray] = {}
-        most = max(2 * max(sizes), LEAST_FRAMES, MOST_FRAMES // len(labels))
-        sample, lengths = list[np.ndarray](), list[int]()
-        for number in steps(numbers.tolist(), "view sets", "recordings"):
-            counts = read(number)
-            at = np.unique(np.linspace(0, len(counts) - 1, most).astype(int))
-            sample.append(representation.scaled(counts[at]))
+        most_frames = max(2 * max(sizes), LEAST_SAMPLED, SAMPLED_FRAMES // len(labels))
+        sample = []
+        lengths = []
+        for recording in steps(range(len(labels)), "view sets", "recordings"):
+            counts = read(recording)
+            taken = np.unique(np.linspace(0, len(counts) - 1, most_frames).astype(int))
+            sample.append(representation.scaled(counts[taken]))
             lengths.append(len(counts))
-        self.lengths, self.frames = np.array(lengths), np.concatenate(sample)
-        self.frame_recording = np.repeat(numbers, [len(each) for each in sample])
-        members = [np.flatnonzero(self.frame_recording == number) for number in numbers]
-        sets = max(1, min(SETS, MOST_SETS // len(labels)))
-        self.sets = {
-            size: np.stack(
-                [
-                    rng.choice(each, size, replace=len(each) < size)
-                    for each in members
-                    for _ in range(sets)
-                ]
-            )
-            for size in sizes
-        }
+        self.lengths = np.array(lengths)
+        self.frames = np.concatenate(sample)
+        taken_of_each = [len(frames) for frames in sample]
+        self.frame_recording = np.repeat(np.arange(len(labels)), taken_of_each)
+        rng = np.random.default_rng(seed)
+        self.sets = {size: self._random_sets(size, rng) for size in sizes}
 
-    def of_recordings(self, member: str) -> tuple[np.ndarray, np.ndarray]:
-        """Points (n, F) that a member reads of whole recordings, and the recording (n,) of each.
+    def _random_sets(self, size: int, rng: np.random.Generator) -> np.ndarray:
+        """Random view sets (M, size); a frame repeats only where a recording has too few."""
+        sets_of_each = max(1, min(SETS, MOST_SETS // len(self.labels)))
+        drawn = []
+        for recording in range(len(self.labels)):
+            frames = np.flatnonzero(self.frame_recording == recording)
+            for _ in range(sets_of_each):
+                drawn.append(rng.choice(frames, size, replace=len(frames) < size))
+        return np.stack(drawn)
 
-        They are one of each recording, or for `kernel` one of each sampled frame.
+    def readings(self, recording: int) -> np.ndarray:
+        """Return the scaled readings (T, S) of a whole recording."""
+        return self.representation.scaled(self._read(recording))
+
+    def recording_points(
+        self, member: str, points_of: Callable[[np.ndarray], np.ndarray]
+    ) -> np.ndarray:
+        """Return what a member reads of each whole recording; computed at the first call.
+
+        Args:
+            member: the member's name.
+            points_of: function from readings (1, T, S) to a point (1, F).
+
+        Returns:
+            (R, F).
         """
-        if member == OF_FRAMES:
-            return self.representation.of_frames(self.frames), self.frame_recording
         if member not in self._points:
-            numbers = steps(range(len(self.labels)), f"{member}, reading", "recordings")
-            readings = (self.representation.scaled(self._read(number))[None] for number in numbers)
-            points = [self.representation.of_recordings(member, each) for each in readings]
+            recordings = steps(range(len(self.labels)), f"{member}, reading", "recordings")
+            points = [points_of(self.readings(recording)[None]) for recording in recordings]
             self._points[member] = np.concatenate(points)
-        return self._points[member], np.arange(len(self.labels))
+        return self._points[member]
 
-    def of_sets(self, member: str, size: int) -> tuple[np.ndarray, np.ndarray]:
-        """Points (M, F) that a member reads of view sets, and the recording (M,) of each."""
+    def frame_points(
+        self, member: str, points_of: Callable[[np.ndarray], np.ndarray]
+    ) -> np.ndarray:
+        """Return what a member reads of each sampled frame; computed at the first call.
+
+        Args:
+            member: the member's name.
+            points_of: function from readings (N, S) to points (N, F).
+
+        Returns:
+            (N, F).
+        """
+        if member not in self._points:
+            self._points[member] = points_of(self.frames)
+        return self._points[member]
+
+    def set_readings(self, size: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the readings (M, size, S) of the view sets of a size, and the recording (M,) of each."""
         sets = self.sets[size]
-        return self.representation.of_sets(member, self.frames[sets]), self.frame_recording[
-            sets[:, 0]
-        ]
+        return self.frames[sets], self.frame_recording[sets[:, 0]]

@@ -1,94 +1,153 @@
-"""Statistics of recordings and view sets (B, T, S): the input of trees, kernels and support vector machines.
+"""Statistics of recordings and view sets: the input of trees, kernels and support vectors.
 
 Channels are few sensors of any kind, whose readings are in standard deviations from the channel's
-mean. An array has many of one kind, whose readings are in units of its glove.
+mean. An array has many sensors of one kind, whose readings are in units of its glove.
+
+Letters of shapes: B recordings or view sets, T frames, S live sensors.
 """
 
 import numpy as np
 
-MOST_FRAMES = 20_000  # of a recording; of a longer one every second, third or further one is taken
-LEAST_SIDE, LEAST_SENSORS = 4, 64  # rows and columns, and live sensors, of an array
 DEAD_ZONE = 2.0  # units; a weaker reading counts as noise
-WINDOWS, TENTH = 4, 10  # equal windows in time; first and last tenth of the frames
+FINER = 10.0  # times finer is the unit of `finer_array_maps`
+WINDOWS = 4  # equal windows in time
+TENTH = 10  # the first and the last tenth of the frames
 LEAST_SPREAD = 0.05  # of a channel's standard deviation: spreads below it are alike
-# rows and columns of a block; of its cells that are live, at least
-BLOCKS, LIVE_SHARE = (2, 4, 8), 0.5
-
-
-def every_few(frames: np.ndarray) -> np.ndarray:
-    """The frames (T, ...), of more than 20,000 every second, third or further one."""
-    return frames[:: -(-len(frames) // MOST_FRAMES)]
-
-
-def is_array(live: np.ndarray) -> bool:
-    """Whether the sensors, bool (H, W), are an array: 64 or more, in at least four rows and columns; else channels."""
-    return min(live.shape) >= LEAST_SIDE and int(live.sum()) >= LEAST_SENSORS
+BLOCKS = (2, 4, 8)  # rows and columns of a block
+LIVE_SHARE = 0.5  # of a block's cells that are live, at least
 
 
 def pressed(readings: np.ndarray) -> np.ndarray:
-    """sign(x) log(1 + max(|x| - 2, 0)) of readings x in units."""
+    """Return sign(x) log(1 + max(|x| - 2, 0)) of readings x in units."""
     return np.copysign(np.log1p(np.maximum(np.abs(readings) - DEAD_ZONE, 0)), readings)
 
 
 def block_weights(live: np.ndarray) -> np.ndarray:
-    """float32 (S, B): a column has equal weights, of sum 1, on the live sensors, bool (H, W), of one block."""
+    """Return the weights of the sensors in square blocks of an array.
+
+    Args:
+        live: bool (H, W), the S live sensors.
+
+    Returns:
+        float32 (S, number of blocks): a column has equal weights, of sum 1, on the live sensors of
+            one block. A block has live sensors in half of its cells or more.
+    """
     rows, columns = np.nonzero(live)
     weights = []
     for size in BLOCKS:
-        number = rows // size * live.shape[1] + columns // size
-        members = number[:, None] == np.unique(number)
-        weights.append(
-            (members / members.sum(axis=0))[:, members.sum(axis=0) >= LIVE_SHARE * size**2]
-        )
+        block = rows // size * live.shape[1] + columns // size
+        is_inside = block[:, None] == np.unique(block)
+        sensors = is_inside.sum(axis=0)
+        has_enough = sensors >= LIVE_SHARE * size**2
+        weights.append((is_inside / sensors)[:, has_enough])
     return np.concatenate(weights, axis=1).astype(np.float32)
 
 
 def array_maps(readings: np.ndarray, blocks: np.ndarray) -> np.ndarray:
-    """Mean and maximum of an array's readings, each with its means over blocks (S, B) of sensors: (B, 2 (S + B)).
+    """Return the mean and the maximum over time of an array's readings, and their means by block.
 
-    So neighbouring sensors count as more alike than distant ones.
+    The blocks make neighbouring sensors count as more alike than distant ones.
+
+    Args:
+        readings: (B, T, S).
+        blocks: (S, number of blocks), see `block_weights`.
+
+    Returns:
+        (B, 2 (S + number of blocks)).
     """
     values = pressed(readings)
-    return np.concatenate(
-        [with_blocks(map, blocks) for map in (values.mean(axis=1), values.max(axis=1))], axis=1
-    )
+    mean = with_blocks(values.mean(axis=1), blocks)
+    maximum = with_blocks(values.max(axis=1), blocks)
+    return np.concatenate([mean, maximum], axis=1)
+
+
+def finer_array_maps(readings: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+    """Return `array_maps` in a unit ten times finer, which has a narrower dead zone.
+
+    So the readings in the dead zone of `array_maps` count too, which may be more than noise.
+
+    Args:
+        readings: (B, T, S).
+        blocks: (S, number of blocks), see `block_weights`.
+
+    Returns:
+        (B, 2 (S + number of blocks)).
+    """
+    return array_maps(FINER * readings, blocks)
 
 
 def with_blocks(points: np.ndarray, blocks: np.ndarray) -> np.ndarray:
-    """The points (n, S), and their means over blocks (S, B): (n, S + B)."""
+    """Return the points (n, S) and their means over blocks (S, b): (n, S + b)."""
     return np.concatenate([points, points @ blocks], axis=1)
 
 
 def unordered(readings: np.ndarray) -> np.ndarray:
-    """Five statistics (B, 5 S) of channels that no order of the frames changes.
+    """Return five statistics of channels that no order of the frames changes.
 
-    Mean, logarithm of the standard deviation, minimum, maximum and median.
+    They are the mean, the logarithm of the standard deviation, the minimum, the maximum and the
+    median.
+
+    Args:
+        readings: (B, T, S).
+
+    Returns:
+        (B, 5 S).
     """
-    ends = readings.min(axis=1), readings.max(axis=1), np.median(readings, axis=1)
-    return np.concatenate([readings.mean(axis=1), _spread(readings), *ends], axis=1)
+    statistics = [
+        readings.mean(axis=1),
+        _spread(readings),
+        readings.min(axis=1),
+        readings.max(axis=1),
+        np.median(readings, axis=1),
+    ]
+    return np.concatenate(statistics, axis=1)
 
 
 def in_time(readings: np.ndarray) -> np.ndarray:
-    """Nine statistics (B, 9 S) of channels in the order of time.
+    """Return nine statistics of channels in the order of time.
 
-    The five of `unordered`; the logarithm of the mean absolute change between frames; the slope
-    over the recording; the means of the first and of the last tenth.
+    They are the five of `unordered`, the logarithm of the mean absolute change between frames, the
+    slope over the recording, and the means of the first and of the last tenth.
+
+    Args:
+        readings: (B, T, S) in the order of time.
+
+    Returns:
+        (B, 9 S).
     """
-    time = np.linspace(-1, 1, readings.shape[1]) if readings.shape[1] > 1 else np.zeros(1)
+    frames = readings.shape[1]
+    time = np.zeros(1)
+    if frames > 1:
+        time = np.linspace(-1, 1, frames)
     slope = np.einsum("t,bts->bs", time, readings) / max(float((time**2).sum()), 1.0)
-    tenth = max(1, readings.shape[1] // TENTH)
-    first, last = readings[:, :tenth].mean(axis=1), readings[:, -tenth:].mean(axis=1)
-    return np.concatenate([unordered(readings), _change(readings), slope, first, last], axis=1)
+    tenth = max(1, frames // TENTH)
+    statistics = [
+        unordered(readings),
+        _change(readings),
+        slope,
+        readings[:, :tenth].mean(axis=1),
+        readings[:, -tenth:].mean(axis=1),
+    ]
+    return np.concatenate(statistics, axis=1)
 
 
 def in_windows(readings: np.ndarray) -> np.ndarray:
-    """The statistics of `in_time`, then mean, spread and change in each of four windows: (B, 21 S)."""
-    length, parts = readings.shape[1], [in_time(readings)]
+    """Return the statistics of `in_time`, then mean, spread and change in each of four windows.
+
+    Args:
+        readings: (B, T, S) in the order of time.
+
+    Returns:
+        (B, 21 S).
+    """
+    frames = readings.shape[1]
+    statistics = [in_time(readings)]
     for window in range(WINDOWS):
-        begin = window * length // WINDOWS
-        part = readings[:, begin : max((window + 1) * length // WINDOWS, begin + 1)]
-        parts += [part.mean(axis=1), _spread(part), _change(part)]
-    return np.concatenate(parts, axis=1)
+        begin = window * frames // WINDOWS
+        end = max((window + 1) * frames // WINDOWS, begin + 1)
+        part = readings[:, begin:end]
+        statistics += [part.mean(axis=1), _spread(part), _change(part)]
+    return np.concatenate(statistics, axis=1)
 
 
 def _spread(readings: np.ndarray) -> np.ndarray:

@@ -14,7 +14,8 @@ from tactile_viewgcn.frames.folds import complete_folds
 from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.split import SPLIT_SEED, published_test, split_groups
 from tactile_viewgcn.intervals import FEW, proportion_interval
-from tactile_viewgcn.members.features import every_few, is_array
+from tactile_viewgcn.members.frame_values import every_few
+from tactile_viewgcn.members.pooled_kernel import PooledKernelMember
 from tactile_viewgcn.members.representation import Representation, contact_unit
 from tactile_viewgcn.messages import Note, UserError, warnings_of
 from tactile_viewgcn.params import PreprocessSection
@@ -30,7 +31,7 @@ from tactile_viewgcn.tables.remarks import remarks
 SAMPLE = 2000  # frames, of all for the variation of a sensor, of an object for its mean
 MOST_FOLDS = 5
 GRID = 16  # sensors in one row, from which on they may be those of a grid
-MEMBER, FOLDS = "pooled_kernel", 5  # of the quick error
+FOLDS = 5  # of the quick error
 ASKED = PreprocessSection()  # nothing: all `auto`
 
 
@@ -145,13 +146,14 @@ class Overview:
         labels, groups, _ = np.array(list(parts), dtype=np.int64).T
         sample, noise = self.excess(evenly(contact, SAMPLE)), float(np.median(self.states.noise))
         read = Representation.of(live, sample, contact_unit(sample, noise))
+        member = PooledKernelMember(read, int(labels.max()) + 1)
         counts = (self.excess(every_few(contact[at])) for at in parts.values())
         points = np.concatenate(
-            [read.of_recordings(MEMBER, read.scaled(each)[None]) for each in counts]
+            [member.recording_points(read.scaled(each)[None]) for each in counts]
         )
         answers = np.full(len(labels), -1)
         for left in complete_folds(groups, labels, FOLDS):
-            fitted = read.estimator(MEMBER).fit(points[~left], labels[~left], SPLIT_SEED)
+            fitted = member.estimator().fit(points[~left], labels[~left], SPLIT_SEED)
             answers[left] = fitted.classes[fitted.predict_proba(points[left]).argmax(axis=1)]
         answered = answers >= 0
         if len(np.unique(labels[answered])) < 2:

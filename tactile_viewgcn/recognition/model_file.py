@@ -15,7 +15,7 @@ import io
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, cast
 
 import numpy as np
 import torch
@@ -26,7 +26,7 @@ from torch import Tensor
 
 from tactile_viewgcn.device import select_device
 from tactile_viewgcn.files import readable, write_file
-from tactile_viewgcn.members.representation import NETWORK
+from tactile_viewgcn.members.network import NETWORK
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.nn.network import ViewNetwork, spread_frames
 from tactile_viewgcn.params import (
@@ -38,11 +38,15 @@ from tactile_viewgcn.params import (
     preset_changes,
 )
 from tactile_viewgcn.recognition.calibration import Classifier, recording_answer
+from tactile_viewgcn.recognition.model_format import FORMAT, package_version, upgraded
 from tactile_viewgcn.systems import load_system, system_class
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TRAIN, Frames, frame_rates, network_input
 from tactile_viewgcn.views.recording_clusters import RecordingClusters
 from tactile_viewgcn.views.sampling import powers_of_two
+
+if TYPE_CHECKING:
+    from tactile_viewgcn.systems.sensors import SensorClassifier
 
 UNFIT = (
     "no classifier of this version, damaged or altered",
@@ -59,32 +63,15 @@ ARRAYS = ConfigDict(arbitrary_types_allowed=True, extra="forbid", hide_input_in_
 
 def build_classifier(
     viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int]
-) -> Classifier:
-    """The classifier for viewpoints (V, 3) and frames (H, W); weights come from torch's default generator.
+) -> ViewNetwork:
+    """Return the network of a system on the backbone; its weights are torch's default ones.
 
-    It is a network on the backbone, or a classifier of what the sensors read, with the same
-    attributes and methods:
-
-    - `views`: V. `viewpoints`: (V, 3).
-    - `transform`: of frames to the input that it reads, see `network_input`; None for the table's.
-    - `prepare(compute)`: puts it on a device, ready for the answers below.
-    - `frame_values(inputs)`: values (n, ...) of frames (n, H, W), each alone.
-    - `view_sets(values, sets)`: logits float32 (A, classes) of view sets (A, k) of indices into
-      these values.
-    - `recording(values, points)`: logits float32 (classes,) of a recording, by the values of its
-      frames in the order of time, and by their network input (T, S) at the live sensors, from which
-      a network clusters them.
-    - `takes_fewer`: whether `view_sets` also answers fewer frames than V.
+    Args:
+        viewpoints: (V, 3).
+        classes: number of classes.
+        model: the options of the network.
+        shape: (H, W) of a frame.
     """
-    if on_sensors(model.system):
-        network: Any = None
-        if NETWORK in model.members:
-            network = build_classifier(
-                viewpoints, classes, default_params(tuple(preset_changes(NETWORK))).model, shape
-            )
-        return load_system(model.system).SensorClassifier(
-            model.members, np.asarray(viewpoints), classes, network
-        )
     return ViewNetwork(system_class(model.system), viewpoints, classes, model, shape)
 
 
@@ -176,6 +163,8 @@ class Content:
         clusters: how a network clusters a whole recording: as in its training. None where it does
             not, and in a file of an earlier version, whose networks were given sets that are spread
             over the recording.
+        format: number of the file's layout, see `model_format`.
+        version: of this package, which wrote the file.
     """
 
     learnt: dict[str, Any]
@@ -191,6 +180,8 @@ class Content:
     answers: np.ndarray
     set_answers: np.ndarray | None = None
     clusters: Cluster | None = None
+    format: Literal[1] = FORMAT
+    version: str = ""
 
     def answer(self, classifier: Classifier, excess: np.ndarray) -> np.ndarray:
         """`recording_answer` of frames in contact, counts (n, H, W) above baseline, in the order of time."""
@@ -243,21 +234,46 @@ class Content:
             raise ValueError("the answers to its own recordings do not come out again")
 
     def classifier(self) -> Classifier:
-        """The classifier with what it has learnt, ready for answers; any exception for parts that do not fit."""
-        live, viewpoints = self.preprocessing.live, torch.from_numpy(self.viewpoints)
-        with torch.device("meta"):  # where weights take no memory and no random numbers
-            classifier = build_classifier(viewpoints, len(self.classes), self.model, live.shape)
-        if isinstance(classifier, torch.nn.Module):
-            classifier.load_state_dict(
-                _converted(self.learnt, np.ndarray, torch.from_numpy), assign=True
-            )
+        """Return the classifier with what it has learnt, ready for answers.
+
+        Raises:
+            Exception: of any kind, for parts that do not fit together.
+        """
+        classifier: Classifier
+        if on_sensors(self.model.system):
+            classifier = self._members()
+        else:
+            classifier = self._empty_network(self.model)
+            learnt = _converted(self.learnt, np.ndarray, torch.from_numpy)
+            classifier.load_state_dict(learnt, assign=True)
             classifier.transform = self.transform
             if self.clusters is not None:
                 classifier.clusters = RecordingClusters(self.clusters)
-        else:
-            classifier.load_state_dict(self.learnt, live)
         classifier.prepare(select_device("cpu", self.precision))
         return classifier
+
+    def _members(self) -> "SensorClassifier":
+        """The classifier on the sensors."""
+        network = None
+        if NETWORK in self.model.members:
+            preset = default_params(tuple(preset_changes(NETWORK)))
+            network = self._empty_network(preset.model)
+        classifier: SensorClassifier = load_system(self.model.system).SensorClassifier.loaded(
+            self.learnt,
+            self.model.members,
+            live=self.preprocessing.live,
+            viewpoints=self.viewpoints,
+            classes=len(self.classes),
+            network=network,
+        )
+        return classifier
+
+    def _empty_network(self, model: Model) -> ViewNetwork:
+        """A network whose weights take no memory and no random numbers, to be loaded into."""
+        viewpoints = torch.from_numpy(self.viewpoints)
+        shape = self.preprocessing.live.shape
+        with torch.device("meta"):
+            return build_classifier(viewpoints, len(self.classes), model, shape)
 
     def write(self, path: str | Path) -> None:
         """Write the file, and its digest at the end."""
@@ -296,6 +312,7 @@ def save_classifier(
         preprocessing=FittedPreprocessing.of(frames),
         examples=_examples(frames),
         answers=np.zeros(0),
+        version=package_version(),
     )
     trained = content.classifier()
     content.answers = content.answers_now(trained)
@@ -384,7 +401,7 @@ def load_classifier(path: str | Path) -> tuple[Classifier, Content]:
         if hashlib.sha256(stored[:-DIGEST]).digest() != stored[-DIGEST:]:
             raise ValueError("its bytes and its digest differ")
         values = torch.load(io.BytesIO(stored), map_location="cpu", weights_only=True)
-        content = Content(**_converted(values, Tensor, Tensor.numpy))
+        content = Content(**upgraded(_converted(values, Tensor, Tensor.numpy), path))
         classifier = content.classifier()
         content.check_answers(classifier)
         noise = content.preprocessing.noise

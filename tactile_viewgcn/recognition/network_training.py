@@ -1,55 +1,72 @@
-"""The member `network`: the preset of this name, trained with each fold left out, if its work is allowed.
+"""The training of the member `network`: the preset of this name, on some training recordings.
 
-The work is counted, not timed: which members a classifier has does not depend on how busy the
+Its work is counted, not timed: which members a classifier has does not depend on how busy the
 machine is.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.members.representation import NETWORK
+from tactile_viewgcn.members.network import NETWORK
 from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import default_params, preset_changes
-from tactile_viewgcn.progress import steps
 from tactile_viewgcn.recognition.calibration import recording_answers
 from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import TEST, TRAIN, Frames, Views
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 
-#: By kind of device, the readings that all trainings of the network may pass through it. On one
+#: By kind of device, the readings that all training runs of the network may pass through it. On one
 #: core of an AMD EPYC a reading took 3.2 microseconds, in frames of 16 x 16 to 64 x 64: these are
 #: 53 minutes. A GPU took a tenth of the time.
 MOST_READINGS = {"cpu": 1e9, "cuda": 1e10}
-NONE = np.zeros(0, dtype=int)
 
 
-class NetworkMember:
-    """The preset's network for a table of frames.
+class PresetTraining:
+    """Trains the preset's network on a table of frames.
 
     Args:
-        recordings: indices of the frames of each training recording.
+        table: the frames of all sets; only the training set is read.
+        views: the viewpoints; its clusters are not used.
+        recordings: indices of the frames of each of the R training recordings.
+        seed: of the training runs.
+        compute: the device and its precision.
+
+    Attributes:
+        params: the preset's, with the seed.
+        table: the table, with the preset's transform of its frames.
     """
 
     def __init__(
-        self, table: Frames, views: Views, recordings: list[np.ndarray], seed: int, compute: Compute
+        self,
+        table: Frames,
+        views: Views,
+        recordings: Sequence[np.ndarray],
+        *,
+        seed: int,
+        compute: Compute,
     ):
         self.params = default_params((*preset_changes(NETWORK), f"seed={seed}"))
         self.table = replace(table, transform=self.params.preprocess.transform)
-        self.views, self.recordings, self.compute = views.unclustered(), recordings, compute
+        self.views = views.unclustered()
+        self.recordings = recordings
+        self.compute = compute
 
     @property
     def most_readings(self) -> float:
         """The number of `readings` that is allowed on the device."""
         return MOST_READINGS[self.compute.device.type]
 
-    def readings(self, folds: list[np.ndarray]) -> float:
-        """Count the sensor readings that pass through the network in its trainings: without each fold, and with all.
+    def readings(self, folds: Sequence[np.ndarray]) -> float:
+        """Return how many sensor readings pass through the network in all its training runs.
+
+        There is one training run without each fold, and one with all recordings.
 
         Args:
-            folds: masks bool (R,) of recordings that are left out together.
+            folds: masks bool (R,) of recordings that are held out together.
         """
         is_anchor = self.table.anchor & (self.table.side == TRAIN)
         anchors = np.array([is_anchor[index].sum() for index in self.recordings])
@@ -58,33 +75,20 @@ class NetworkMember:
             frames += anchors[~fold].sum()
         return float(frames) * self.params.pretrain.epochs * self.table.live.size
 
-    def left_out(self, folds: list[np.ndarray]) -> np.ndarray:
-        """Train the network without each fold, and return its probabilities (R, classes) for the fold's recordings.
+    def train(self, recordings: np.ndarray) -> ViewNetwork:
+        """Return the network, trained on some of the recordings and ready for answers.
 
-        Recordings of no fold have zeros.
+        The frames of all other recordings count as the test set, which no training reads.
 
         Args:
-            folds: masks bool (R,) of recordings that are left out together.
+            recordings: bool (R,), the recordings to train on.
 
         Raises:
-            UserError: a training diverges.
+            UserError: the training diverges.
         """
-        shares = np.zeros((len(self.recordings), len(self.table.classes)), dtype=np.float32)
-        for fold in steps(folds, "network, groups left out", "training runs"):
-            recordings = [self.recordings[number] for number in np.flatnonzero(fold)]
-            index = np.concatenate(recordings)
-            pool = np.repeat(np.arange(len(recordings)), [len(frames) for frames in recordings])
-            network = self.train(index)
-            values = network.frame_values(Gathered(self.table.inputs, index))
-            shares[fold] = np.exp(
-                recording_answers(network, None, values, self.table.points(index), pool)
-            )
-        return shares
-
-    def train(self, left: np.ndarray = NONE) -> ViewNetwork:
-        """The network, trained on the training side but for the frames at the indices `left` (k,)."""
         side = self.table.side.copy()
-        side[left] = TEST
+        for recording in np.flatnonzero(~recordings):
+            side[self.recordings[recording]] = TEST
         table = replace(self.table, side=side)
         backbone, linear, _ = pretrain_backbone(table, self.params, self.compute)
         pretrained = {"backbone": backbone.state_dict(), "classifier": linear.state_dict()}
@@ -92,3 +96,18 @@ class NetworkMember:
         network.transform = table.transform
         network.prepare(self.compute)
         return network
+
+    def answers(self, network: ViewNetwork, recordings: np.ndarray) -> np.ndarray:
+        """Return a network's probabilities float32 (n, classes) for whole recordings.
+
+        Args:
+            network: of `train`.
+            recordings: bool (R,), the n recordings to answer.
+        """
+        answered = [self.recordings[recording] for recording in np.flatnonzero(recordings)]
+        index = np.concatenate(answered)
+        recording = np.repeat(np.arange(len(answered)), [len(frames) for frames in answered])
+        values = network.frame_values(Gathered(self.table.inputs, index))
+        points = self.table.points(index)
+        logarithms = recording_answers(network, None, values, points, recording)
+        return np.exp(logarithms).astype(np.float32)

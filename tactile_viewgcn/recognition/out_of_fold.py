@@ -1,90 +1,131 @@
-"""Answers to recordings that are left out of the fits: the weights of the members and their calibration rest on them.
+"""Members' answers to training recordings that were held out of their fits, and what they tell.
 
-Nothing is pretrained for the members, so that a group can be left out of all that is fitted to
+Nothing is pretrained for the members, so that a group can be held out of all that is fitted to
 labels.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from tactile_viewgcn.frames.folds import left_out
-from tactile_viewgcn.members.estimators import added, log_shares, probabilities
 from tactile_viewgcn.members.examples import Examples
+from tactile_viewgcn.members.member import Member
+from tactile_viewgcn.members.weighted_sum import log_probabilities, weighted_sum
 from tactile_viewgcn.progress import steps
 from tactile_viewgcn.recognition.calibration import fit_temperature, fit_weights
 
-FOLDS = 5
-LEAST_WEIGHT = 0.1  # of the largest: a member with less is left out
+FOLDS = 5  # of the training groups
+LEAST_WEIGHT = 0.1  # of the largest: a member with less is taken out
 
 
-class LeftOut:
-    """Answers to training recordings by estimators that were fitted to other groups; a fifth is left out at a time.
+def out_of_fold_answers(
+    member: Member, examples: Examples, folds: Sequence[np.ndarray], *, seed: int
+) -> np.ndarray:
+    """Return a member's answers to the recordings of each fold, by a fit to all other recordings.
 
-    If a fold would remove a class from the training, that class's recordings are not left out.
+    The member itself is not fitted.
 
     Args:
-        groups: (R,) split group of each of the examples' recordings.
+        member: after `Member.measure`.
+        examples: the R training recordings.
+        folds: masks bool (R,) of the recordings that are held out together.
+        seed: of the fits.
+
+    Returns:
+        Probabilities float32 (R, classes); 0 for a recording that no fold holds out.
+
+    Raises:
+        UserError: the training of a network diverges.
+    """
+    answers = np.zeros((len(examples.labels), examples.classes), dtype=np.float32)
+    for fold in steps(folds, f"{member.name}, groups held out", "folds"):
+        fitted = copy(member)
+        fitted.fit(examples, ~fold, seed=seed, quick=True)
+        answers[fold] = fitted.answer_examples(examples, fold)
+    return answers
+
+
+@dataclass(frozen=True)
+class OutOfFold:
+    """The out-of-fold answers of members, and the weights, temperature and errors that follow.
+
+    A fifth of the groups is held out at a time. If a fold would take the last group of a class out
+    of the fits, that class's recordings are in no fold.
 
     Attributes:
-        folds: masks bool (R,) of the recordings that are left out together.
-        answered: bool (R,) recordings by whose answers everything here is measured.
-        shares: by member, probabilities (R, classes), means over a recording's points; 0 of
-            recordings that were never left out.
+        labels: (R,) class of each training recording.
+        groups: (R,) group of each training recording, which is held out as a whole.
+        folds: masks bool (R,) of the recordings that are held out together.
+        answers: `out_of_fold_answers` (R, classes), by the member's name.
     """
 
-    def __init__(self, examples: Examples, groups: np.ndarray, seed: int):
-        self.examples, self.groups, self._seed = examples, groups, seed
-        self.folds = left_out(groups, examples.labels, FOLDS)
-        self.answered = (
-            np.any(self.folds, axis=0) if self.folds else np.zeros(len(groups), dtype=bool)
-        )
-        self.shares = dict[str, np.ndarray]()
+    labels: np.ndarray
+    groups: np.ndarray
+    folds: list[np.ndarray]
+    answers: dict[str, np.ndarray] = field(default_factory=dict)
 
-    def answers(self, members: Sequence[str]) -> list[np.ndarray]:
-        """The `shares` (n, classes) of some members for the answered recordings; each member's are computed once."""
-        for member in set(members) - self.shares.keys():
-            examples, (points, recording) = self.examples, self.examples.of_recordings(member)
-            shares, label = (
-                np.zeros((len(points), examples.classes), dtype=np.float32),
-                examples.labels[recording],
-            )
-            for fold in steps(self.folds, f"{member}, groups left out", "folds"):
-                left = fold[recording]
-                estimator = examples.representation.estimator(member, quick=True)
-                estimator.fit(points[~left], label[~left], self._seed)
-                shares[left] = probabilities(estimator, points[left], examples.classes)
-            means = [shares[recording == each].mean(axis=0) for each in range(len(self.groups))]
-            self.shares[member] = np.stack(means)
-        return [self.shares[member][self.answered] for member in members]
+    @classmethod
+    def of(cls, labels: np.ndarray, groups: np.ndarray) -> "OutOfFold":
+        """Return the folds of training recordings, without any answers yet.
 
-    def wrong(self, weights: dict[str, float]) -> np.ndarray:
-        """Share of wrong answers (G,) by weighed members in each group that was answered."""
-        wrong = self._sum(weights).argmax(axis=1) != self.examples.labels[self.answered]
-        place = np.unique(self.groups[self.answered], return_inverse=True)[1]
-        return np.bincount(place, wrong) / np.bincount(place)
-
-    def weighed(self, members: list[str]) -> dict[str, float]:
-        """Weights of the members' log-probabilities, fitted to their answers.
-
-        Members of little weight are left out, and the others are weighed anew.
+        Args:
+            labels: (R,) class of each recording.
+            groups: (R,) group of each recording.
         """
-        weights = fit_weights(
-            log_shares(self.answers(members)), self.examples.labels[self.answered]
-        )
-        enough = weights >= LEAST_WEIGHT * weights.max()
-        if enough.all():
+        return cls(labels, groups, left_out(groups, labels, FOLDS))
+
+    def with_member(self, member: Member, examples: Examples, *, seed: int) -> "OutOfFold":
+        """Return a copy that also has the answers of a member; see `out_of_fold_answers`."""
+        answers = out_of_fold_answers(member, examples, self.folds, seed=seed)
+        return replace(self, answers={**self.answers, member.name: answers})
+
+    @property
+    def held_out(self) -> np.ndarray:
+        """bool (R,): the n recordings that a fold holds out."""
+        if not self.folds:
+            return np.zeros(len(self.labels), dtype=bool)
+        return np.any(self.folds, axis=0)
+
+    def group_errors(self, weights: Mapping[str, float]) -> np.ndarray:
+        """Return the share of wrong answers (G,) in each group that is held out.
+
+        Args:
+            weights: of the members that answer, by name.
+        """
+        wrong = self._logits(weights).argmax(axis=1) != self.labels[self.held_out]
+        group = np.unique(self.groups[self.held_out], return_inverse=True)[1]
+        return np.bincount(group, wrong) / np.bincount(group)
+
+    def member_weights(self, members: Sequence[str]) -> dict[str, float]:
+        """Return the weights of the members' log-probabilities that fit the labels best.
+
+        A member of little weight is taken out, and the others are weighed anew.
+
+        Args:
+            members: names of members that have answers.
+        """
+        answers = [self.answers[name][self.held_out] for name in members]
+        weights = fit_weights(log_probabilities(answers), self.labels[self.held_out])
+        is_enough = weights >= LEAST_WEIGHT * weights.max()
+        if is_enough.all():
             return dict(zip(members, weights.tolist(), strict=True))
-        return self.weighed([name for name, kept in zip(members, enough, strict=True) if kept])
+        enough = [name for name, kept in zip(members, is_enough, strict=True) if kept]
+        return self.member_weights(enough)
 
-    def temperature(self, weights: dict[str, float]) -> float | None:
-        """The temperature of the weighed sum, fitted to the answers; None without any."""
-        return (
-            fit_temperature(self._sum(weights), self.examples.labels[self.answered])
-            if self.answered.any()
-            else None
-        )
+    def temperature(self, weights: Mapping[str, float]) -> float | None:
+        """Return the temperature that calibrates the weighted sum; None if nothing is held out.
 
-    def _sum(self, weights: dict[str, float]) -> np.ndarray:
-        """The weighed sum (n, classes) of log-probabilities."""
-        return added(self.answers([*weights]), [*weights.values()])
+        Args:
+            weights: of the members that answer, by name.
+        """
+        if not self.folds:
+            return None
+        return fit_temperature(self._logits(weights), self.labels[self.held_out])
+
+    def _logits(self, weights: Mapping[str, float]) -> np.ndarray:
+        """The weighted sum (n, classes) of the members' log-probabilities."""
+        answers = [self.answers[name][self.held_out] for name in weights]
+        return weighted_sum(answers, list(weights.values()))

@@ -1,0 +1,28 @@
+"""The sum of the members' log-probabilities, each with its weight."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+FLOOR = 0.01  # added to the probabilities of several members, so that no member's zero is a veto
+TINY = np.finfo(np.float32).tiny
+
+
+def log_probabilities(probabilities: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the logarithms (M, n, classes) of several members' probabilities, a little above 0."""
+    return np.log(np.stack(probabilities) + FLOOR)
+
+
+def weighted_sum(probabilities: Sequence[np.ndarray], weights: Sequence[float]) -> np.ndarray:
+    """Return logits (n, classes): the weighted sum of the members' log-probabilities.
+
+    The logits of a single member are its log-probabilities, whatever its weight.
+
+    Args:
+        probabilities: (n, classes) of each member.
+        weights: of each member.
+    """
+    if len(probabilities) == 1:
+        return np.log(np.maximum(probabilities[0], TINY))
+    logarithms = log_probabilities(probabilities)
+    return np.tensordot(np.array(weights, dtype=np.float32), logarithms, 1)

@@ -1,0 +1,75 @@
+"""The format number of model files: files of one minor version are read by the next one.
+
+Whoever changes what a model file holds adds one to `FORMAT`, and a function to `UPGRADES` that
+turns the values of the format before into those of the new one.
+"""
+
+from collections.abc import Callable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Literal
+
+from tactile_viewgcn.messages import UserError
+
+FORMAT: Literal[1] = 1
+UNNUMBERED = 0  # the format of version 0.4 and before, whose files have no number
+MOST_LETTERS = 20  # of a version that is quoted
+
+
+def package_version() -> str:
+    """Return the version of this package, as 0.4.0."""
+    return version("tactile-viewgcn")
+
+
+def upgraded(values: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
+    """Return the values of a model file in the format of this version.
+
+    Args:
+        values: arrays and plain values, by name.
+        path: of the file, for the message.
+
+    Raises:
+        UserError: a format that this version does not know.
+    """
+    number = values.get("format", UNNUMBERED)
+    if number not in (*UPGRADES, FORMAT):
+        writer = str(values.get("version", "unknown"))[:MOST_LETTERS]
+        raise UserError(
+            f"{path}: written by version {writer} in format {str(number)[:MOST_LETTERS]}; this is "
+            f"version {package_version()}, which reads formats up to {FORMAT}: "
+            "install the version that wrote the file, or train the model again"
+        )
+    current = dict(values)
+    while number != FORMAT:
+        current = UPGRADES[number](current)
+        number += 1
+    return current
+
+
+def _with_a_state_of_each_member(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Format 0 to 1: one mapping for each member, in place of one for each kind of answer."""
+    learnt = values["learnt"]
+    if "whole" not in learnt:  # a network
+        return {**values, "format": 1}
+    members: dict[str, dict[str, Any]] = {}
+    for name, estimator in learnt["whole"].items():
+        if name == "kernel":
+            members[name] = {"of_frames": estimator}
+        else:
+            members[name] = {"whole": estimator, "sets": {}}
+    for size, estimators in learnt["sets"].items():
+        for name, estimator in estimators.items():
+            members.setdefault(name, {"sets": {}})["sets"][size] = estimator
+    if "convolutions" in members:
+        members["convolutions"]["convolutions"] = learnt["convolutions"]
+    if learnt["network"]:
+        members["network"] = learnt["network"]
+    names = ("representation", "weights", "short")
+    kept = {name: learnt[name] for name in names}
+    return {**values, "learnt": {**kept, "members": members}, "format": 1}
+
+
+#: by format, the function to the next format
+UPGRADES: dict[int, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
+    UNNUMBERED: _with_a_state_of_each_member
+}
