@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stages.command import Job, run
+from stages.command import run
+from stages.job import Job
 from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames, load_table, save_table

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import torch
 
-from stages.command import Job, run
+from stages.command import run
+from stages.job import Job
 from tactile_viewgcn.files import readable
 from tactile_viewgcn.nn.network import ViewNetwork
 from tactile_viewgcn.params import on_sensors

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stages.command import Job, run
+from stages.command import run
+from stages.job import Job
 from tactile_viewgcn.messages import several
 from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.tables.look import look_at, write_takes

@@ -11,7 +11,8 @@ import json
 from pathlib import Path
 from shlex import quote
 
-from stages.command import Job, run
+from stages.command import run
+from stages.job import Job
 from tactile_viewgcn.files import root, write_file
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import VIRTUAL, on_sensors

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stages.command import Job, run
+from stages.command import run
+from stages.job import Job
 from tactile_viewgcn.frames.preprocessing import frame_counts, preprocess_recordings
 from tactile_viewgcn.messages import several
 from tactile_viewgcn.tables.frames import SIDES, save_table

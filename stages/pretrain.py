@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from stages.command import Job, run
+from stages.command import run
+from stages.job import Job
 from tactile_viewgcn.files import write_file
 from tactile_viewgcn.tables.frames import Frames, load_table
 

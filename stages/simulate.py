@@ -7,7 +7,8 @@ from pathlib import Path
 from filelock import FileLock
 from joblib import cpu_count
 
-from stages.command import Job, run
+from stages.command import run
+from stages.job import Job
 from tactile_viewgcn.files import new_files, root
 from tactile_viewgcn.glove.simulation import VERSION, recipe_from_params
 from tactile_viewgcn.glove.simulation import simulate as write_recordings
