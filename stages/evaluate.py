@@ -11,11 +11,10 @@ from stages.job import Job
 from tactile_viewgcn.evaluation import earlier_stages, results
 from tactile_viewgcn.evaluation.evaluate import evaluate_table, evaluated_frames, latency
 from tactile_viewgcn.evaluation.row import row_of
-from tactile_viewgcn.evaluation.trials import WHOLE, Predictions
+from tactile_viewgcn.evaluation.trials import WHOLE
 from tactile_viewgcn.provenance import peak_mb
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.tables.frames import Frames, load_table
-from tactile_viewgcn.tracking import Run
 
 
 def evaluate(job: Job, frames: Path, classifier: Path, records: Path, out: Path) -> str:
@@ -38,7 +37,11 @@ def evaluate(job: Job, frames: Path, classifier: Path, records: Path, out: Path)
         job.run.dataset(source["path"], source["md5"][:8])
     row = row_of(predictions, metrics, timing, earlier)
     job.run.batch(row.tags, row.parameters, row.metrics)
-    log_confusion(job.run, predictions)
+    if job.run.id:
+        from tactile_viewgcn.plots import confusion  # here, since it loads Matplotlib
+
+        counts = predictions.trials[WHOLE].confusion(len(table.classes))
+        job.run.log("log_figure", confusion(counts, table.classes), "confusion.png")
     job.run.log("log_artifacts", str(out))
     job.run.log("log_artifacts", str(records))
     form = {"shape": list(table.live.shape), "dtype": str(table.counts.dtype)}
@@ -48,16 +51,6 @@ def evaluate(job: Job, frames: Path, classifier: Path, records: Path, out: Path)
     if address:
         lines.append(f"  in a program: mlflow.pyfunc.load_model({address!r})")
     return "\n".join([*lines, "  next: tactile-viewgcn report"])
-
-
-def log_confusion(row: Run, predictions: Predictions) -> None:
-    """Log a picture of which objects are taken for which, if there is a row."""
-    if row.id:
-        from tactile_viewgcn.plots import confusion  # here, since it loads Matplotlib
-
-        classes = predictions.classes.tolist()
-        counts = predictions.trials[WHOLE].confusion(len(classes))
-        row.log("log_figure", confusion(counts, classes), "confusion.png")
 
 
 if __name__ == "__main__":

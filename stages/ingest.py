@@ -14,6 +14,7 @@ from tactile_viewgcn.tables.remarks import remarks
 
 
 def ingest(job: Job, source: Path, out: Path) -> str:
+    """Write the table of recordings, and return the line to print."""
     data = job.params.data
     read_source(source, out, Form(data.shape, data.layout, data.columns))
     job.md5("source")  # the digest of the dataset in MLflow
@@ -22,20 +23,22 @@ def ingest(job: Job, source: Path, out: Path) -> str:
     write_takes(out, table, look)
     for note in remarks(table, look):
         job.note(note)
-    used = {
-        f"{name}s": len(np.unique(table.columns[name]))
-        for name in ("object", "recording", "session")
-    }
-    names = [several(count, name.removesuffix("s")) for name, count in used.items()]
-    counts = {"frames": len(table), "sensors": int(table.live.sum())} | used
+    counts = {"frames": len(table), "sensors": int(table.live.sum())}
+    for name in ("object", "recording", "session"):
+        counts[f"{name}s"] = len(np.unique(table.columns[name]))
     has_time = ~np.isnan(table.columns["time"])
-    looked = {"recordings.with_shared_frames": int((look.each["shared"] > 0).sum())}
-    looked["recordings.with_times"] = len(np.unique(table.columns["recording"][has_time]))
-    job.record.counts |= counts | looked
-    return (
-        f"ingest: {several(len(table), 'frame')} of {table.shape[0]} x {table.shape[1]}, "
-        f"{several(counts['sensors'], 'sensor')}, {', '.join(names)}"
-    )
+    timed = np.unique(table.columns["recording"][has_time])
+    job.record.counts |= counts
+    job.record.counts["recordings.with_shared_frames"] = int((look.each["shared"] > 0).sum())
+    job.record.counts["recordings.with_times"] = len(timed)
+    sizes = [
+        several(counts["sensors"], "sensor"),
+        several(counts["objects"], "object"),
+        several(counts["recordings"], "recording"),
+        several(counts["sessions"], "session"),
+    ]
+    frames = f"{several(len(table), 'frame')} of {table.shape[0]} x {table.shape[1]}"
+    return f"ingest: {frames}, {', '.join(sizes)}"
 
 
 if __name__ == "__main__":
