@@ -1,194 +1,187 @@
-"""What all stages share: options, checked parameters, a run in MLflow, a record, errors in one line."""
+"""The command line of a stage, and what happens between its call and its last line.
 
-import hashlib
+`run` makes the command. `_run_stage` has the steps in the order in which they happen: check the
+parameters, find the inputs, begin the run in MLflow, work, write output and record, end the run.
+"""
+
 import json
-import shutil
-import sys
-import textwrap
-import time
-from argparse import ArgumentParser
-from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack, nullcontext
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from stages import STARTED
-from stages.pipeline import code_of, params_of, stages
-from tactile_viewgcn.files import md5, new_outputs, readable, write_file
-from tactile_viewgcn.messages import Note, UserError, program
-from tactile_viewgcn.params import load
-from tactile_viewgcn.progress import say, shown, working
+import click
+
+from stages.job import Job
+from stages.pipeline import params_of, stages
+from tactile_viewgcn.files import new_outputs, readable, write_file
+from tactile_viewgcn.messages import UserError, program
+from tactile_viewgcn.params import Params, load
+from tactile_viewgcn.progress import shown, working
 from tactile_viewgcn.provenance import ROW, Record, changed_params, origin, peak_mb, run_name
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tracking import Run, stage_run
 
-if TYPE_CHECKING:
-    from tactile_viewgcn.device import Compute
-
-
-@dataclass
-class Job:
-    """One run of a stage.
-
-    Attributes:
-        params: the parameters that the stage's `params` in dvc.yaml name, and no others.
-        record: what is written beside the outputs; the stage puts its numbers into `record.counts`.
-        needed: whether `model.system` needs the stage, which otherwise writes a placeholder.
-        run: the stage's run in MLflow.
-        afterwards: contexts that end after output and record have taken their places, or after an
-            error.
-    """
-
-    params: Any
-    record: Record
-    needed: bool = True
-    run: Run = field(default_factory=Run)
-    afterwards: ExitStack = field(default_factory=ExitStack)
-
-    @property
-    def seconds(self) -> float:
-        """Seconds that the stage has run, those before an interruption included."""
-        return self.record.seconds + time.time() - STARTED
-
-    def md5(self, name: str) -> str:
-        """Compute the md5 of an input, and keep it in the record."""
-        entry = self.record.inputs[name]
-        entry["md5"] = md5(entry["path"])
-        return entry["md5"]
-
-    def note(self, note: Note) -> None:
-        """Print a note, and keep it in the record."""
-        width = shutil.get_terminal_size((120, 24)).columns
-        print(
-            textwrap.fill(str(note), width, initial_indent="  ", subsequent_indent="    "),
-            flush=True,
-        )
-        self.record.notes.append(replace(note, stage=self.record.stage))
-
-    def compute(self) -> "Compute":
-        """Choose device, precision and number of threads for the rest of the stage, and keep them in the record."""
-        # here, since a stage may do without torch
-        from torch.cuda import get_device_name
-
-        from tactile_viewgcn.device import select_device, set_threads
-
-        self.record.counts["threads"] = set_threads()
-        compute = select_device(self.params.device, self.params.precision)
-        device = get_device_name(compute.device) if compute.device.type == "cuda" else "cpu"
-        self.record.origin |= {"device": device, "precision": compute.precision}
-        return compute
-
-    def epoch(self, epoch: int, values: dict[str, float]) -> None:
-        """Keep an epoch's values in the record, log them to MLflow, and print them where no bar is shown."""
-        for name, value in values.items():
-            self.record.curves.setdefault(name, []).append(value)
-        self.run.log("log_metrics", values, epoch)
-        if not sys.stderr.isatty():
-            line = ", ".join(
-                f"{name.replace('_', ' ')} {value:.3f}" for name, value in values.items()
-            )
-            place = f"{self.record.stage}: epoch {epoch}/{getattr(self.params, self.record.stage).epochs}"
-            say(f"{place}, {line}, {self.seconds:.0f} s")
-
-    def checkpoint_key(self) -> str:
-        """A hash of the parameters, the inputs, and the code that the stage's `deps` in dvc.yaml name."""
-        code = code_of(
-            stages()[self.record.stage], getattr(getattr(self.params, "model", None), "system", "")
-        )
-        inputs = [self.md5(name) for name in self.record.inputs]
-        return hashlib.sha256(repr((self.params, inputs, code)).encode()).hexdigest()
+SOURCE = "source"  # the input whose path is the parameter data.source, and no option
+NEEDS = "needs"  # the input that says which stages the system needs
+PATH = click.Path(path_type=Path)
 
 
 def run(work: Callable[..., str], *inputs: str, logged: bool = True) -> None:
-    """Run a stage from its command line; a mistake of the user ends it with exit code 1 and one line.
+    """Run a stage from its command line, and end the process.
+
+    A mistake of the user ends it with exit code 1 and one line, a wrong option with 2.
 
     Args:
-        work: takes a `Job`, by name the paths of the inputs, and `out`, a temporary path of its
-            output. Output and record take their places together at the end, or neither does; then
-            the text that it returns is printed.
-        inputs: files and folders that the stage reads, each an option, but for `source`, which is
-            the parameter data.source. If the input `needs` says that the system does without the
-            stage, `work` writes a placeholder, and nothing is logged to MLflow.
+        work: the stage itself, named as in dvc.yaml. It takes a `Job`, by name the paths of the
+            inputs, and `out`, a temporary path of its output. Output and record take their places
+            together at the end, or neither does; then the text that it returns is printed.
+        inputs: files and folders that the stage reads, each an option of the command line. The
+            input `source` is none, its path is the parameter data.source. Where the input `needs`
+            says that the system does without the stage, `work` writes a placeholder, and nothing
+            is logged to MLflow.
         logged: whether the stage has a run in MLflow, whose library takes seconds to load.
     """
-    options = _options(work, [name for name in (*inputs, "out") if name != "source"])
-    with program(debug=options["debug"]):
-        job, paths = _begin(work.__name__, options, inputs)
-        out, record = options["out"], options["record"]
-        places = [out]
-        if record and record.parent != out:
-            places.append(record)
+    stage = work.__name__
+    command = click.Command(
+        stage,
+        params=_options(inputs),
+        callback=partial(_run_stage, work, inputs, logged),
+        help=work.__globals__["__doc__"],
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    command(prog_name=f"python -m stages.{stage}")
+
+
+def _options(inputs: tuple[str, ...]) -> list[click.Parameter]:
+    """Return the options of a stage with these inputs."""
+    options: list[click.Parameter] = []
+    for name in inputs:
+        if name != SOURCE:
+            options.append(
+                click.Option(
+                    [f"--{name}"], type=PATH, required=True, help="File or folder to read."
+                )
+            )
+    return [
+        *options,
+        click.Option(["--out"], type=PATH, required=True, help="File or folder to write."),
+        click.Option(
+            ["--params", "params_file"],
+            type=PATH,
+            default="params.yaml",
+            show_default=True,
+            help="File of the parameters.",
+        ),
+        click.Option(
+            ["--set", "changes"], multiple=True, metavar="KEY=VALUE", help="Change a parameter."
+        ),
+        click.Option(["--record", "record_file"], type=PATH, help="File for costs and notes."),
+        click.Option(["--debug"], is_flag=True, help="Show the traceback of an error."),
+    ]
+
+
+def _run_stage(
+    work: Callable[..., str],
+    inputs: tuple[str, ...],
+    logged: bool,
+    *,
+    out: Path,
+    params_file: Path,
+    changes: tuple[str, ...],
+    record_file: Path | None,
+    debug: bool,
+    **paths: Path,
+) -> None:
+    """Run a stage with the values of its options; `paths` has the inputs but for the source."""
+    stage = work.__name__
+    with program(debug=debug):
+        params = load(params_file, changes)
+        if SOURCE in inputs:
+            paths[SOURCE] = Path(params.data.source)
+        _check_inputs(paths)
+        needed = NEEDS not in paths or _is_needed(stage, paths[NEEDS])
+        job = _new_job(stage, params, params_file, paths, needed)
         tracked: AbstractContextManager[Run] = nullcontext(Run())
-        if job.needed and logged:
+        if needed and logged:
             tracked = stage_run(job.record)
+        # the files take their places before the run ends: it has the record only if they did
         with (
             job.afterwards,
             tracked as job.run,
-            new_outputs(*places) as made,
+            _new_files(out, record_file) as (new_out, new_record),
             shown(),
-            working(job.record.stage),
+            working(stage),
         ):
-            if len(places) == 1 and record:
-                made[0].mkdir()
-            text = work(job, **paths, out=made[0])
+            text = work(job, **paths, out=new_out)
             job.record.seconds = job.seconds
             job.record.peak_mb = peak_mb()
-            if record:
-                new_record = made[1] if len(made) > 1 else made[0] / record.name
+            if new_record:
                 write_file(new_record, job.record.text)
         print(text, flush=True)
 
 
-def _begin(
-    stage: str, options: dict[str, Any], inputs: tuple[str, ...]
-) -> tuple[Job, dict[str, Path]]:
-    """Check the parameters and that the inputs are there; return the stage's job, and the inputs' paths.
-
-    Raises:
-        UserError: a parameter is wrong, or there is no such input.
-    """
-    params, entry = load(options["params"], options["set"]), stages()[stage]
-    used = params_of(entry, params)
-    # the row in MLflow stands for the whole pipeline
-    values = flatten(params if stage == ROW else used)
-    changed = changed_params(values, options["params"])
-    paths = {
-        name: Path(params.data.source) if name == "source" else options[name] for name in inputs
-    }
+def _check_inputs(paths: dict[str, Path]) -> None:
+    """Raise a UserError if an input is not there."""
     for path in paths.values():
         if not path.exists():
             raise UserError(
-                f"{path}: no such file or folder; data.source names what ingest reads, and DVC's stages make the others"
+                f"{path}: no such file or folder; data.source names what ingest reads, "
+                "and DVC's stages make the others"
             )
-    needed = True
-    if "needs" in paths:
-        with readable(paths["needs"]):
-            needed = json.loads(paths["needs"].read_text())[stage]
-    words = (params.model.system, f"V={params.views}") if stage == ROW else (stage,)
+
+
+def _is_needed(stage: str, needs: Path) -> bool:
+    """Return whether the file that the stage `needs` has written says that a stage is needed."""
+    with readable(needs):
+        needed: bool = json.loads(needs.read_text())[stage]
+    return needed
+
+
+def _new_job(
+    stage: str, params: Params, params_file: Path, paths: dict[str, Path], needed: bool
+) -> Job:
+    """Return the job of a stage, whose record has parameters, inputs and origin.
+
+    Args:
+        stage: name of the stage in dvc.yaml.
+        params: all parameters, which come from `params_file` and the command line.
+        params_file: the file whose version in git the parameters are compared with.
+        paths: the inputs by their names.
+        needed: whether the system needs the stage; it has no name in MLflow otherwise.
+    """
+    used = params_of(stages()[stage], params)
+    words: tuple[str, ...] = (stage,)
+    values = flatten(used)
+    if stage == ROW:  # the row in MLflow stands for the whole pipeline
+        values = flatten(params)
+        words = (params.model.system, f"V={params.views}")
+    changed = changed_params(values, params_file)
     record = Record(
         stage,
-        run_name(changed, *words) if needed else None,
         inputs={name: {"path": str(path)} for name, path in paths.items()},
         params={"values": values, "changed": changed},
         origin=origin(stage),
     )
-    return Job(used, record, needed), paths
+    if needed:
+        record.name = run_name(changed, *words)
+    return Job(used, record, needed)
 
 
-def _options(work: Callable[..., str], paths: list[str]) -> dict[str, Any]:
-    """The options of a stage's command line, by name; `paths` are required."""
-    parser = ArgumentParser(
-        f"python -m stages.{work.__name__}",
-        description=work.__globals__["__doc__"],
-        allow_abbrev=False,
-    )
-    for name in paths:
-        parser.add_argument(f"--{name}", type=Path, required=True)
-    parser.add_argument("--params", type=Path, default="params.yaml")
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="Change a parameter."
-    )
-    parser.add_argument("--record", type=Path, help="File for costs and notes.")
-    parser.add_argument("--debug", action="store_true", help="Show the traceback of an error.")
-    return vars(parser.parse_args())
+@contextmanager
+def _new_files(out: Path, record_file: Path | None) -> Iterator[tuple[Path, Path | None]]:
+    """Yield temporary paths of output and record, which take their places together at the end.
+
+    A record that belongs into the folder `out` is written into the temporary folder, which is made
+    here. Otherwise the stage makes its output, a file or a folder.
+    """
+    if record_file is None:
+        with new_outputs(out) as (new_out,):
+            yield new_out, None
+    elif record_file.parent == out:
+        with new_outputs(out) as (new_out,):
+            new_out.mkdir()
+            yield new_out, new_out / record_file.name
+    else:
+        with new_outputs(out, record_file) as (new_out, new_record):
+            yield new_out, new_record

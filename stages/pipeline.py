@@ -1,4 +1,4 @@
-"""The entries of stages in dvc.yaml: the code that a stage uses, and the parameters that it reads."""
+"""The entries of stages in dvc.yaml: the code that a stage uses, and its parameters."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,33 +14,47 @@ CODE = ("stages/", "tactile_viewgcn/")
 
 
 def stages() -> dict[str, dict[str, Any]]:
-    """The entries of all stages, by name."""
-    return {
-        name: entry
-        for pipeline in PIPELINES
-        for name, entry in yaml.safe_load((ROOT / pipeline).read_text())["stages"].items()
-    }
+    """Return the entries of all stages, by name."""
+    entries: dict[str, dict[str, Any]] = {}
+    for pipeline in PIPELINES:
+        entries |= yaml.safe_load((ROOT / pipeline).read_text())["stages"]
+    return entries
 
 
 def code_of(entry: dict[str, Any], system: str = "*") -> list[bytes]:
-    """The contents of all Python files that the `deps` of a stage name, for one system or for all."""
+    """Return the contents of all Python files that the `deps` of a stage name.
+
+    Args:
+        entry: of the stage in dvc.yaml.
+        system: value of model.system; `*` for all systems.
+    """
     files: list[Path] = []
     for dep in entry["deps"]:
-        if dep.startswith(CODE):
-            for path in sorted(ROOT.glob(dep.replace("${model.system}", system))):
-                files += [path] if path.suffix == ".py" else sorted(path.rglob("*.py"))
+        if not dep.startswith(CODE):
+            continue
+        for path in sorted(ROOT.glob(dep.replace("${model.system}", system))):
+            if path.suffix == ".py":
+                files.append(path)
+            else:
+                files += sorted(path.rglob("*.py"))
     return [file.read_bytes() for file in files]
 
 
 def params_of(entry: dict[str, Any], params: Params) -> Any:
-    """The sections and keys that a stage reads; a section is cut to the keys that it reads."""
-    only = SimpleNamespace()
-    for key in entry["params"]:
-        section, _, part = key.partition(".")
+    """Return the sections and keys that a stage reads, as attributes.
+
+    Args:
+        entry: of the stage in dvc.yaml; where its `params` name keys of a section, the section is
+            cut to these keys.
+        params: all parameters.
+    """
+    used = SimpleNamespace()
+    for name in entry["params"]:
+        section, _, key = name.partition(".")
         value = getattr(params, section)
-        if part:
-            parts = vars(only).setdefault(section, SimpleNamespace())
-            setattr(parts, part, getattr(value, part))
+        if key:
+            keys = vars(used).setdefault(section, SimpleNamespace())
+            setattr(keys, key, getattr(value, key))
         else:
-            setattr(only, section, value)
-    return only
+            setattr(used, section, value)
+    return used

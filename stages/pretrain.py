@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from stages.command import Job, run
+from stages.command import run
+from stages.job import Job
 from tactile_viewgcn.files import write_file
 from tactile_viewgcn.tables.frames import Frames, load_table
 
@@ -10,6 +11,7 @@ LEFT_OUT = "pretrain: left out, model.system does not need it"
 
 
 def pretrain(job: Job, needs: Path, frames: Path, out: Path) -> str:
+    """Write the backbone and its classifier, and return the line to print."""
     if not job.needed:
         write_file(out, f"{LEFT_OUT}\n")
         return LEFT_OUT
@@ -19,16 +21,21 @@ def pretrain(job: Job, needs: Path, frames: Path, out: Path) -> str:
 
     table = load_table(frames, Frames)
     compute = job.compute()
-    key = job.checkpoint_key()
-    checkpoint_path = job.afterwards.enter_context(training_checkpoint("pretrain", key, compute))
+    checkpoint = training_checkpoint("pretrain", job.checkpoint_key(), compute)
+    checkpoint_path = job.afterwards.enter_context(checkpoint)
     backbone, classifier, progress = pretrain_backbone(
         table, job.params, compute, checkpoint_path, job.epoch
     )
-    states = {"backbone": backbone.cpu().state_dict(), "classifier": classifier.cpu().state_dict()}
-    write_tensors(out, states | {"classes": table.classes})
+    content = {
+        "backbone": backbone.cpu().state_dict(),
+        "classifier": classifier.cpu().state_dict(),
+        "classes": table.classes,
+    }
+    write_tensors(out, content)
     job.record.counts["weights.backbone"] = sum(weight.numel() for weight in backbone.parameters())
     if progress.epoch:
-        job.record.counts["loss.first"] = progress.first_loss  # before a step: that of guessing
+        # before a step: the loss of a network that has learnt nothing
+        job.record.counts["loss.first"] = progress.first_loss
     job.record.seconds = progress.resumed[1]  # before an interruption
     return f"pretrain: {progress} on {compute.device} in {compute.precision}"
 

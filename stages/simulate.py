@@ -7,48 +7,45 @@ from pathlib import Path
 from filelock import FileLock
 from joblib import cpu_count
 
-from stages.command import Job, run
+from stages.command import run
+from stages.job import Job
 from tactile_viewgcn.files import new_files, root
 from tactile_viewgcn.glove.simulation import VERSION, recipe_from_params
 from tactile_viewgcn.glove.simulation import simulate as write_recordings
 
 
 def simulate(job: Job, out: Path) -> str:
-    """Simulate, or copy what an equal simulation left in `checkpoints/`, since DVC's cache does not have it.
+    """Write the recordings, and return the lines to print.
 
-    The record's seconds are the seconds of this run: of the copy, where there was something to
-    copy.
+    What an equal simulation left in `checkpoints/` is copied, since DVC's cache does not have it.
+    The record's seconds are the seconds of this run, also where it only copies.
     """
     recipe = recipe_from_params(job.params.glove)
-    kept = root() / "checkpoints" / f"simulate-{job.checkpoint_key()[:16]}"
-    kept.parent.mkdir(exist_ok=True)
-    with FileLock(f"{kept}.lock"):
-        was_kept = kept.exists()
-        if not was_kept:
-            with new_files(kept) as part:
+    stored = root() / "checkpoints" / f"simulate-{job.checkpoint_key()[:16]}"
+    stored.parent.mkdir(exist_ok=True)
+    with FileLock(f"{stored}.lock"):
+        was_stored = stored.exists()
+        if not was_stored:
+            with new_files(stored) as part:
                 cost = write_recordings(recipe, part / "recordings", workers=cpu_count())
                 (part / "cost.json").write_text(json.dumps({"seconds": job.seconds, **cost}))
-        _copy_folder(kept / "recordings", out)
-        cost = json.loads((kept / "cost.json").read_text())
+        copy_folder(stored / "recordings", out)
+        cost = json.loads((stored / "cost.json").read_text())
     seconds = cost.pop("seconds")
     recordings = len(recipe.recordings)
     frames = recordings * recipe.frames
-    counts = {
-        "recordings": recordings,
-        "frames": frames,
-        "version": VERSION,
-        "simulation.seconds": seconds,
-    }
-    job.record.counts |= counts | cost
-    text = f"simulate: {frames:,} simulated frames of {recordings} recordings, virtual glove version {VERSION}"
-    if was_kept:
-        text += f", copied from checkpoints/{kept.name}"
-    steps = cost.get("steps", 0)
-    forced = cost.get("forced", 0)
-    return f"{text}\n  {seconds:,.0f} s of simulation; of {steps:,} steps {forced:,} missed the tolerance"
+    counts = {"recordings": recordings, "frames": frames, "version": VERSION}
+    job.record.counts |= counts | {"simulation.seconds": seconds} | cost
+    text = f"simulate: {frames:,} simulated frames of {recordings} recordings, "
+    text += f"virtual glove version {VERSION}"
+    if was_stored:
+        text += f", copied from checkpoints/{stored.name}"
+    text += f"\n  {seconds:,.0f} s of simulation; of {cost.get('steps', 0):,} steps "
+    text += f"{cost.get('forced', 0):,} missed the tolerance"
+    return text
 
 
-def _copy_folder(source: Path, target: Path) -> None:
+def copy_folder(source: Path, target: Path) -> None:
     """Copy a folder; the first error ends it, where shutil.copytree would make a list of all."""
     for file in source.rglob("*"):
         if file.is_file():

@@ -1,7 +1,7 @@
 """How far a long step has come: a bar on a terminal, and elsewhere a line every ten seconds or so.
 
-Commands show it, inside `shown`. A Python program that uses the package sees nothing unless it does
-the same.
+Commands show it, inside the context `shown`. A Python program that uses the package sees nothing
+unless it does the same.
 """
 
 import sys
@@ -21,7 +21,7 @@ _is_shown = ContextVar("is_shown", default=False)
 
 @contextmanager
 def shown(is_shown: bool = True) -> Iterator[None]:
-    """Context in which all of this file shows something, or does not."""
+    """Enter a context in which all of this file shows something, or does not."""
     token = _is_shown.set(is_shown)
     try:
         yield
@@ -30,26 +30,34 @@ def shown(is_shown: bool = True) -> Iterator[None]:
 
 
 def is_shown() -> bool:
-    """Whether anything is shown here, which a process that is started here has to be told."""
+    """Return whether anything is shown here, which a process that is started here must be told."""
     return _is_shown.get()
 
 
 def steps(items: Iterable[Item], step: str, units: str) -> Iterator[Item]:
-    """The items, one after another, with the progress through them; for the arguments see `progress`."""
-    total = len(items) if isinstance(items, Sized) else None
+    """Yield the items, and show the progress through them.
+
+    Args:
+        items: what the step goes through; its length is the total, if it has one.
+        step: see `progress`.
+        units: see `progress`.
+    """
+    total = None
+    if isinstance(items, Sized):
+        total = len(items)
     with progress(step, units, total) as bar:
         for item in items:
             yield item
             bar.update()
 
 
-def progress(step: str, units: str = "", total: int | None = None, done: int = 0) -> tqdm:
-    """A context whose `update(n)` is told of n more units.
+def progress(step: str, units: str = "", total: int | None = None, done: int = 0) -> "tqdm[Any]":
+    """Return a context whose `update(n)` counts n more units.
 
     Args:
         step: the words before the numbers.
         units: the things that are counted, such as frames.
-        total: their number; None where it is not known, and the seconds alone are shown.
+        total: their number; None where it is not known, and only the seconds are shown.
         done: units before the first update.
     """
     settings: dict[str, Any] = {
@@ -68,7 +76,10 @@ def progress(step: str, units: str = "", total: int | None = None, done: int = 0
 
 @contextmanager
 def working(step: str) -> Iterator[None]:
-    """Context of a step that says every ten seconds or so that it goes on, unless there is a terminal with bars."""
+    """Enter a step that says every ten seconds or so that it goes on.
+
+    On a terminal it says nothing, since bars show it.
+    """
     if sys.stderr.isatty():
         yield
         return
@@ -87,7 +98,7 @@ def say(text: str) -> None:
     _Lines.last = clock()
 
 
-class _Lines(tqdm):
+class _Lines(tqdm):  # type: ignore[type-arg]  # tqdm cannot be indexed when the program runs
     """Progress as lines. One line names all steps that are under way, the outer ones first.
 
     tqdm's monitor calls `display` too, where nothing is counted for long.
@@ -107,11 +118,13 @@ class _Lines(tqdm):
         self._look_after()
 
     def update(self, n: float | None = 1) -> bool | None:
+        """Count n more units, and print a line if it is time."""
         self.n += n or 0
         self.display()
         return None
 
     def close(self) -> None:
+        """End the step."""
         # bars are equal by their place
         _Lines.under_way = [bar for bar in self.under_way if bar is not self]
         super().close()
@@ -120,17 +133,22 @@ class _Lines(tqdm):
         """Print the line, if this is the innermost step and the last line is long enough ago."""
         self._look_after()
         is_innermost = bool(self.under_way) and self.under_way[-1] is self
-        if msg != "" and is_innermost and clock() - self.last >= EVERY:
+        if msg == "" or not is_innermost:
+            return
+        if clock() - self.last >= EVERY:
             print("; ".join(bar.text() for bar in self.under_way), file=self.fp, flush=True)
             _Lines.last = clock()
 
     def _look_after(self) -> None:
-        """Have tqdm's monitor call `display` after `maxinterval`, which it does for a bar with `miniters` above 1."""
+        """Have tqdm's monitor call `display` after `maxinterval`.
+
+        The monitor does so for a bar with `miniters` above 1.
+        """
         self.miniters = 2
         self.last_print_t = time.time()
 
     def text(self) -> str:
-        """The step, how many of its units are done, and about how long the others take."""
+        """Return the step, how many of its units are done, and about how long the others take."""
         seconds = clock() - self.begin
         text = self.desc.removesuffix(": ")
         if not self.total:

@@ -1,4 +1,4 @@
-"""The record of a stage: what it did, with which code and parameters, on which machine, at what cost."""
+"""The record of a stage: what it did, by which code and parameters, where, and at what cost."""
 
 import json
 import os
@@ -20,10 +20,10 @@ from tactile_viewgcn.schema import as_change, flatten, parse
 
 ROW = "evaluate"  # the stage whose run is the pipeline's row in MLflow
 # the stages whose records it reads
-EARLIER = "ingest", "preprocess", "cluster", "pretrain", "finetune"
+EARLIER = ("ingest", "preprocess", "cluster", "pretrain", "finetune")
 # no change of the code: a record has its parameters
-WRITTEN = "params.yaml", "dvc.lock", "results/summary.json"
-PACKAGES = "torch", "scikit-learn", "numpy"  # a record has their versions
+WRITTEN = ("params.yaml", "dvc.lock", "results/summary.json")
+PACKAGES = ("torch", "scikit-learn", "numpy")  # a record has their versions
 
 
 @dataclass
@@ -31,13 +31,19 @@ class Record:
     """The content of a stage's record: runs/STAGE.json, and results/evaluate.json.
 
     Attributes:
-        name, run_id: of the stage's run in MLflow; None where it has none.
-        seconds: of the process, and of the training before an interruption; peak_mb: see `peak_mb`.
+        stage: name of the stage.
+        name: of the stage's run in MLflow; None where it has none.
+        run_id: of the stage's run in MLflow; None where it has none.
+        seconds: of the process, and of the training run before an interruption.
+        peak_mb: see the function `peak_mb`.
         inputs: `path` of each input, by its name, and its `md5` where the stage needs it.
-        counts: single values; curves: a value for each epoch; both by name.
+        counts: single values, by name.
+        curves: a value for each epoch, by name.
         params: `values`, the parameters that the stage reads, and `changed`, those that differ from
             git; by dotted key.
-        origin: see `origin`; and `device` and `precision` of a stage that computes with torch.
+        notes: what the stage tells the user.
+        origin: see the function `origin`; and `device` and `precision` of a stage that computes
+            with torch.
     """
 
     stage: str
@@ -59,25 +65,36 @@ class Record:
 
     @classmethod
     def read(cls, text: str | bytes) -> "Record":
-        """The record that a file holds as `text`; any exception where it is damaged."""
+        """Return the record that a file holds as `text`.
+
+        Raises:
+            Exception: of any kind, where the text is damaged.
+        """
         content = json.loads(text)
-        return cls(**content | {"notes": [Note(**note) for note in content["notes"]]})
+        notes = [Note(**note) for note in content["notes"]]
+        return cls(**content | {"notes": notes})
 
 
 def git_revision() -> dict[str, str]:
-    """The commit of the code, and whether a file differs from it that is not in `WRITTEN`; empty outside git."""
+    """Return the commit of the code, and whether a file differs from it.
+
+    Files that are `WRITTEN` by a run do not count. Outside git the result is empty.
+    """
+    commit = _git("rev-parse", "HEAD").strip()
+    if not commit:
+        return {}
     excluded = [f":(top,exclude,glob)**/{name}" for name in WRITTEN]
     changed = _git("diff", "HEAD", "--name-only", "--", ":/", *excluded)
-    commit = _git("rev-parse", "HEAD").strip()
-    return (
-        {"mlflow.source.git.commit": commit, "git.dirty": str(bool(changed)).lower()}
-        if commit
-        else {}
-    )
+    return {"mlflow.source.git.commit": commit, "git.dirty": str(bool(changed)).lower()}
 
 
 def changed_params(values: dict[str, Any], path: Path) -> dict[str, Any]:
-    """The values, by dotted key, that differ from those of the same params.yaml in git's HEAD; none outside git."""
+    """Return the values that differ from the same params.yaml in git's HEAD; none outside git.
+
+    Args:
+        values: parameters by dotted key.
+        path: of params.yaml.
+    """
     committed = committed_params(path)
     return {
         key: value for key, value in values.items() if key in committed and value != committed[key]
@@ -85,59 +102,77 @@ def changed_params(values: dict[str, Any], path: Path) -> dict[str, Any]:
 
 
 def committed_params(path: Path) -> dict[str, Any]:
-    """The values of that params.yaml in git's HEAD, by dotted key; none outside git."""
+    """Return the values of that params.yaml in git's HEAD, by dotted key; none outside git."""
     tree = parse(_git("show", f"HEAD:./{path.name}", folder=path.parent), path)
-    return flatten(tree) if isinstance(tree, dict) else {}
+    if not isinstance(tree, dict):
+        return {}
+    return flatten(tree)
 
 
 def run_name(changed: dict[str, Any], *words: str) -> str:
-    """Name of a run for people, such as `views=12 pretrain.lr=0.01 mvcnn`: changed parameters, then words.
+    """Return the name of a run for people, such as `views=12 pretrain.lr=0.01 mvcnn`.
 
-    The shortest stands first: a list cuts long names, and runs with one long path differ in a short
-    value.
+    The shortest change stands first: a list cuts long names, and runs with one long path differ in
+    a short value.
+
+    Args:
+        changed: changed parameters by dotted key.
+        words: what follows them.
     """
-    return " ".join([*sorted(map(as_change, changed, changed.values()), key=len), *words])
+    changes = [as_change(key, value) for key, value in changed.items()]
+    return " ".join([*sorted(changes, key=len), *words])
 
 
 def origin(stage: str) -> dict[str, str]:
-    """Stage, DVC experiment, git revision, time, machine, and versions of Python and of `PACKAGES`."""
+    """Return stage, DVC's experiment, commit, time, machine and versions of a record.
+
+    Args:
+        stage: name of the stage.
+    """
     # respects a container's limit; here, since a logged model does without joblib
     from joblib import cpu_count
 
+    tags = {"stage": stage}
     experiment = os.environ.get("DVC_EXP_NAME")
-    return {
-        "stage": stage,
-        **({"dvc.experiment": experiment} if experiment else {}),
-        **git_revision(),
-        "time": datetime.now(UTC).isoformat(timespec="seconds"),
-        "host": socket.gethostname(),
-        "processor": processor(),
-        "cores": str(cpu_count()),
-        "python": platform.python_version(),
-        **{name: version(name) for name in PACKAGES},
-    }
+    if experiment:
+        tags["dvc.experiment"] = experiment
+    tags |= git_revision()
+    tags["time"] = datetime.now(UTC).isoformat(timespec="seconds")
+    tags["host"] = socket.gethostname()
+    tags["processor"] = processor()
+    tags["cores"] = str(cpu_count())
+    tags["python"] = platform.python_version()
+    for name in PACKAGES:
+        tags[name] = version(name)
+    return tags
 
 
 def processor() -> str:
-    """The processor's name."""
+    """Return the name of the CPU."""
     info = Path("/proc/cpuinfo")
-    names = re.findall(r"model name\s*: (.*)", info.read_text()) if info.exists() else []
-    return names[0] if names else platform.processor() or platform.machine()
+    if info.exists():
+        names = re.findall(r"model name\s*: (.*)", info.read_text())
+        if names:
+            name: str = names[0]
+            return name
+    return platform.processor() or platform.machine()
 
 
 def peak_mb() -> float:
-    """Peak memory, in MB (10^6 bytes), of this process or of a child process that has ended, whichever is larger."""
-    peak, children = (
-        resource.getrusage(who).ru_maxrss
-        for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    )
+    """Return the peak memory of this process or of a child process that has ended, in 10^6 bytes.
+
+    It is the larger one of the two.
+    """
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
     with suppress(OSError):  # on Linux ru_maxrss of this process also counts its parent's memory
         peak = int(re.findall(r"VmHWM:\s*(\d+)", Path("/proc/self/status").read_text())[0])
-    return max(peak, children) * (1 if sys.platform == "darwin" else 1024) / 1e6
+    unit = 1 if sys.platform == "darwin" else 1024  # bytes
+    return max(peak, children) * unit / 1e6
 
 
 def _git(*words: str, folder: Path = Path()) -> str:
-    """Output of git; empty where there is no git, no repository, or git refuses."""
+    """Return the output of git; empty where there is no git, no repository, or git refuses."""
     try:
         output = subprocess.run(["git", *words], cwd=folder, capture_output=True, check=True).stdout
     except (OSError, subprocess.CalledProcessError):

@@ -2,9 +2,9 @@
 
 The run of `evaluate` is the pipeline's row in the experiment `tactile-viewgcn`; the runs of the
 other stages are in `tactile-viewgcn/stages`. A run begins with its stage and ends with it. The
-store is `mlflow.db` at the root of the repository, with `mlruns/` beside it; MLflow's own variables
-override it, and a relative `sqlite:///my.db` counts from the same root. With
-MLFLOW_TRACKING_URI=disabled nothing is logged. What the store cannot do costs the run, with one
+store is `mlflow.db` at the root of the repository, with `mlruns/` in the same folder; MLflow's own
+variables override it, and a relative `sqlite:///my.db` counts from the same root. With
+MLFLOW_TRACKING_URI=disabled nothing is logged. If the store fails, that costs the run, with one
 warning, never the stage.
 """
 
@@ -12,10 +12,11 @@ import os
 import re
 import sys
 import tempfile
+import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -28,14 +29,16 @@ from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.provenance import ROW, Record
 
 EXPERIMENT = "tactile-viewgcn"
-DISABLED, SQLITE = "disabled", "sqlite:///"
-# packages of a logged model
-NEEDS = "torch", "numpy", "scipy", "h5py", "pyyaml", "filelock", "pydantic", "tqdm"
+DISABLED = "disabled"
+SQLITE = "sqlite:///"
+# packages that a logged model needs
+NEEDS = ("torch", "numpy", "scipy", "h5py", "pyyaml", "filelock", "pydantic", "tqdm")
 # seconds to wait for other processes that make tables: a minute each on a busy machine
 LOCKED = 300
-# letters of a warning, since a server may answer with a whole page, and of a tag
-SHOWN, LONGEST = 400, 5000
-# MLflow's pages then show trainings, not chats
+SHOWN = 400  # letters of a warning, since a server may answer with a whole page
+LONGEST = 5000  # letters of a tag
+MOST_METRICS = 1000  # values in one call of MLflow's `log_batch`
+# MLflow's pages then show training runs, not chats
 KIND = {"mlflow.experimentKind": "custom_model_development"}
 SETTINGS = {  # MLflow reads them when it is imported
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",  # by default MLflow tries a dead server for minutes
@@ -49,17 +52,36 @@ SETTINGS = {  # MLflow reads them when it is imported
 
 
 class Run:
-    """A run in MLflow; without one, or after the store has failed, `id` is None and every method does nothing."""
+    """A run in MLflow.
+
+    Without a run, or after the store has failed, `id` is None and every method does nothing.
+
+    Attributes:
+        id: MLflow's id of the run, or None.
+    """
 
     def __init__(self, mlflow: Any = None, run_id: str | None = None):
-        self._mlflow, self.id = mlflow, run_id
+        self._mlflow = mlflow
+        self.id = run_id
 
     def log(self, function: str, *values: Any) -> Any:
-        """What one of MLflow's functions returns, such as `log_metrics`, called for this run; None without a run."""
+        """Call one of MLflow's functions for this run, and return what it returns.
+
+        Args:
+            function: name of the function, such as `log_metrics`.
+            values: its arguments.
+
+        Returns:
+            None without a run.
+        """
         return self.attempt(lambda mlflow: getattr(mlflow, function)(*values))
 
     def attempt(self, log: Callable[[Any], Any]) -> Any:
-        """What `log` returns, called with the module MLflow; None without a run, and after an error, with a warning."""
+        """Call `log` with the module MLflow, and return what it returns.
+
+        Returns:
+            None without a run, and after an error, which is printed as a warning.
+        """
         if not self.id:
             return None
         try:
@@ -67,9 +89,40 @@ class Run:
         except Exception as error:
             _warn(error)
             self.id = None
+            return None
+
+    def batch(
+        self,
+        tags: Mapping[str, str],
+        parameters: Mapping[str, Any],
+        metrics: Sequence[tuple[str, float, int]],
+    ) -> None:
+        """Log tags, parameters and metrics together, in as few calls as MLflow allows.
+
+        Args:
+            tags: texts by name.
+            parameters: values by name.
+            metrics: name, value and step of each.
+        """
+
+        def log(mlflow: Any) -> None:
+            entities = mlflow.entities
+            now = int(time.time() * 1000)
+            values = [entities.Metric(name, value, now, step) for name, value, step in metrics]
+            client = mlflow.MlflowClient()
+            client.log_batch(
+                self.id,
+                metrics=[],
+                params=[entities.Param(name, str(value)) for name, value in parameters.items()],
+                tags=[entities.RunTag(name, text) for name, text in tags.items()],
+            )
+            for start in range(0, len(values), MOST_METRICS):
+                client.log_batch(self.id, metrics=values[start : start + MOST_METRICS])
+
+        self.attempt(log)
 
     def dataset(self, source: str, digest: str) -> None:
-        """Log the path and digest of the data set, which MLflow shows in its column of datasets."""
+        """Log path and digest of the data set, which MLflow shows in its column of datasets."""
 
         def log(mlflow: Any) -> None:
             dataset = mlflow.entities.Dataset(source, digest, "local", source)
@@ -78,9 +131,12 @@ class Run:
         self.attempt(log)
 
     def model(self, checkpoint: Path, metadata: dict[str, Any]) -> str | None:
-        """Log the classifier as an MLflow model, from recordings of raw counts to a column for each class.
+        """Log the classifier as an MLflow model.
+
+        It takes recordings of raw counts, and answers with a column for each class.
 
         Args:
+            checkpoint: file of the classifier.
             metadata: stored with the model; its `classes` name the columns.
 
         Returns:
@@ -90,57 +146,79 @@ class Run:
         def log(mlflow: Any) -> str:
             from mlflow.types import ColSpec, Schema, TensorSpec
 
-            signature = mlflow.models.ModelSignature(
-                # of any length; no fraction is cut off
-                Schema([TensorSpec(np.dtype(object), (-1,), "recordings")]),
-                Schema([ColSpec("float", name) for name in metadata["classes"]]),
-            )
+            # recordings of any length; no fraction is cut off
+            inputs = Schema([TensorSpec(np.dtype(object), (-1,), "recordings")])
+            answers = Schema([ColSpec("float", name) for name in metadata["classes"]])
             with warnings.catch_warnings():
-                # that would copy frames of the data set
+                # an example would copy frames of the data set
                 warnings.filterwarnings("ignore", message=".*input example")
-                return mlflow.pyfunc.log_model(
+                logged = mlflow.pyfunc.log_model(
                     name="classifier",
                     loader_module="tactile_viewgcn.recognition.mlflow_model",
                     data_path=str(checkpoint),
                     code_paths=[str(Path(__file__).parent)],
-                    signature=signature,
-                    pip_requirements=[
-                        f"{name}=={version(name).partition('+')[0]}" for name in NEEDS
-                    ],
+                    signature=mlflow.models.ModelSignature(inputs, answers),
+                    pip_requirements=[f"{name}=={_public_version(name)}" for name in NEEDS],
                     metadata=metadata,
-                ).model_uri
+                )
+            address: str = logged.model_uri
+            return address
 
-        return self.attempt(log)
+        address: str | None = self.attempt(log)
+        return address
 
     def record(self, record: Record) -> None:
-        """Log what a stage did: its counts and costs, md5 of inputs, and the record itself; notes as description."""
-        chosen = {
-            name: value for name, value in record.counts.items() if name.startswith("resolved.")
-        }
-        numbers = {name: value for name, value in record.counts.items() if name not in chosen}
-        if record.stage != ROW:  # it has the costs of all stages
-            numbers |= {"seconds": record.seconds, "peak_mb": record.peak_mb}
-        digests = {
-            f"md5.{name}": entry["md5"] for name, entry in record.inputs.items() if "md5" in entry
-        }
+        """Log what a stage did.
+
+        These are its counts and costs, the md5 of its inputs, its notes as the run's description,
+        and the record itself.
+        """
+        chosen: dict[str, Any] = {}
+        numbers: dict[str, Any] = {}
+        for name, value in record.counts.items():
+            if name.startswith("resolved."):
+                chosen[name] = value
+            else:
+                numbers[name] = value
+        if record.stage != ROW:  # the row has the costs of all stages
+            numbers["seconds"] = record.seconds
+            numbers["peak_mb"] = record.peak_mb
+        tags = dict(record.origin)
+        for name, entry in record.inputs.items():
+            if "md5" in entry:
+                tags[f"md5.{name}"] = entry["md5"]
         notes = "\n".join(f"- {note}" for note in record.notes)
+        tags["mlflow.note.content"] = notes[:LONGEST]
         self.log("log_params", chosen)
         self.log("log_metrics", numbers)
-        self.log("set_tags", record.origin | digests | {"mlflow.note.content": notes[:LONGEST]})
+        self.log("set_tags", tags)
         self.log("log_text", record.text, f"{record.stage}.json")
 
     def end(self, status: str) -> None:
-        """End the run with a status; FAILED after the store has failed, since the run lacks something."""
-        if self._mlflow:
-            with suppress(Exception):
-                self._mlflow.end_run(status if self.id else "FAILED")
+        """End the run with a status, or FAILED after the store has failed: content is missing."""
+        if not self._mlflow:
+            return
+        if not self.id:
+            status = "FAILED"
+        with suppress(Exception):
+            self._mlflow.end_run(status)
+
+
+def _public_version(package: str) -> str:
+    """Return the version of an installed package, without the name of its build."""
+    return version(package).partition("+")[0]
 
 
 @contextmanager
 def stage_run(record: Record) -> Iterator[Run]:
-    """The run of a stage: it begins with the record's name, parameters and origin, and ends with all of the record.
+    """Yield the run of a stage.
 
-    It is FINISHED when the block ends well, else FAILED or KILLED, with the traceback as artifact.
+    It begins with the record's name, parameters and origin, and ends with all of the record. Its
+    status is FINISHED when the block ends well, else FAILED or KILLED, with the traceback as
+    artifact.
+
+    Args:
+        record: the stage's record, which gets the id of the run.
     """
     run = _begin(record)
     record.run_id = run.id
@@ -149,35 +227,29 @@ def stage_run(record: Record) -> Iterator[Run]:
         yield run
         run.record(record)
     except BaseException as error:
+        status = "FAILED" if isinstance(error, Exception) else "KILLED"
         run.log("log_text", traceback.format_exc(), "traceback.txt")
-        run.end("FAILED" if isinstance(error, Exception) else "KILLED")
+        run.end(status)
         raise
     run.end("FINISHED")
 
 
 def _begin(record: Record) -> Run:
-    """A new run in the experiment of rows or of stages, which are made if needed; on an error none, and a warning."""
+    """Return a new run in the experiment of rows or of stages, which are made if needed.
+
+    If the store fails, a warning is printed, and the run is none.
+    """
     uri = _address()
     if uri == DISABLED:
         return Run()
-    rows, database = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT), _database(uri)
+    rows = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT)
+    stages = f"{rows}/stages"
     try:
         import mlflow
 
         mlflow.set_tracking_uri(uri)
-        place = (database.parent / "mlruns").as_uri() if database else None
-        lock = (
-            FileLock(database.with_name("mlflow.db.lock"), timeout=LOCKED)
-            if database
-            else nullcontext()
-        )
-        with lock:  # one process of this machine makes the tables
-            client = mlflow.MlflowClient()
-            for name in (rows, f"{rows}/stages"):
-                if not client.get_experiment_by_name(name):
-                    with suppress(Exception):  # a process on another machine may be faster
-                        client.create_experiment(name, place, KIND)
-        mlflow.set_experiment(rows if record.stage == ROW else f"{rows}/stages")
+        _make_experiments(mlflow, (rows, stages), _database(uri))
+        mlflow.set_experiment(rows if record.stage == ROW else stages)
         run = mlflow.start_run(run_name=record.name or record.stage, tags=record.origin)
         return Run(mlflow, run.info.run_id)
     except Exception as error:
@@ -185,17 +257,39 @@ def _begin(record: Record) -> Run:
         return Run()
 
 
+def _make_experiments(mlflow: Any, names: tuple[str, ...], database: Path | None) -> None:
+    """Make the experiments that the store lacks; one process of this machine makes the tables."""
+    artifacts: str | None = None
+    lock: AbstractContextManager[Any] = nullcontext()
+    if database:
+        artifacts = (database.parent / "mlruns").as_uri()
+        lock = FileLock(database.with_name("mlflow.db.lock"), timeout=LOCKED)
+    with lock:
+        client = mlflow.MlflowClient()
+        for name in names:
+            if not client.get_experiment_by_name(name):
+                with suppress(Exception):  # a process on another machine may be faster
+                    client.create_experiment(name, artifacts, KIND)
+
+
 def _address() -> str:
-    """The store's address, with an absolute path, since DVC deletes the temporary workspaces of experiments."""
+    """Return the store's address.
+
+    The path of a file is absolute, since DVC deletes the temporary workspaces of experiments.
+    """
     for name, value in SETTINGS.items():
         os.environ.setdefault(name, value)
     uri = os.environ.get("MLFLOW_TRACKING_URI") or f"{SQLITE}mlflow.db"
-    return f"{SQLITE}{root() / uri.removeprefix(SQLITE)}" if uri.startswith(SQLITE) else uri
+    if uri.startswith(SQLITE):
+        return f"{SQLITE}{root() / uri.removeprefix(SQLITE)}"
+    return uri
 
 
 def _database(uri: str) -> Path | None:
-    """The file of an SQLite store; None for a server."""
-    return Path(uri.removeprefix(SQLITE).partition("?")[0]) if uri.startswith(SQLITE) else None
+    """Return the file of an SQLite store; None for a server."""
+    if not uri.startswith(SQLITE):
+        return None
+    return Path(uri.removeprefix(SQLITE).partition("?")[0])
 
 
 def _warn(error: Exception) -> None:
@@ -203,32 +297,49 @@ def _warn(error: Exception) -> None:
 
 
 def _reason(error: Exception) -> str:
-    """The store and its error in one line: its text, or its kind alone where that might repeat a password."""
-    address, secret = re.subn("://.*@", "://", _address())
-    text = type(error).__name__ if secret else str(error).partition("\n[SQL:")[0]
+    """Return the store and its error in one line.
+
+    Of an error that might repeat a password only the kind is named.
+    """
+    address, passwords = re.subn("://.*@", "://", _address())
+    text = str(error).partition("\n[SQL:")[0]
+    if passwords:
+        text = type(error).__name__
     return " ".join(f"MLflow store {address}: {text}".split())[:SHOWN]
 
 
 def read_artifact(run_id: str, name: str) -> bytes:
-    """The content of an artifact of a run; errors as in `download_model`."""
+    """Return the content of an artifact of a run.
+
+    Raises:
+        UserError: as in `download_model`.
+    """
     with tempfile.TemporaryDirectory() as folder:
         return _download(f"runs:/{run_id}/{name}", Path(folder)).read_bytes()
 
 
 def download_model(name: str, folder: Path) -> Path:
-    """The classifier's file of `runs:/ID` or `models:/NAME/VERSION`, downloaded into a folder.
+    """Return the classifier's file of a model in MLflow, after downloading it into a folder.
+
+    Args:
+        name: `runs:/ID` or `models:/NAME/VERSION`.
+        folder: the place of the file.
 
     Raises:
         UserError: there is no store, or it has no such model, or does not answer; or tracking is
             disabled.
     """
-    place = f"{name}/classifier" if name.startswith("runs:") and name.count("/") == 1 else name
+    place = name
+    is_whole_run = name.startswith("runs:") and name.count("/") == 1
+    if is_whole_run:
+        place = f"{name}/classifier"
     for file in _download(place, folder).rglob("*.pt"):
         return file
     raise UserError(f"{name}: a model of another kind; expected one that this project has logged")
 
 
 def _download(name: str, folder: Path) -> Path:
+    """Return the path of an artifact, downloaded into a folder; errors as in `download_model`."""
     uri = _address()
     database = _database(uri)
     if uri == DISABLED or (database and not database.exists()):
@@ -245,10 +356,13 @@ def _download(name: str, folder: Path) -> Path:
 
 
 def bad_request(message: str) -> Exception:
-    """MLflow's exception for a mistake of the user: the server answers 400 and the message, without a traceback."""
+    """Return MLflow's exception for a mistake of the user.
+
+    The server answers with 400 and the message, without a traceback.
+    """
     from mlflow.exceptions import MlflowException
 
-    exception = MlflowException.invalid_parameter_value(message)
+    exception: Exception = MlflowException.invalid_parameter_value(message)
     # by default the server puts the whole input before the message
-    exception.json_kwargs = {"message": message}
+    exception.json_kwargs = {"message": message}  # type: ignore[attr-defined]
     return exception

@@ -61,6 +61,34 @@ def test_a_stage_is_one_run_that_is_read_while_it_lasts_and_ends_with_its_record
     assert len(row.data.tags["mlflow.note.content"]) == tracking.LONGEST
 
 
+def test_a_batch_logs_what_one_call_for_each_tag_parameter_and_step_does(store, client):
+    """Also more metrics than MLflow takes in one call, and some of them at several steps."""
+    tags = {"stage.ingest": "ab12", "resolved.scale": "150"}
+    parameters = {"classes": 4, "weights.head": 7, "share": 0.1}
+    metrics = [("error", 0.1 + 0.2, 0), ("seconds", 3.0, 0)]
+    metrics += [("trials.error", 1 / trial, trial) for trial in range(1, 1200)]
+    for name in ("batch", "calls"):
+        with tracking.stage_run(Record("ingest", name)) as run:
+            if name == "batch":
+                run.batch(tags, parameters, metrics)
+                continue
+            run.log("set_tags", tags)
+            run.log("log_params", parameters)
+            for metric, value, step in metrics[:2] + metrics[-40:]:
+                run.log("log_metrics", {metric: value}, step)
+    calls, batch = runs_of(client)
+    assert batch.info.run_name == "batch" and batch.data.params == calls.data.params
+    assert batch.data.params == {name: str(value) for name, value in parameters.items()}
+    assert tags.items() <= batch.data.tags.items() and tags.items() <= calls.data.tags.items()
+    latest = {"error": 0.1 + 0.2, "seconds": 0, "trials.error": 1 / 1199, "peak_mb": 0}
+    assert batch.data.metrics == calls.data.metrics == latest
+    history = client.get_metric_history(batch.info.run_id, "trials.error")
+    values = {metric.step: metric.value for metric in history}
+    assert values == {step: value for name, value, step in metrics if name == "trials.error"}
+    for metric in client.get_metric_history(calls.info.run_id, "trials.error"):
+        assert values[metric.step] == metric.value
+
+
 @pytest.mark.parametrize(
     ("error", "status"),
     [(ValueError("no such luck"), "FAILED"), (SystemExit(143), "KILLED")],

@@ -1,7 +1,7 @@
-"""The evaluation of a classifier: its answers to view sets and to whole recordings, their scores and their cost.
+"""The evaluation of a classifier: its answers, their scores and their cost.
 
-In evaluation mode a frame's feature does not depend on the frames beside it, so each distinct frame
-passes the backbone once, and all answers gather features.
+In evaluation mode a frame's feature does not depend on the other frames of its batch, so each
+distinct frame passes the backbone once, and all answers gather features.
 """
 
 import time
@@ -12,8 +12,8 @@ import numpy as np
 
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.evaluation.trials import (
+    MOST_PROBABLE,
     PROTOCOLS,
-    TOP,
     WHOLE,
     Predictions,
     Trials,
@@ -26,7 +26,7 @@ from tactile_viewgcn.progress import progress
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.recognition.calibration import Classifier
 from tactile_viewgcn.tables.counts import Counts, Gathered
-from tactile_viewgcn.tables.frames import SIDES, Frames
+from tactile_viewgcn.tables.frames import SIDES, TRAIN, Frames
 
 SECONDS = 1.0  # for each measurement of latency
 MAX_REPEATS = 50
@@ -34,51 +34,69 @@ BATCH = 64  # view sets
 
 
 def evaluated_frames(classifier: Classifier, table: Frames, params: Params) -> Gathered:
-    """What the classifier reads of the frames (n, H, W) of the side `evaluate.side`, computed when it is indexed."""
-    return Gathered(
-        lambda at: table.inputs(at, classifier.transform),
-        table.on(SIDES.index(params.evaluate.side)),
-    )
+    """Return what the classifier reads of the evaluated set, computed when it is indexed.
+
+    Args:
+        classifier: its transform is applied to the frames.
+        table: the kept frames.
+        params: its `evaluate.side` is the evaluated set.
+
+    Returns:
+        network input (n, H, W).
+    """
+
+    def inputs(index: np.ndarray) -> np.ndarray:
+        return table.inputs(index, classifier.transform)
+
+    return Gathered(inputs, table.on(SIDES.index(params.evaluate.side)))
 
 
 def evaluate_table(
     classifier: Classifier, table: Frames, params: Params, compute: Compute
 ) -> tuple[Predictions, dict[str, Any]]:
-    """Classify the side `evaluate.side`: a view set for each anchor, trial and protocol, and each recording once.
+    """Classify view sets and recordings of the evaluated set.
+
+    There is a view set for each anchor, trial and protocol; each recording is classified once.
+
+    Args:
+        classifier: is prepared for answers here.
+        table: the kept frames.
+        params: of the sections `evaluate` and `cluster`, and the seed.
+        compute: device and precision.
 
     Returns:
-        All answers; and metrics: sizes, whether all sessions are other ones than the training's,
-            and `scores_of` each
-        of `trials.ASKED`. They are equal on every run with one seed.
+        All answers; and metrics: sizes, whether no session of the evaluated set is in the training
+            set, and `scores_of` each of `trials.ASKED`. They are equal on every run with one seed.
     """
     side = params.evaluate.side
-    train, tested = (table.on(SIDES.index(name)) for name in ("train", side))
+    train = table.on(TRAIN)
+    tested = table.on(SIDES.index(side))
     classifier.prepare(compute)
     values = _frame_values(classifier, evaluated_frames(classifier, table, params))
     trials = {
         protocol: run_trials(classifier, values, table, params, protocol) for protocol in PROTOCOLS
     }
-    trials[WHOLE] = answer_recordings(classifier, values, table, params)
+    whole = answer_recordings(classifier, values, table, params)
+    trials[WHOLE] = whole
+    known_sessions = np.isin(table.session[tested], table.session[train])
+    anchors = {"train": int(table.anchor[train].sum()), side: int(table.anchor[tested].sum())}
     metrics: dict[str, Any] = {
         "views": classifier.views,
         "classes": len(table.classes),
         "trials": params.evaluate.trials,
-        "frames": {
-            name: int(table.anchor[at].sum()) for name, at in (("train", train), (side, tested))
-        },
-        "recordings": {side: len(trials[WHOLE].labels)},
-        "groups": {side: len(np.unique(trials[WHOLE].groups))},
-        "new_sessions": bool(~np.isin(table.session[tested], table.session[train]).any()),
+        "frames": anchors,
+        "recordings": {side: len(whole.labels)},
+        "groups": {side: len(np.unique(whole.groups))},
+        "new_sessions": not known_sessions.any(),
     }
-    for number, (asked, answers) in enumerate(trials.items()):
-        metrics[asked] = scores_of(
-            answers, stream(params.seed, "interval", number), len(table.classes)
-        )
+    for number, (protocol, answers) in enumerate(trials.items()):
+        rng = stream(params.seed, "interval", number)
+        metrics[protocol] = scores_of(answers, rng, len(table.classes))
     return Predictions(trials, np.array(table.classes)), metrics
 
 
 def _frame_values(classifier: Classifier, frames: Gathered) -> Any:
-    """The classifier's values of the frames (n, H, W), with the progress through them."""
+    """Return the classifier's values of the frames (n, H, W), and show the progress."""
     with progress("frames", "frames", len(frames)) as bar:
 
         def read(index: np.ndarray) -> np.ndarray:
@@ -91,10 +109,17 @@ def _frame_values(classifier: Classifier, frames: Gathered) -> Any:
 def error_of(
     correct: np.ndarray, groups: np.ndarray, rng: np.random.Generator
 ) -> dict[str, float | None]:
-    """Mean error over trials of answers bool (T, A), and the ends of its 95 % interval, as fractions.
+    """Return the mean error rate over trials, and its 95 % interval, as fractions.
 
-    The interval resamples the split groups (A,) of the anchors, and does not cover how trainings
-    differ. Its ends are None where there is one group.
+    The interval resamples split groups, and does not cover how training runs differ.
+
+    Args:
+        correct: bool (T, A), whether each answer is right.
+        groups: (A,) split groups of the anchors.
+        rng: of the resampling.
+
+    Returns:
+        `mean`, `low` and `high`; the last two are None where there is one group.
     """
     wrong = 1 - correct.mean(axis=0)
     low, high = proportion_interval(wrong, groups, rng) or (None, None)
@@ -102,36 +127,39 @@ def error_of(
 
 
 def scores_of(trials: Trials, rng: np.random.Generator, classes: int) -> dict[str, Any]:
-    """Errors of trials, as fractions.
+    """Return error rates of trials, as fractions.
 
     Args:
+        trials: the answers.
         rng: of the intervals.
         classes: their number.
 
     Returns:
         `error`, see `error_of`, with its standard deviation `std` over trials, which differ in
-            their clustering alone;
-        `top3_error` of four classes or more; `by_views`, the error by the number of frames: of view
-            sets up to V, or
-        for whole recordings the median number alone.
+            their clustering only; `top3_error` of four classes or more; `by_views`, the error by
+            the number of frames: of view sets up to V, or for whole recordings the median number
+            only.
     """
-    std = trials.correct.mean(axis=1).std(ddof=1) if len(trials.correct) > 1 else 0.0
-    in_top3 = (trials.best == trials.labels[:, None]).any(axis=-1)
-    error = error_of(trials.correct, trials.groups, rng)
+    error: dict[str, float | None] = error_of(trials.correct, trials.groups, rng)
     by_views = {
         str(count): error_of(correct, trials.groups, rng) for count, correct in trials.fewer.items()
     }
-    return {
-        "error": error | {"std": float(std)},
-        **({"top3_error": float(1 - in_top3.mean())} if classes > TOP else {}),
-        "by_views": by_views | {str(trials.frames): error},
-    }
+    by_views[str(trials.frames)] = error
+    std = 0.0
+    if len(trials.correct) > 1:
+        std = float(trials.correct.mean(axis=1).std(ddof=1))
+    scores: dict[str, Any] = {"error": error | {"std": std}}
+    if classes > MOST_PROBABLE:
+        in_top3 = (trials.best == trials.labels[:, None]).any(axis=-1)
+        scores["top3_error"] = float(1 - in_top3.mean())
+    scores["by_views"] = by_views
+    return scores
 
 
 def latency(
     classifier: Classifier, inputs: Counts, live: np.ndarray, whole: int, seconds: float = SECONDS
 ) -> dict[str, dict[str, float]]:
-    """Milliseconds per answer from network input to logits.
+    """Return milliseconds per answer from network input to logits.
 
     Args:
         classifier: prepared for answers.
@@ -142,31 +170,54 @@ def latency(
 
     Returns:
         {"single": {"median", "p95"}, "batch": {"median"}, "whole": {"median"}}: of one view set, of
-            64 at once, and of
-        a whole recording; the 95th percentile is interpolated.
+            64 at once, and of a whole recording; the 95th percentile is interpolated.
     """
+    views = classifier.views
+    single_set = np.arange(views).reshape(1, views)
+    batch_sets = np.arange(BATCH * views).reshape(BATCH, views)
 
-    def timed(index: np.ndarray, answer: Callable[[Any, np.ndarray], Any]) -> np.ndarray:
-        """Milliseconds of each repeat after one that warms up: one at least, until the seconds are spent."""
-        frames, taken, end = (
-            inputs[index % len(inputs)],
-            list[float](),
-            time.perf_counter() + seconds,
-        )
-        while len(taken) < 2 or (len(taken) <= MAX_REPEATS and time.perf_counter() < end):
-            begin = time.perf_counter()
-            answer(classifier.frame_values(frames), frames)
-            taken.append((time.perf_counter() - begin) * 1e3)
-        return np.array(taken[1:])  # the first one warms up
+    def answer_set(values: Any, frames: np.ndarray) -> None:
+        classifier.view_sets(values, single_set)
 
-    one, more = (np.arange(count * classifier.views).reshape(count, -1) for count in (1, BATCH))
-    single = timed(one.ravel(), lambda values, frames: classifier.view_sets(values, one))
-    batch = timed(more.ravel(), lambda values, frames: classifier.view_sets(values, more)) / BATCH
-    recording = timed(
-        np.arange(whole), lambda values, frames: classifier.recording(values, frames[:, live])
-    )
+    def answer_batch(values: Any, frames: np.ndarray) -> None:
+        classifier.view_sets(values, batch_sets)
+
+    def answer_recording(values: Any, frames: np.ndarray) -> None:
+        classifier.recording(values, frames[:, live])
+
+    single = _milliseconds(classifier, inputs, views, answer_set, seconds)
+    batch = _milliseconds(classifier, inputs, BATCH * views, answer_batch, seconds) / BATCH
+    recording = _milliseconds(classifier, inputs, whole, answer_recording, seconds)
     return {
         "single": {"median": float(np.median(single)), "p95": float(np.percentile(single, 95))},
         "batch": {"median": float(np.median(batch))},
         "whole": {"median": float(np.median(recording))},
     }
+
+
+def _milliseconds(
+    classifier: Classifier,
+    inputs: Counts,
+    count: int,
+    answer: Callable[[Any, np.ndarray], None],
+    seconds: float,
+) -> np.ndarray:
+    """Return the milliseconds of each repeat of an answer, one at least, until the time is spent.
+
+    One more repeat warms up before them, and is not returned.
+
+    Args:
+        classifier: prepared for answers.
+        inputs: (n, H, W).
+        count: frames of the answer; `inputs` are repeated where they are fewer.
+        answer: function of the classifier's values of these frames, and of the frames.
+        seconds: time for all repeats.
+    """
+    frames = inputs[np.arange(count) % len(inputs)]
+    taken: list[float] = []
+    end = time.perf_counter() + seconds
+    while len(taken) < 2 or (len(taken) <= MAX_REPEATS and time.perf_counter() < end):
+        begin = time.perf_counter()
+        answer(classifier.frame_values(frames), frames)
+        taken.append((time.perf_counter() - begin) * 1e3)
+    return np.array(taken[1:])

@@ -1,4 +1,4 @@
-"""The results of `evaluate`: metrics, costs, tables, the row in MLflow and `dvc exp show`, and lines of text."""
+"""The results of `evaluate`: metrics, tables, the numbers of `dvc exp show`, and lines of text."""
 
 import json
 from pathlib import Path
@@ -11,118 +11,79 @@ from tactile_viewgcn.evaluation.trials import (
     Predictions,
     write_predictions,
 )
-from tactile_viewgcn.files import new_files, readable
+from tactile_viewgcn.files import new_files
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import NEW_SESSION, csv_text, several
-from tactile_viewgcn.params import VIRTUAL
-from tactile_viewgcn.provenance import EARLIER, Record
-from tactile_viewgcn.schema import flatten
 
-Records = dict[str, Record]  # of the earlier stages, by stage
-# by name in metrics.json
-SCORED = {WHOLE: ASKED[WHOLE], "new_session": NEW_SESSION} | dict(reversed(ASKED.items()))
-
-
-def read_records(folder: Path) -> Records:
-    """The records that a folder holds, by stage; a `UserError` names one that is damaged, or of another version."""
-    records = {}
-    for path in (folder / f"{stage}.json" for stage in EARLIER):
-        if path.exists():
-            with readable(path):
-                records[path.stem] = Record.read(path.read_text())
-    return records
-
-
-def simulation(records: Records) -> Records:
-    """The record of the virtual glove, where its recordings were read."""
-    path = Path(f"{VIRTUAL}.json")
-    simulated = "ingest" in records and records["ingest"].inputs["source"]["path"] == VIRTUAL
-    return {"simulate": Record.read(path.read_text())} if simulated and path.exists() else {}
-
-
-def costs(
-    latency_ms: dict[str, dict[str, float]], records: Records, seconds: float, peak_mb: float
-) -> dict[str, Any]:
-    """Seconds of each stage and of all, latency in ms per answer, and the peak memory of the hungriest stage in MB.
-
-    Args:
-        seconds, peak_mb: of the stage `evaluate` itself.
-    """
-    each = {name: record.seconds for name, record in records.items()} | {"evaluate": seconds}
-    peak = max([peak_mb, *(record.peak_mb for record in records.values())])
-    return {
-        "seconds": {
-            name: round(value, 3) for name, value in (each | {"total": sum(each.values())}).items()
-        },
-        "latency_ms": latency_ms,
-        "peak_mb": round(peak, 1),
-    }
-
-
-def new_session(records: Records) -> dict[str, Any]:
-    """The score `new_session` of metrics.json, if `finetune` has measured it."""
-    notes = [
-        note
-        for record in records.values()
-        for note in record.notes
-        if note.topic == "new session" and note.value
-    ]
-    return {"new_session": {"error": notes[0].value}} if notes else {}
+# titles of the scores by name in metrics.json; pages list them in this order, the terminal in the
+# reverse one
+SCORED = {
+    WHOLE: ASKED[WHOLE],
+    "new_session": NEW_SESSION,
+    "recording": ASKED["recording"],
+    "object": ASKED["object"],
+}
 
 
 def summary(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]:
-    """The numbers that runs are compared by: errors as fractions, seconds of all stages, ms per answer."""
-    scores = {name: metrics[name] for name in SCORED if name in metrics}
-    return {
-        **{f"error.{name}": score["error"]["mean"] for name, score in scores.items()},
-        **{
-            f"top3_error.{name}": score["top3_error"]
-            for name, score in scores.items()
-            if "top3_error" in score
-        },
-        "seconds.total": timing["seconds"]["total"],
-        "ms_per_answer": timing["latency_ms"]["single"]["median"],
-        "ms_per_recording": timing["latency_ms"][WHOLE]["median"],
-    }
+    """Return the numbers that runs are compared by.
+
+    Args:
+        metrics: content of metrics.json.
+        timing: content of timing.json.
+
+    Returns:
+        error rates as fractions, the seconds of all stages, and ms per answer, by name.
+    """
+    names = [name for name in SCORED if name in metrics]
+    numbers = {f"error.{name}": metrics[name]["error"]["mean"] for name in names}
+    for name in names:
+        if "top3_error" in metrics[name]:
+            numbers[f"top3_error.{name}"] = metrics[name]["top3_error"]
+    numbers["seconds.total"] = timing["seconds"]["total"]
+    numbers["ms_per_answer"] = timing["latency_ms"]["single"]["median"]
+    numbers["ms_per_recording"] = timing["latency_ms"][WHOLE]["median"]
+    return numbers
 
 
 def errors_by_frames(metrics: dict[str, Any]) -> dict[str, list[tuple[int, dict[str, Any]]]]:
-    """By protocol, the numbers of frames and the errors; those of `recording` end with whole recordings."""
-    errors = {name: list(metrics[name]["by_views"].items()) for name in PROTOCOLS}
-    errors["recording"] += metrics[WHOLE]["by_views"].items()
-    return {name: [(int(count), error) for count, error in each] for name, each in errors.items()}
+    """Return numbers of frames with their errors, by protocol.
+
+    The numbers of the protocol `recording` end with the number of whole recordings.
+
+    Args:
+        metrics: content of metrics.json.
+    """
+    errors = {}
+    for protocol in PROTOCOLS:
+        by_frames = list(metrics[protocol]["by_views"].items())
+        if protocol == "recording":
+            by_frames += metrics[WHOLE]["by_views"].items()
+        errors[protocol] = [(int(frames), error) for frames, error in by_frames]
+    return errors
 
 
 def write_results(
     folder: Path, predictions: Predictions, metrics: dict[str, Any], timing: dict[str, Any]
 ) -> None:
-    """Write predictions, metrics.json, tables of trials, views, confusion and classes, and the costs in timing.json.
+    """Write all files of the results but for the record.
 
     All but the costs are equal on every run with one seed. DVC shows summary.json, which has some
     of both.
+
+    Args:
+        folder: the place of the files.
+        predictions: all answers, for predictions.npz and the tables.
+        metrics: content of metrics.json.
+        timing: content of timing.json.
     """
-    classes = predictions.classes.tolist()
     trees = {"metrics": metrics, "timing": timing, "summary": summary(metrics, timing)}
-    tables: dict[str, list[list]] = {
-        "trials": [["protocol", "trial", "error"]],
-        "views": [["protocol", "views", "error", "low", "high"]],
-        "confusion": [["protocol", "object", "predicted", "count"]],
-        "per_class": [["protocol", "object", "answers", "error"]],
+    tables = {
+        "trials": _trials_table(predictions),
+        "views": _views_table(metrics),
+        "confusion": _confusion_table(predictions),
+        "per_class": _classes_table(predictions),
     }
-    for protocol, errors in errors_by_frames(metrics).items():
-        tables["views"] += [
-            [protocol, count, *(error[key] for key in ("mean", "low", "high"))]
-            for count, error in errors
-        ]
-    for asked, trials in predictions.trials.items():
-        tables["trials"] += [[asked, *row] for row in enumerate(trials.errors.tolist())]
-        for label, counts in enumerate(trials.confusion(len(classes)).tolist()):
-            name, answers = classes[label], sum(counts)
-            tables["confusion"] += [
-                [asked, name, *pair] for pair in zip(classes, counts, strict=True)
-            ]
-            if answers:
-                tables["per_class"].append([asked, name, answers, 1 - counts[label] / answers])
     with new_files(folder) as part:
         write_predictions(part / "predictions.npz", predictions)
         for name, tree in trees.items():
@@ -131,50 +92,99 @@ def write_results(
             (part / f"{name}.csv").write_text(csv_text(rows), "utf-8", newline="")
 
 
-def row_tags_parameters_metrics(
-    metrics: dict[str, Any], timing: dict[str, Any], records: Records
-) -> tuple[dict[str, str], dict[str, float], dict[str, float]]:
-    """What the row has besides params.yaml.
+def _trials_table(predictions: Predictions) -> list[list[Any]]:
+    """Return the error of each trial, numbered from 0."""
+    rows: list[list[Any]] = [["protocol", "trial", "error"]]
+    for protocol, trials in predictions.trials.items():
+        for trial, error in enumerate(trials.errors.tolist()):
+            rows.append([protocol, trial, error])
+    return rows
 
-    Tags: the ids of the stages' runs, and what `auto` chose. Parameters: numbers of classes, of
-    frames, recordings and groups on a side, and of weights. Metrics: the summary, the seconds of
-    each stage and the peak memory.
+
+def _views_table(metrics: dict[str, Any]) -> list[list[Any]]:
+    """Return the errors by number of frames, with their intervals."""
+    rows: list[list[Any]] = [["protocol", "views", "error", "low", "high"]]
+    for protocol, errors in errors_by_frames(metrics).items():
+        for frames, error in errors:
+            rows.append([protocol, frames, error["mean"], error["low"], error["high"]])
+    return rows
+
+
+def _confusion_table(predictions: Predictions) -> list[list[Any]]:
+    """Return how often each class was answered for each class, over all trials."""
+    rows: list[list[Any]] = [["protocol", "object", "predicted", "count"]]
+    classes = predictions.classes.tolist()
+    for protocol, trials in predictions.trials.items():
+        confusion = trials.confusion(len(classes)).tolist()
+        for label, counts in zip(classes, confusion, strict=True):
+            for answer, count in zip(classes, counts, strict=True):
+                rows.append([protocol, label, answer, count])
+    return rows
+
+
+def _classes_table(predictions: Predictions) -> list[list[Any]]:
+    """Return the error of each class that was tested, over all trials."""
+    rows: list[list[Any]] = [["protocol", "object", "answers", "error"]]
+    classes = predictions.classes.tolist()
+    for protocol, trials in predictions.trials.items():
+        confusion = trials.confusion(len(classes)).tolist()
+        for label, counts in enumerate(confusion):
+            answers = sum(counts)
+            if answers:
+                rows.append([protocol, classes[label], answers, 1 - counts[label] / answers])
+    return rows
+
+
+def summary_lines(metrics: dict[str, Any], timing: dict[str, Any]) -> list[str]:
+    """Return the lines that the stage prints: what was tested, errors with intervals, and costs.
+
+    Args:
+        metrics: content of metrics.json.
+        timing: content of timing.json.
     """
-    counts = {name: value for record in records.values() for name, value in record.counts.items()}
-    tags = {f"stage.{name}": record.run_id for name, record in records.items() if record.run_id}
-    tags |= {name: str(value) for name, value in counts.items() if name.startswith("resolved.")}
-    weights = {name: value for name, value in counts.items() if name.startswith("weights.")}
-    parameters = (
-        flatten({name: metrics[name] for name in ("classes", "frames", "recordings", "groups")})
-        | weights
-    )
-    return (
-        tags,
-        parameters,
-        summary(metrics, timing) | flatten({name: timing[name] for name in ("seconds", "peak_mb")}),
-    )
-
-
-def summary_lines(metrics: dict, timing: dict) -> list[str]:
-    """The number of tests, the error in per cent of each of `SCORED` with its interval, and the costs."""
-    latency, ((side, groups),) = timing["latency_ms"], metrics["groups"].items()
-    lines = [
-        f"evaluate on the {side} side: {several(metrics['frames'][side], 'view set')} of {metrics['views']}, "
-        f"{several(metrics['recordings'][side], 'recording')}, {several(metrics['classes'], 'class', 'classes')}, "
-        f"{several(metrics['trials'], 'trial')}, {several(groups, 'group')}"
-    ]
-    for name in filter(metrics.__contains__, reversed(SCORED)):
-        score = metrics[name]
-        error = score["error"]
-        top3 = f", top-3 error {100 * score['top3_error']:.1f} %" if "top3_error" in score else ""
-        std = f", std over trials {100 * error['std']:.1f}" if name in PROTOCOLS else ""
-        interval = percent_interval(error["mean"], error["low"], error["high"])
-        lines.append(f"  {SCORED[name]}: error {interval} %{std}{top3}")
-    times = ", ".join(f"{name} {value:,.1f} s" for name, value in timing["seconds"].items())
+    names = [name for name in reversed(SCORED) if name in metrics]
     return [
-        *lines,
-        f"  time: {times}",
-        f"  per answer: {latency['single']['median']:.2f} ms alone (95th percentile "
-        f"{latency['single']['p95']:.2f}), {latency['batch']['median']:.2f} ms in batches, "
-        f"{latency[WHOLE]['median']:.2f} ms a whole recording; peak memory {timing['peak_mb']:,.0f} MB",
+        _tested_line(metrics),
+        *(_score_line(name, metrics[name]) for name in names),
+        *_cost_lines(timing),
+    ]
+
+
+def _tested_line(metrics: dict[str, Any]) -> str:
+    """Return a line with the sizes of what was tested."""
+    (side,) = metrics["groups"]
+    sizes = [
+        f"{several(metrics['frames'][side], 'view set')} of {metrics['views']}",
+        several(metrics["recordings"][side], "recording"),
+        several(metrics["classes"], "class", "classes"),
+        several(metrics["trials"], "trial"),
+        several(metrics["groups"][side], "group"),
+    ]
+    return f"evaluate on the {side} set: {', '.join(sizes)}"
+
+
+def _score_line(name: str, score: dict[str, Any]) -> str:
+    """Return a line with one of the scores `SCORED`."""
+    error = score["error"]
+    line = (
+        f"  {SCORED[name]}: error {percent_interval(error['mean'], error['low'], error['high'])} %"
+    )
+    if name in PROTOCOLS:
+        line += f", std over trials {100 * error['std']:.1f}"
+    if "top3_error" in score:
+        line += f", top-3 error {100 * score['top3_error']:.1f} %"
+    return line
+
+
+def _cost_lines(timing: dict[str, Any]) -> list[str]:
+    """Return lines with the seconds of the stages, the latency and the peak memory."""
+    seconds = [f"{stage} {value:,.1f} s" for stage, value in timing["seconds"].items()]
+    latency = timing["latency_ms"]
+    return [
+        f"  time: {', '.join(seconds)}",
+        f"  per answer: {latency['single']['median']:.2f} ms for a single one "
+        f"(95th percentile {latency['single']['p95']:.2f}), "
+        f"{latency['batch']['median']:.2f} ms in batches, "
+        f"{latency[WHOLE]['median']:.2f} ms a whole recording; "
+        f"peak memory {timing['peak_mb']:,.0f} MB",
     ]

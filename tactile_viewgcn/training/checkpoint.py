@@ -1,4 +1,7 @@
-"""The file of a training under way, from which an interrupted one goes on after its last whole epoch."""
+"""The file of a training run under way.
+
+From it an interrupted training run goes on after its last whole epoch.
+"""
 
 import hashlib
 import os
@@ -18,17 +21,20 @@ from tactile_viewgcn.files import readable, root, write_file
 
 @contextmanager
 def training_checkpoint(stage: str, key: str, compute: Compute) -> Iterator[Path | None]:
-    """The file of a stage's training, removed when the block ends well; None while a second process trains the same.
+    """Yield the path of a stage's checkpoint, which is removed when the block ends well.
 
-    Its name is a hash of the key (parameters, inputs and code), of the versions and of the machine.
+    It is None while a second process has the same training run.
+
+    Args:
+        stage: first word of the file's name.
+        key: a hash of parameters, inputs and code. The name of the file is a hash of this key, of
+            the versions of the libraries, and of the machine.
+        compute: device and precision.
     """
-    machine = compute.device.type, compute.precision, os.environ.get("OMP_NUM_THREADS")
+    machine = (compute.device.type, compute.precision, os.environ.get("OMP_NUM_THREADS"))
     everything = repr((key, machine, torch.__version__, np.__version__))
-    path = (
-        root()
-        / "checkpoints"
-        / f"{stage}-{hashlib.sha256(everything.encode()).hexdigest()[:16]}.pt"
-    )
+    digest = hashlib.sha256(everything.encode()).hexdigest()
+    path = root() / "checkpoints" / f"{stage}-{digest[:16]}.pt"
     path.parent.mkdir(parents=True, exist_ok=True)
     lock = FileLock(path.with_suffix(".lock"))
     with suppress(Timeout):
@@ -42,7 +48,13 @@ def training_checkpoint(stage: str, key: str, compute: Compute) -> Iterator[Path
 
 
 def save(path: Path, parts: Iterable[Any], progress: dict[str, Any]) -> None:
-    """Save what the rest of a training depends on: `parts` are modules, optimisers and generators."""
+    """Save what the rest of a training run depends on.
+
+    Args:
+        path: the checkpoint.
+        parts: modules, optimisers, schedules and generators.
+        progress: plain values.
+    """
     states = [_state(part) for part in parts]
     write_tensors(path, {"progress": progress, "parts": states, "threads": torch.get_num_threads()})
 
@@ -55,7 +67,13 @@ def write_tensors(path: Path, content: dict[str, Any]) -> None:
 
 
 def restore(path: Path, parts: Iterable[Any]) -> dict[str, Any]:
-    """Put the parts back as they were saved, and return the progress; without a file nothing changes.
+    """Put the parts back as they were saved, and return the progress.
+
+    Without a file nothing changes, and the progress is empty.
+
+    Args:
+        path: the checkpoint.
+        parts: in the order in which they were saved.
 
     Raises:
         UserError: the file is damaged.
@@ -68,16 +86,21 @@ def restore(path: Path, parts: Iterable[Any]) -> dict[str, Any]:
             _set_state(part, state)
         # sums of another number of threads differ in their last digits
         torch.set_num_threads(content["threads"])
-        return content["progress"]
+        progress: dict[str, Any] = content["progress"]
+    return progress
 
 
 def _state(part: Any) -> Any:
+    """Return the state of a module, optimiser, schedule or generator."""
     if isinstance(part, np.random.Generator):
         return part.bit_generator.state
-    return part.get_state() if isinstance(part, torch.Generator) else part.state_dict()
+    if isinstance(part, torch.Generator):
+        return part.get_state()
+    return part.state_dict()
 
 
 def _set_state(part: Any, state: Any) -> None:
+    """Put a state back that `_state` has returned."""
     if isinstance(part, np.random.Generator):
         part.bit_generator.state = state
     elif isinstance(part, torch.Generator):

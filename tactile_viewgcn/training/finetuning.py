@@ -17,8 +17,75 @@ from tactile_viewgcn.tables.frames import TRAIN, VALIDATION, Frames, Views
 from tactile_viewgcn.training.inputs import FrameInputs
 from tactile_viewgcn.training.loop import OnEpoch, Progress, error_rate, fit
 from tactile_viewgcn.training.optim import build_optimiser, num_batches
-from tactile_viewgcn.training.view_sets import Batch, SetLoss, SideViewSets
+from tactile_viewgcn.training.view_sets import Batch, SetLoss, SubsetViewSets
 from tactile_viewgcn.views.recording_clusters import RecordingClusters
+
+
+class ViewSetTraining:
+    """The training of a network on view sets.
+
+    The view sets of the validation set, and the first ones of the training set, are drawn here,
+    before `fit` restores the generators: a resumed training run gets the same ones.
+
+    Args:
+        network: on `compute`'s device.
+        train: the training set.
+        validation: the validation set, possibly without anchors.
+        config: batch size, and how view sets are drawn and features reused.
+        compute: device and precision.
+    """
+
+    def __init__(
+        self,
+        network: ViewNetwork,
+        *,
+        train: SubsetViewSets,
+        validation: SubsetViewSets,
+        config: Finetune,
+        compute: Compute,
+    ):
+        self._network = network
+        self._train = train
+        self._validation = validation
+        self._config = config
+        self._compute = compute
+        self._first_sets = train.draw()
+        self._validation_sets: Tensor | None = None
+        if len(validation.anchors):
+            self._validation_sets = torch.from_numpy(validation.draw())
+        # the bank keeps the latest feature of each training frame, for frames that do not pass the
+        # backbone in a step
+        self._uses_bank = config.feature_reuse > 1 and network.views > 1
+        bank_size = len(train.frames) if self._uses_bank else 0
+        self.loss = SetLoss(network, compute, bank_size)
+        self.steps = num_batches(len(train.anchors), config.batch)
+        self.generators = (train.noise_rng, train.rng)
+
+    def batches(self, epoch: int) -> Iterator[Batch]:
+        """Return the batches of an epoch, numbered from 0: one view set for each anchor."""
+        self._network.train()
+        # later epochs have the bank, those of a resumed training run too
+        if self._uses_bank and epoch == 0:
+            self.loss.fill_bank(self._train.frames, self._config.batch)
+        if epoch == 0 or self._config.resample_views == "never":
+            sets = self._first_sets
+        else:
+            sets = self._train.draw()
+        return self._train.batches(sets, in_time_order=self._network.head.in_time_order)
+
+    @torch.inference_mode()
+    def validate(self) -> dict[str, float]:
+        """Return the error rate on the validation set's view sets, if there is a validation set."""
+        if self._validation_sets is None:
+            return {}
+        network = self._network
+        network.eval()
+        frames = self._validation.frames
+        with self._compute.autocast():
+            features = extract_features(network.backbone, frames.split(INFERENCE_BATCH))
+        sets = self._validation_sets.to(self._compute.device)
+        logits = view_set_logits(network.head, features, sets)
+        return {"validation_error": error_rate(logits, frames.labels[self._validation.anchors])}
 
 
 def finetune_classifier(
@@ -30,100 +97,82 @@ def finetune_classifier(
     checkpoint_path: Path | None = None,
     on_epoch: OnEpoch | None = None,
 ) -> tuple[ViewNetwork, Progress]:
-    """The network, from the pretrained weights, trained on one view set per anchor and epoch.
+    """Return the network, trained from the pretrained weights on one view set per anchor and epoch.
 
     A system without weights to fine-tune is not trained; `finetune.moments` clean still measures
     its moments.
 
     Args:
+        table: the kept frames.
+        views: their clusters, and the viewpoints.
         pretrained: weights of the `backbone` and of its linear `classifier`.
-        checkpoint_path: see `fit`; on_epoch too.
+        params: of the sections `finetune`, `cluster` and `model`, and the seed.
+        compute: device and precision.
+        checkpoint_path: see `fit`.
+        on_epoch: see `fit`.
 
     Returns:
-        network, and the progress: per epoch the loss and, where there is a validation side, its
-            error.
+        network, and the progress: per epoch the loss and, where there is a validation set, its
+            error rate.
 
     Raises:
-        UserError: the training diverges, or `model` does not fit the number of views.
+        UserError: the training run diverges, or `model` does not fit the number of views.
     """
-    config, seed = params.finetune, params.seed
-    torch.manual_seed(torch_seed(seed, "finetune.weights"))  # initial weights and dropout
-    viewpoints, (height, width) = torch.from_numpy(views.viewpoints), table.live.shape
-    system = system_class(params.model.system)
-    network = ViewNetwork(system, viewpoints, len(table.classes), params.model, (height, width))
-    network.backbone.load_state_dict(pretrained["backbone"])
-    network.head.load_frame_classifier(pretrained["classifier"])
-    if not config.backbone_dropout:
-        network.backbone.dropout.p = 0.0
-    # type: ignore[call-overload]  # torch's types lack it
-    network.to(compute.device, memory_format=torch.channels_last)
-    drawn_from, progress = views.unclustered() if config.draw == "random" else views, Progress()
-    train = SideViewSets(TRAIN, table, drawn_from, params, compute)
+    config = params.finetune
+    network = _new_network(table, views, pretrained, params, compute)
+    drawn_from = views
+    if config.draw == "random":
+        drawn_from = views.unclustered()
+    train = SubsetViewSets(TRAIN, table, drawn_from, params, compute)
     if drawn_from.clustered:
         # a whole recording is answered as the network was trained
         network.clusters = RecordingClusters(params.cluster)
+    progress = Progress()
     if network.head.trainable:
-        validation = SideViewSets(VALIDATION, table, views, params, compute)
-        progress = _train(network, train, validation, config, compute, checkpoint_path, on_epoch)
-    if config.moments == "clean":
-        measure_moments(
-            network, train.frames, train.draw(), compute, torch_generator(seed, "finetune.moments")
+        validation = SubsetViewSets(VALIDATION, table, views, params, compute)
+        training = ViewSetTraining(
+            network, train=train, validation=validation, config=config, compute=compute
         )
+        backbone = {"params": network.backbone.parameters(), "lr": config.lr_backbone}
+        head = {"params": network.head.parameters()}
+        progress = fit(
+            "finetune",
+            config,
+            training=training,
+            optimiser=build_optimiser(config, [backbone, head]),
+            checkpoint_path=checkpoint_path,
+            on_epoch=on_epoch,
+        )
+    if config.moments == "clean":
+        order = torch_generator(params.seed, "finetune.moments")
+        measure_moments(network, train.frames, train.draw(), compute, order)
     return network, progress
 
 
-def _train(
-    network: ViewNetwork,
-    train: SideViewSets,
-    validation: SideViewSets,
-    config: Finetune,
+def _new_network(
+    table: Frames,
+    views: Views,
+    pretrained: dict[str, dict[str, Tensor]],
+    params: Params,
     compute: Compute,
-    checkpoint_path: Path | None,
-    on_epoch: OnEpoch | None,
-) -> Progress:
-    """Train the network on view sets of the training side; after each epoch it answers those of the validation side."""
-    # before `fit` restores the generators: a resumed training gets the same first sets
-    first_sets = train.draw()
-    validation_sets = torch.from_numpy(validation.draw()) if len(validation.anchors) else None
-    # the bank keeps the latest feature of each training frame, for frames that do not pass the
-    # backbone in a step
-    uses_bank = config.feature_reuse > 1 and network.views > 1
-    loss = SetLoss(network, compute, bank_size=len(train.frames) if uses_bank else 0)
-    backbone: dict = {"params": network.backbone.parameters(), "lr": config.lr_backbone}
-    optimiser = build_optimiser(config, [backbone, {"params": network.head.parameters()}])
-
-    def batches(epoch: int) -> Iterator[Batch]:
-        network.train()
-        if uses_bank and epoch == 0:  # later epochs have it, those of a resumed training too
-            loss.fill_bank(train.frames, config.batch)
-        sets = first_sets if config.resample_views == "never" or epoch == 0 else train.draw()
-        return train.batches(sets, in_time_order=network.head.in_time_order)
-
-    @torch.inference_mode()
-    def validate() -> dict[str, float]:
-        if validation_sets is None:
-            return {}
-        network.eval()
-        with compute.autocast():
-            features = extract_features(network.backbone, validation.frames.split(INFERENCE_BATCH))
-        logits = view_set_logits(network.head, features, validation_sets.to(compute.device))
-        return {
-            "validation_error": error_rate(logits, validation.frames.labels[validation.anchors])
-        }
-
-    steps, generators = num_batches(len(train.anchors), config.batch), (train.noise_rng, train.rng)
-    return fit(
-        "finetune",
-        config,
-        steps,
-        loss,
-        optimiser,
-        batches,
-        validate,
-        generators,
-        checkpoint_path,
-        on_epoch,
+) -> ViewNetwork:
+    """Return the network with the pretrained weights; arguments as in `finetune_classifier`."""
+    torch.manual_seed(torch_seed(params.seed, "finetune.weights"))  # initial weights and dropout
+    height, width = table.live.shape
+    network = ViewNetwork(
+        system_class(params.model.system),
+        torch.from_numpy(views.viewpoints),
+        len(table.classes),
+        params.model,
+        (height, width),
     )
+    network.backbone.load_state_dict(pretrained["backbone"])
+    network.head.load_frame_classifier(pretrained["classifier"])
+    if not params.finetune.backbone_dropout:
+        network.backbone.dropout.p = 0.0
+    # torch's types lack the memory format
+    network.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+    return network
 
 
 @torch.no_grad()
@@ -134,31 +183,44 @@ def measure_moments(
     compute: Compute,
     order: torch.Generator,
 ) -> None:
-    """Replace the running moments of batch normalisation by those of frames without noise and dropout.
+    """Replace the running moments of batch normalisation by moments of frames without noise.
 
-    A tactile frame is mostly zeros, so even weak noise changes the moments of every map. The
-    backbone's are measured first, then the head's, each as the mean over batches in random order.
-    The network is left in evaluation mode.
+    A tactile frame is mostly zeros, so even weak noise changes the moments of every map. They are
+    measured without dropout too: first the backbone's, then the head's, each as the mean over
+    batches in random order. The network is left in evaluation mode.
 
     Args:
-        frames: (n, 1, H, W), of the training side.
+        network: its moments are replaced.
+        frames: (n, 1, H, W), of the training set.
         drawn: view sets (A, V) of indices into them.
-        order: CPU generator, of the order of the batches.
+        compute: device and precision.
+        order: CPU generator of the order of the batches.
     """
     with compute.autocast():
         _average_moments(network.backbone, len(frames), frames.__getitem__, order)
         features = extract_features(network.backbone, frames.split(INFERENCE_BATCH))
-    sets = torch.from_numpy(np.sort(drawn, axis=1) if network.head.in_time_order else drawn)
-    _average_moments(
-        network.head, len(sets), lambda index: features[compute.to_device(sets[index])], order
-    )
+    if network.head.in_time_order:
+        drawn = np.sort(drawn, axis=1)
+    sets = torch.from_numpy(drawn)
+
+    def views_of(index: Tensor) -> Tensor:
+        return features[compute.to_device(sets[index])]
+
+    _average_moments(network.head, len(sets), views_of, order)
     network.eval()
 
 
 def _average_moments(
     module: nn.Module, count: int, batch_of: Callable[[Tensor], Tensor], order: torch.Generator
 ) -> None:
-    """Replace a module's running moments by their mean over the batches that `batch_of` makes of indices."""
+    """Replace a module's running moments by their mean over batches.
+
+    Args:
+        module: backbone or head.
+        count: number of frames or view sets.
+        batch_of: indices (k,) -> the module's input.
+        order: CPU generator of the order of the batches.
+    """
     norms = [
         layer for layer in module.modules() if isinstance(layer, nn.modules.batchnorm._BatchNorm)
     ]
@@ -168,9 +230,8 @@ def _average_moments(
     for layer in module.modules():
         if isinstance(layer, nn.modules.dropout._DropoutNd):
             layer.eval()
-    batches = torch.randperm(count, generator=order).tensor_split(
-        num_batches(count, INFERENCE_BATCH)
-    )
+    shuffled = torch.randperm(count, generator=order)
+    batches = shuffled.tensor_split(num_batches(count, INFERENCE_BATCH))
     for number, index in enumerate(batches, start=1):
         for norm in norms:
             # the moments are the mean over the batches so far; no training follows

@@ -1,7 +1,7 @@
-"""The loop over epochs that both trainings share.
+"""The loop over epochs that pretraining and fine-tuning share.
 
-A training has diverged where the mean loss of an epoch is not finite, or ten times the first loss,
-or a weight is not finite.
+A training run has diverged if the mean loss of an epoch is not finite, or ten times the first loss,
+or if a weight is not finite.
 """
 
 import math
@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -18,119 +19,207 @@ from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.params import Finetune, Pretrain
 from tactile_viewgcn.progress import progress as shown_progress
 from tactile_viewgcn.training.checkpoint import restore, save
-from tactile_viewgcn.training.optim import lr_lambda
+from tactile_viewgcn.training.optim import build_schedule
 from tactile_viewgcn.training.replay import Replay
 
 MAX_LOSS = 10.0  # largest mean of an epoch, times the first loss or 1, the larger of them
 
 OnEpoch = Callable[[int, dict[str, float]], None]
+Generator = torch.Generator | np.random.Generator
+
+
+class Training(Protocol):
+    """What the loop trains on."""
+
+    @property
+    def loss(self) -> nn.Module:
+        """The loss of a batch's tensors.
+
+        A CUDA card does not record it if its attribute `capturable` is False.
+        """
+
+    @property
+    def steps(self) -> int:
+        """Number of batches in an epoch."""
+
+    @property
+    def generators(self) -> Sequence[Generator]:
+        """Generators of `batches` that a checkpoint keeps, besides torch's default ones."""
+
+    def batches(self, epoch: int) -> Iterable[tuple[Tensor, ...]]:
+        """Return the arguments of the loss for each batch of an epoch, numbered from 0."""
+
+    def validate(self) -> dict[str, float]:
+        """Return values of the epoch that has ended, besides its mean loss, by name."""
 
 
 @dataclass
 class Progress:
-    """How far a training has come."""
+    """How far a training run has come.
 
-    epoch: int = 0  # number of epochs done
-    curves: dict[str, list[float]] = field(default_factory=dict)  # a value per epoch
+    Attributes:
+        epoch: number of epochs done.
+        curves: a value for each epoch, by name.
+        seconds: run time, with the time before an interruption.
+        first_loss: loss of the very first batch, with which later losses are compared.
+        resumed: epochs and seconds before the last interruption.
+    """
+
+    epoch: int = 0
+    curves: dict[str, list[float]] = field(default_factory=dict)
     seconds: float = 0.0
-    first_loss: float | None = None  # of the very first batch; later losses are compared with it
-    resumed: tuple[int, float] = (0, 0.0)  # epochs and seconds before the last interruption
+    first_loss: float | None = None
+    resumed: tuple[int, float] = (0, 0.0)
 
     def __str__(self) -> str:
-        before = f" ({self.resumed[0]} of them before an interruption)" if self.resumed[0] else ""
-        last = ", ".join(f"{name} {line[-1]:.3f}" for name, line in self.curves.items())
-        return f"{several(self.epoch, 'epoch')}{before}" + (f", at the end {last}," if last else "")
+        text = several(self.epoch, "epoch")
+        epochs_before = self.resumed[0]
+        if epochs_before:
+            text += f" ({epochs_before} of them before an interruption)"
+        if self.curves:
+            last = [f"{name} {values[-1]:.3f}" for name, values in self.curves.items()]
+            text += f", at the end {', '.join(last)},"
+        return text
+
+    def add_epoch(self, values: dict[str, float]) -> None:
+        """Count one more epoch, with these values."""
+        for name, value in values.items():
+            self.curves.setdefault(name, []).append(value)
+        self.epoch += 1
+
+    def values_of(self, epoch: int) -> dict[str, float]:
+        """Return the values of an epoch that is done, numbered from 0."""
+        return {name: values[epoch] for name, values in self.curves.items()}
 
 
 def error_rate(logits: Tensor, labels: Tensor) -> float:
-    """Share of rows whose largest logit is not the label's."""
+    """Return the share of rows whose largest logit is not the label's.
+
+    Args:
+        logits: (n, classes).
+        labels: (n,) classes.
+    """
     return float((logits.argmax(dim=-1) != labels).float().mean())
 
 
 def fit(
     stage: str,
     config: Pretrain | Finetune,
-    steps: int,
-    loss: nn.Module,
+    *,
+    training: Training,
     optimiser: torch.optim.Optimizer,
-    batches: Callable[[int], Iterable[tuple[Tensor, ...]]],
-    validate: Callable[[], dict[str, float]],
-    generators: Sequence[torch.Generator | np.random.Generator],
     checkpoint_path: Path | None = None,
     on_epoch: OnEpoch | None = None,
 ) -> Progress:
     """Run the epochs: a step down the loss of each batch, at the learning rates of the schedule.
 
     Args:
-        config: its epochs and schedule; steps: number of batches in an epoch.
-        loss: the loss of a batch's arguments; a card does not record it if its attribute
-            `capturable` is False.
-        batches: epoch -> the arguments of each batch.
-        validate: values of an epoch besides the mean loss.
-        generators: those of `batches` that a checkpoint keeps, besides torch's default ones.
-        checkpoint_path: file for the state after every epoch; a saved training is continued.
-        on_epoch: called with the number, from 1, and the values of every epoch, those of the
-            checkpoint too.
+        stage: the section of params.yaml that has `config`, for messages.
+        config: number of epochs, and schedule.
+        training: batches and their loss.
+        optimiser: its learning rates are those of the first epoch.
+        checkpoint_path: file for the state after every epoch; a saved training run is continued.
+        on_epoch: called with number, from 1, and values of every epoch, also of the epochs before
+            an interruption.
+
+    Returns:
+        The progress after the last epoch.
 
     Raises:
-        UserError: it diverges, or the checkpoint is damaged.
+        UserError: the training run diverges, or the checkpoint is damaged.
     """
-    epochs, factor, rates = (
-        config.epochs,
-        lr_lambda(config),
-        [group["lr"] for group in optimiser.param_groups],
-    )
-    loss_of = Replay(loss, _weights(optimiser), records=getattr(loss, "capturable", True))
-    parts = [loss, optimiser, *generators, torch.default_generator]
-    if torch.cuda.is_initialized():
-        parts.append(torch.cuda.default_generators[torch.cuda.current_device()])
-    progress = Progress(**restore(checkpoint_path, parts) if checkpoint_path else {})
-    progress.resumed = progress.epoch, progress.seconds
+    schedule = build_schedule(config, optimiser)
+    capturable = getattr(training.loss, "capturable", True)
+    loss_of = Replay(training.loss, _weights(optimiser), records=capturable)
+    parts = [training.loss, optimiser, schedule, *training.generators, *_default_generators()]
+    progress = Progress()
+    if checkpoint_path:
+        progress = Progress(**restore(checkpoint_path, parts))
+    progress.resumed = (progress.epoch, progress.seconds)
     begin = time.perf_counter() - progress.seconds
-    on_epoch = on_epoch or (lambda *_: None)
-    for epoch in range(progress.epoch):
-        on_epoch(epoch + 1, {name: line[epoch] for name, line in progress.curves.items()})
-    with shown_progress(stage, "batches", epochs * steps, done=progress.epoch * steps) as bar:
-        for epoch in range(progress.epoch, epochs):
-            for group, rate in zip(optimiser.param_groups, rates, strict=True):
-                group["lr"] = rate * factor(epoch)
-            bar.set_description(f"{stage} epoch {epoch + 1}/{epochs}")
-            total = torch.zeros(())
-            for arguments in batches(epoch):
-                total = total + loss_of(*arguments)
-                optimiser.step()
-                bar.update()
-                if progress.first_loss is None:
-                    progress.first_loss = float(total)
-            mean = float(total) / steps
-            _check_converges(stage, epoch + 1, mean, progress, optimiser)
-            values = {"loss": mean} | validate()
-            for key, value in values.items():
-                progress.curves.setdefault(key, []).append(value)
-            progress.epoch, progress.seconds = epoch + 1, time.perf_counter() - begin
+    if on_epoch:
+        for epoch in range(progress.epoch):
+            on_epoch(epoch + 1, progress.values_of(epoch))
+    steps = config.epochs * training.steps
+    steps_done = progress.epoch * training.steps
+    with shown_progress(stage, "batches", steps, done=steps_done) as bar:
+        for epoch in range(progress.epoch, config.epochs):
+            bar.set_description(f"{stage} epoch {epoch + 1}/{config.epochs}")
+            total = _train_epoch(training.batches(epoch), loss_of, optimiser, progress, bar)
+            mean = total / training.steps
+            _check_converges(stage, mean, progress, optimiser)
+            values = {"loss": mean} | training.validate()
+            schedule.step()
+            progress.add_epoch(values)
+            progress.seconds = time.perf_counter() - begin
             if checkpoint_path:
                 save(checkpoint_path, parts, vars(progress))
-            bar.set_postfix({key: f"{value:.3f}" for key, value in values.items()})
-            on_epoch(progress.epoch, values)
+            bar.set_postfix({name: f"{value:.3f}" for name, value in values.items()})
+            if on_epoch:
+                on_epoch(progress.epoch, values)
     progress.seconds = time.perf_counter() - begin
     return progress
 
 
+def _train_epoch(
+    batches: Iterable[tuple[Tensor, ...]],
+    loss_of: Replay,
+    optimiser: torch.optim.Optimizer,
+    progress: Progress,
+    bar: Any,
+) -> float:
+    """Take a step for each batch, and return the sum of their losses.
+
+    The sum stays on the device until the epoch ends, so that no step waits for it.
+    """
+    total = torch.zeros(())
+    for arguments in batches:
+        total = total + loss_of(*arguments)
+        optimiser.step()
+        bar.update()
+        if progress.first_loss is None:
+            progress.first_loss = float(total)
+    return float(total)
+
+
+def _default_generators() -> list[torch.Generator]:
+    """Return torch's default generators, of the CPU and of a CUDA card that is in use."""
+    generators = [torch.default_generator]
+    if torch.cuda.is_initialized():  # type: ignore[no-untyped-call]
+        generators.append(torch.cuda.default_generators[torch.cuda.current_device()])
+    return generators
+
+
 def _weights(optimiser: torch.optim.Optimizer) -> list[nn.Parameter]:
-    """The weights that an optimiser changes."""
-    return [weight for group in optimiser.param_groups for weight in group["params"]]
+    """Return the weights that an optimiser changes."""
+    weights: list[nn.Parameter] = []
+    for group in optimiser.param_groups:
+        weights += group["params"]
+    return weights
 
 
 def _check_converges(
-    stage: str, epoch: int, mean: float, progress: Progress, optimiser: torch.optim.Optimizer
+    stage: str, mean: float, progress: Progress, optimiser: torch.optim.Optimizer
 ) -> None:
-    """Raise a UserError if the training has diverged at the end of an epoch with this mean loss."""
+    """Raise a UserError if the training run has diverged in the epoch that now ends.
+
+    Args:
+        stage: section of params.yaml that has the learning rate.
+        mean: mean loss of the epoch.
+        progress: before the epoch is counted.
+        optimiser: its weights and learning rates.
+    """
     # no loss follows the last step
-    finite = all(weight.isfinite().all() for weight in _weights(optimiser))
-    if finite and math.isfinite(mean) and mean <= MAX_LOSS * max(1.0, progress.first_loss or 1.0):
+    finite_weights = all(weight.isfinite().all() for weight in _weights(optimiser))
+    most = MAX_LOSS * max(1.0, progress.first_loss or 1.0)
+    finite_loss = math.isfinite(mean)
+    if finite_weights and finite_loss and mean <= most:
         return
     rates = ", ".join(f"{group['lr']:g}" for group in optimiser.param_groups)
-    reason = f"the loss is {mean:g}" + ("" if finite else ", and a weight is not finite")
+    reason = f"the loss is {mean:g}"
+    if not finite_weights:
+        reason += ", and a weight is not finite"
     raise UserError(
-        f"{stage} diverged in epoch {epoch} at a learning rate of {rates}: {reason}; lower {stage}.lr"
+        f"{stage} diverged in epoch {progress.epoch + 1} at a learning rate of {rates}: {reason}; "
+        f"lower {stage}.lr"
     )

@@ -1,17 +1,19 @@
 """Optimisers, learning-rate schedules and batch counts."""
 
 import math
-from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import torch
+from torch.optim.lr_scheduler import LambdaLR
 
 from tactile_viewgcn.params import Finetune, Pretrain
 
-MOMENTUM = 0.9  # paper
+MOMENTUM = 0.9  # of the paper's recipe
 
 
 def num_batches(count: int, size: int) -> int:
-    """Number of batches for `count` examples, at most `size` in each.
+    """Return the number of batches for `count` examples, at most `size` in each.
 
     One batch fewer, with one example more, where a batch would hold a single example: batch
     normalisation needs two.
@@ -19,27 +21,46 @@ def num_batches(count: int, size: int) -> int:
     return max(1, min(math.ceil(count / size), count // 2))
 
 
-def build_optimiser(training: Pretrain | Finetune, groups: list[dict]) -> torch.optim.Optimizer:
-    """The optimiser of a training; of pretraining always SGD."""
-    if isinstance(training, Finetune) and training.optimiser == "adam":
-        return torch.optim.Adam(groups, training.lr, weight_decay=training.weight_decay)
-    return torch.optim.SGD(
-        groups, training.lr, momentum=MOMENTUM, weight_decay=training.weight_decay
-    )
+def build_optimiser(
+    config: Pretrain | Finetune, groups: list[dict[str, Any]]
+) -> torch.optim.Optimizer:
+    """Return the optimiser of a training run; pretraining always has SGD.
+
+    Args:
+        config: its learning rate, weight decay and, of fine-tuning, its optimiser.
+        groups: `params`, the weights, and `lr`, their own learning rate, if any.
+    """
+    if isinstance(config, Finetune) and config.optimiser == "adam":
+        return torch.optim.Adam(groups, config.lr, weight_decay=config.weight_decay)
+    return torch.optim.SGD(groups, config.lr, momentum=MOMENTUM, weight_decay=config.weight_decay)
 
 
-def lr_lambda(training: Pretrain | Finetune) -> Callable[[int], float]:
-    """Factor on the learning rates in each epoch, numbered from 0, by the `schedule` of a training."""
-    if isinstance(training, Pretrain) and training.schedule == "step":
-        return lambda epoch: 0.5 ** ((epoch + training.step_offset) // training.step_size)
+def build_schedule(config: Pretrain | Finetune, optimiser: torch.optim.Optimizer) -> LambdaLR:
+    """Return the schedule that changes the optimiser's learning rates after each epoch."""
+    return LambdaLR(optimiser, partial(lr_factor, config))
 
-    def cosine(epoch: int) -> float:
-        return (1 + math.cos(math.pi * epoch / training.epochs)) / 2
 
-    return {
-        "constant": lambda _: 1.0,
-        "cosine": cosine,
-        # released code
-        "compounding_cosine": lambda epoch: math.prod(map(cosine, range(2, epoch + 1))),
-        "exponential": lambda epoch: 0.1 ** (epoch / 100),  # Sundaram et al. 2019
-    }[training.schedule]
+def lr_factor(config: Pretrain | Finetune, epoch: int) -> float:
+    """Return the factor on the learning rates in an epoch.
+
+    Args:
+        config: its `schedule` and number of epochs.
+        epoch: number of the epoch, from 0.
+    """
+    if config.schedule == "constant":
+        return 1.0
+    if config.schedule == "cosine":
+        return _cosine(epoch, config.epochs)
+    if config.schedule == "compounding_cosine":  # code that was released with the paper
+        return math.prod(_cosine(earlier, config.epochs) for earlier in range(2, epoch + 1))
+    if config.schedule == "exponential":  # Sundaram et al. 2019
+        return math.pow(0.1, epoch / 100)
+    halvings = (epoch + config.step_offset) // config.step_size
+    return math.pow(0.5, halvings)
+
+
+def _cosine(epoch: int, epochs: int) -> float:
+    """Return half a period of a cosine, from 1 before the first epoch to 0 after the last."""
+    if epochs == 0:  # the schedule of no epoch is asked for its first factor too
+        return 1.0
+    return (1 + math.cos(math.pi * epoch / epochs)) / 2

@@ -1,24 +1,38 @@
 """Losses with their gradients, whose kernels a CUDA card repeats as one graph."""
 
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
-#: a graph, the arguments that it reads, and the loss and gradients that it writes
-Recorded = tuple[torch.cuda.CUDAGraph, tuple[Tensor, ...], Tensor, list]
+
+class Recorded(NamedTuple):
+    """A recorded graph.
+
+    Attributes:
+        graph: the kernels.
+        arguments: tensors that the graph reads.
+        loss: tensor that the graph writes.
+        gradients: tensors that the graph writes, one for each parameter; None without a gradient.
+    """
+
+    graph: torch.cuda.CUDAGraph
+    arguments: tuple[Tensor, ...]
+    loss: Tensor
+    gradients: list[Tensor | None]
 
 
 class Replay:
-    """A loss function of tensors that sets the gradients of parameters; a CUDA card records and repeats its kernels.
+    """A loss function of tensors that sets the gradients of parameters.
 
-    The kernels of small networks take less time than their launches. Each shape of the arguments is
-    computed as usual at first, recorded the second time, and repeated from then on.
+    A CUDA card records its kernels and repeats them, since the kernels of small networks take less
+    time than their launches. Each shape of the arguments is computed as usual at first, recorded
+    the second time, and repeated from then on.
 
     Args:
         function: tensors -> loss, a scalar. All shapes follow from the arguments'. It draws random
-            numbers from torch's default generator alone.
+            numbers from torch's default generator only.
         parameters: all that the loss has gradients for.
         records: False: `function` may wait for the card, and its kernels are launched each time.
     """
@@ -30,42 +44,49 @@ class Replay:
         *,
         records: bool = True,
     ):
-        self._function, self._parameters, self._records = function, list(parameters), records
+        self._function = function
+        self._parameters = list(parameters)
+        self._records = records
+        # None for shapes that were computed once and not recorded yet
         self._graphs: dict[tuple[torch.Size, ...], Recorded | None] = {}
         self._pool: Any = None
         self._stream: torch.cuda.Stream | None = None
 
     def __call__(self, *arguments: Tensor) -> Tensor:
-        """Replace the gradients of the parameters by those of the loss, which is returned detached."""
+        """Replace the gradients of the parameters by those of the loss, which is returned detached.
+
+        Args:
+            arguments: of the function.
+        """
         if arguments[0].device.type != "cuda" or not self._records:
             return self._compute(arguments)
-        shapes = tuple(each.shape for each in arguments)
+        shapes = tuple(argument.shape for argument in arguments)
         if shapes not in self._graphs:
             self._graphs[shapes] = None
             return self._compute_on_stream(arguments)
         recorded = self._graphs[shapes]
         if recorded is None:
-            recorded = self._graphs[shapes] = self._record(arguments)
-        graph, kept, loss, gradients = recorded
-        for recorded_argument, argument in zip(kept, arguments, strict=True):
+            recorded = self._record(arguments)
+            self._graphs[shapes] = recorded
+        for recorded_argument, argument in zip(recorded.arguments, arguments, strict=True):
             recorded_argument.copy_(argument)
-        graph.replay()
-        for parameter, gradient in zip(self._parameters, gradients, strict=True):
+        recorded.graph.replay()
+        for parameter, gradient in zip(self._parameters, recorded.gradients, strict=True):
             parameter.grad = gradient
-        return loss.clone()
+        return recorded.loss.clone()
 
     def _compute(self, arguments: tuple[Tensor, ...]) -> Tensor:
         """Compute the loss, detached, and replace the gradients."""
         for parameter in self._parameters:
             parameter.grad = None
         loss = self._function(*arguments)
-        loss.backward()
+        loss.backward()  # type: ignore[no-untyped-call]
         return loss.detach()
 
     def _compute_on_stream(self, arguments: tuple[Tensor, ...]) -> Tensor:
-        """The same on the stream that graphs are recorded on, to which the gradients then belong."""
+        """Compute on the stream that graphs are recorded on, to which the gradients then belong."""
         if self._stream is None:
-            self._stream = torch.cuda.Stream()
+            self._stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
         self._stream.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(self._stream):
             loss = self._compute(arguments)
@@ -73,8 +94,11 @@ class Replay:
         return loss
 
     def _record(self, arguments: tuple[Tensor, ...]) -> Recorded:
-        kept, graph = tuple(each.clone() for each in arguments), torch.cuda.CUDAGraph()
+        """Record the kernels of the loss and its gradients, on copies of the arguments."""
+        copies = tuple(argument.clone() for argument in arguments)
+        graph = torch.cuda.CUDAGraph()
         with torch.cuda.graph(graph, pool=self._pool, stream=self._stream):
-            loss = self._compute(kept)
+            loss = self._compute(copies)
         self._pool = graph.pool()
-        return graph, kept, loss, [parameter.grad for parameter in self._parameters]
+        gradients = [parameter.grad for parameter in self._parameters]
+        return Recorded(graph, copies, loss, gradients)

@@ -1,7 +1,7 @@
-"""Batches of view sets and their loss: which frames pass through the backbone, and where the others' features are from.
+"""Batches of view sets and their loss.
 
-Fine-tuning changes features slowly, so most views of a set take the feature that their frame had
-when it last passed.
+A part of a batch's frames passes through the backbone. Fine-tuning changes features slowly, so the
+other views take the feature that their frame had when it last passed.
 """
 
 import math
@@ -29,9 +29,11 @@ class Batch(NamedTuple):
 
         sets      [[2, 7, 5, 9],
                    [3, 8, 5, 7]]
-        passing   [1, 3, 4, 7]     places in `sets`, counted row by row: in each set the anchor's
-        and one more frames    7, 9, 3, 7       what stands there; the others, 2, 5, 8 and 5, have
-        their features from the bank
+        passing   [1, 3, 4, 7]     places in `sets`, counted row by row: in each set the place of
+                                   the anchor, and one more
+        frames    7, 9, 3, 7       the frames at these places
+
+    The features of the other frames, 2, 5, 8 and 5, come from the bank.
 
     Attributes:
         frames: (n, 1, H, W) with noise.
@@ -46,17 +48,29 @@ class Batch(NamedTuple):
     passing: Tensor
 
 
-class SideViewSets:
-    """The frames of one side, with the noise of fine-tuning, and the view sets drawn from their clusters `views`."""
+class SubsetViewSets:
+    """The frames of the training or the validation set, with noise, and view sets drawn from them.
 
-    def __init__(self, side: int, table: Frames, views: Views, params: Params, compute: Compute):
-        self._index, self._views, self._params, self._compute = (
-            table.on(side),
-            views,
-            params,
-            compute,
-        )
-        self.rng = stream(params.seed, "finetune.draw", side)
+    Args:
+        subset: TRAIN or VALIDATION.
+        table: the kept frames.
+        views: clusters from which the view sets are drawn.
+        params: of the sections `finetune` and `cluster`, and the seed.
+        compute: device and precision.
+
+    Attributes:
+        rng: generator of the draws.
+        noise_rng: generator of the noise, on the device.
+        anchors: (A,) positions of the anchors in `frames`.
+        frames: network input (n, 1, H, W).
+    """
+
+    def __init__(self, subset: int, table: Frames, views: Views, params: Params, compute: Compute):
+        self._index = table.on(subset)
+        self._views = views
+        self._params = params
+        self._compute = compute
+        self.rng = stream(params.seed, "finetune.draw", subset)
         self.noise_rng = torch_generator(params.seed, "finetune.noise", compute.device)
         self.anchors = np.flatnonzero(table.anchor[self._index])
         self.frames = FrameInputs(
@@ -64,103 +78,128 @@ class SideViewSets:
         )
 
     def draw(self) -> np.ndarray:
-        """View sets (A, V) of indices into `frames`, one per anchor."""
+        """Return view sets (A, V) of positions in `frames`, one for each anchor."""
         sets = sets_of(self._views, self._index, self.rng)
         return sets.draw(self.anchors, self.rng, self._params.cluster.assignment)
 
     def batches(self, drawn: np.ndarray, *, in_time_order: bool = False) -> Iterator[Batch]:
-        """Batches of the drawn view sets (A, V) in random order; their sizes differ by one at most.
+        """Yield batches of view sets in random order; their sizes differ by one at most.
 
         Args:
+            drawn: (A, V) view sets, as `draw` returns them.
             in_time_order: frames of a set are sorted; they are numbered in the order of time inside
                 a recording.
         """
-        config, order = self._params.finetune, self.rng.permutation(len(drawn))
+        config = self._params.finetune
+        order = self.rng.permutation(len(drawn))
         for index in np.array_split(order, num_batches(len(order), config.batch)):
             sets, passes = choose_passing(drawn[index], self.anchors[index], config, self.rng)
             if in_time_order:
                 by_time = np.argsort(sets, axis=1, kind="stable")
-                sets, passes = (
-                    np.take_along_axis(each, by_time, axis=1) for each in (sets, passes)
-                )
+                sets = np.take_along_axis(sets, by_time, axis=1)
+                passes = np.take_along_axis(passes, by_time, axis=1)
             frames = self.frames.noisy(torch.from_numpy(sets[passes]))
             on_device = self._compute.to_device(torch.from_numpy(sets))
             passing = self._compute.to_device(torch.from_numpy(np.flatnonzero(passes)))
-            yield Batch(frames, self.frames.labels[on_device[:, 0]], on_device, passing)
+            labels = self.frames.labels[on_device[:, 0]]
+            yield Batch(frames, labels, on_device, passing)
 
 
 def choose_passing(
     sets: np.ndarray, anchors: np.ndarray, config: Finetune, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The size of a batch's view sets, and which of their frames pass through the backbone.
+    """Return a batch's view sets at their size, and which of their frames pass the backbone.
 
     With `num_views: full` all V frames of a set are used. With `random` the number k is drawn from
     1 to V for the whole batch, and a set of fewer than V frames begins with its anchor. Of each set
     k / `feature_reuse` frames pass, rounded up: the anchor, and others at random.
 
     Args:
-        sets: (B, V) indices of frames; anchors: (B,) the anchor of each.
+        sets: (B, V) indices of frames.
+        anchors: (B,) the anchor of each set.
+        config: its `num_views` and `feature_reuse`.
+        rng: draws the number of views, and the frames that pass.
 
     Returns:
         The sets, (B, k), and which of their frames pass, bool (B, k).
     """
-    columns, views = anchor_first(sets, anchors, rng), sets.shape[1]
-    if config.num_views == "random" and (fewer := int(rng.integers(1, views + 1))) < views:
-        sets = np.take_along_axis(sets, columns[:, :fewer], axis=1)
-        columns, views = np.broadcast_to(np.arange(fewer), sets.shape), fewer
+    columns = anchor_first(sets, anchors, rng)
+    views = sets.shape[1]
+    if config.num_views == "random":
+        fewer = int(rng.integers(1, views + 1))
+        if fewer < views:
+            sets = np.take_along_axis(sets, columns[:, :fewer], axis=1)
+            columns = np.broadcast_to(np.arange(fewer), sets.shape)
+            views = fewer
+    count = math.ceil(views / config.feature_reuse)
     passes = np.zeros(sets.shape, dtype=bool)
-    np.put_along_axis(passes, columns[:, : math.ceil(views / config.feature_reuse)], True, axis=1)
+    np.put_along_axis(passes, columns[:, :count], True, axis=1)
     return sets, passes
 
 
 class SetLoss(nn.Module):
-    """A network's loss of a batch of view sets, with a bank of the latest features, or maps, of training frames.
+    """A network's loss of a batch of view sets, with a bank of features.
 
-    The bank's features are from training mode, with noise and dropout.
+    The bank has the latest feature, or map, of each training frame, from training mode, with noise
+    and dropout.
 
     Args:
+        network: the network to train.
+        compute: device and precision.
         bank_size: number of training frames; 0: no bank, all frames of a set pass through the
             backbone.
+
+    Attributes:
+        bank: (bank_size, *feature_shape).
+        capturable: whether a CUDA card may record the loss.
     """
 
     bank: Tensor
 
     def __init__(self, network: ViewNetwork, compute: Compute, bank_size: int = 0):
         super().__init__()
-        self.network, self.compute, shape = network, compute, network.feature_shape
+        self.network = network
+        self.compute = compute
         self.capturable = network.head.capturable
-        dtype = (
-            torch.bfloat16 if len(shape) > 1 and compute.precision == "bfloat16" else torch.float32
-        )
-        self.register_buffer(
-            "bank", torch.zeros((bank_size, *shape), dtype=dtype, device=compute.device)
-        )
+        shape = network.feature_shape
+        takes_maps = len(shape) > 1
+        dtype = torch.float32
+        if takes_maps and compute.precision == "bfloat16":
+            dtype = torch.bfloat16
+        bank = torch.zeros((bank_size, *shape), dtype=dtype, device=compute.device)
+        self.register_buffer("bank", bank)
 
     @torch.no_grad()
     def fill_bank(self, frames: FrameInputs, batch: int) -> None:
-        """Store the features of all frames, in batches in random order, from torch's default generator.
+        """Store the features of all frames, in batches in random order.
 
-        The backbone is left in training mode, and the running moments of its batch normalisation
-        are updated.
+        The order is from torch's default generator. The backbone is left in training mode, and the
+        running moments of its batch normalisation are updated.
+
+        Args:
+            frames: of the training set, as many as the bank has places.
+            batch: frames in a batch, at most.
         """
         self.network.backbone.train()
         with self.compute.autocast():
             for index in torch.randperm(len(frames)).tensor_split(num_batches(len(frames), batch)):
-                self.bank[self.compute.to_device(index)] = self.network.backbone(
-                    frames.noisy(index)
-                )
+                features = self.network.backbone(frames.noisy(index))
+                self.bank[self.compute.to_device(index)] = features
 
     def forward(self, frames: Tensor, labels: Tensor, sets: Tensor, passing: Tensor) -> Tensor:
-        """The loss of a `Batch`, a scalar; the features of its frames are stored.
+        """Return the loss of a `Batch`, a scalar, and store the features of its frames.
 
         Of a frame that passes several times the first of its features is stored.
         """
         with self.compute.autocast():
-            views = features = self.network.backbone(frames)
+            features = self.network.backbone(frames)
+        views = features
         if len(self.bank):
             flat = sets.flatten()
-            views, passed = self.bank[flat].index_put((passing,), features), flat[passing]
+            passed = flat[passing]
+            views = self.bank[flat].index_put((passing,), features)
             first = (passed[:, None] == passed).byte().argmax(dim=1)
             self.bank[passed] = features.detach()[first]
         logits, aux = self.network.head(views.unflatten(0, sets.shape))
-        return self.network.head.loss(logits, aux, labels)
+        loss: Tensor = self.network.head.loss(logits, aux, labels)
+        return loss

@@ -9,17 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tactile_viewgcn.evaluation.earlier_stages import costs, new_session, read_records, simulation
 from tactile_viewgcn.evaluation.evaluate import scores_of
-from tactile_viewgcn.evaluation.results import (
-    costs,
-    new_session,
-    read_records,
-    row_tags_parameters_metrics,
-    simulation,
-    summary,
-    summary_lines,
-    write_results,
-)
+from tactile_viewgcn.evaluation.results import summary, summary_lines, write_results
+from tactile_viewgcn.evaluation.row import row_of
 from tactile_viewgcn.evaluation.trials import Predictions, Trials
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import VIRTUAL
@@ -139,13 +132,16 @@ def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation)
     text = f"37.5 ({100 * error['low']:.1f} to {100 * error['high']:.1f})"
     lines = "\n".join(summary_lines(metrics, TIMING))
     assert f"object protocol: error {text} %, std over trials 17.7, top-3 error 12.5 %" in lines
-    tags, parameters, scores = row_tags_parameters_metrics(metrics, TIMING, RECORDS)
-    assert tags["resolved.model.members"] == "svm + trees"
-    assert (parameters["classes"], parameters["frames.test"], parameters["weights.backbone"]) == (
-        4,
-        4,
-        7,
-    )
+    row = row_of(*evaluation, TIMING, RECORDS)
+    assert row.tags == {"resolved.model.members": "svm + trees"}
+    assert row.parameters == {
+        "classes": 4,
+        "frames.train": 9,
+        "frames.test": 4,
+        "recordings.test": 2,
+        "groups.test": 2,
+        "weights.backbone": 7,
+    }
     expected = {
         "error.object": 3 / 8,
         "error.recording": 5 / 8,
@@ -157,5 +153,17 @@ def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation)
     expected |= {f"seconds.{name}": value for name, value in seconds.items()} | {
         "ms_per_answer": 1.5
     }
+    scores = {name: value for name, value, step in row.metrics if step == 0}
     assert scores == pytest.approx(expected | {"peak_mb": 1300.5})  # of the hungriest stage
+    assert [metric for metric in row.metrics if metric[2] > 0] == [
+        ("trials.error.object", 0.25, 1),
+        ("trials.error.object", 0.5, 2),
+        ("trials.error.recording", 0.5, 1),
+        ("trials.error.recording", 0.75, 2),
+        ("trials.error.whole", 0.5, 1),
+        ("views.error.object", 0.375, 4),
+        ("views.error.recording", 0.875, 1),
+        ("views.error.recording", 0.625, 4),
+        ("views.error.recording", 0.5, 30),
+    ]
     assert costs(LATENCY, RECORDS, 50.0, 2000.04)["peak_mb"] == 2000.0

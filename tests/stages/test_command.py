@@ -11,7 +11,8 @@ import pytest
 import torch
 
 from stages import pipeline
-from stages.command import Job, run
+from stages.command import run
+from stages.job import Job
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.tracking import Run

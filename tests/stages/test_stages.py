@@ -230,11 +230,12 @@ def test_all_systems_with_a_backbone_need_the_same_and_those_without_too(place):
 
 
 PROGRAM = """
-import runpy, sys
+import contextlib, runpy, sys
 
 for stage, words in {stages}.items():
     sys.argv = [stage, *words.split(), *sys.argv[1:]]
-    runpy.run_module(f"stages.{{stage}}", run_name="__main__")
+    with contextlib.suppress(SystemExit):  # a stage ends its process
+        runpy.run_module(f"stages.{{stage}}", run_name="__main__")
     del sys.argv[1 : len(words.split()) + 1]
 print("imported", *sys.modules)
 """

@@ -6,7 +6,7 @@ import torch
 
 from tactile_viewgcn.tables.frames import TRAIN, VALIDATION
 from tactile_viewgcn.training import finetuning
-from tactile_viewgcn.training.view_sets import SetLoss, SideViewSets
+from tactile_viewgcn.training.view_sets import SetLoss, SubsetViewSets
 from tactile_viewgcn.views.sampling import ViewSets
 from tests.glove_data import CPU, fewer_anchors, recipe, table, views_of
 from tests.training.small_trainings import finetune
@@ -35,12 +35,12 @@ def test_view_sets_are_redrawn_every_epoch_and_the_validation_side_s_stay_the_sa
 def test_random_draws_are_of_the_training_side_alone(monkeypatch, draw):
     sides = {}
 
-    class Watched(SideViewSets):
+    class Watched(SubsetViewSets):
         def __init__(self, side, table, views, *further):
             sides[side] = views.clustered
             super().__init__(side, table, views, *further)
 
-    monkeypatch.setattr(finetuning, "SideViewSets", Watched)
+    monkeypatch.setattr(finetuning, "SubsetViewSets", Watched)
     finetune(f"finetune.draw={draw}", VALIDATED, "finetune.moments=running", every=12)
     assert sides == {TRAIN: draw == "clusters", VALIDATION: True}
 
@@ -61,7 +61,7 @@ def test_the_bank_is_filled_once_a_training_where_features_are_reused(
 
 def test_a_side_draws_one_set_around_each_of_its_anchors():
     frames = fewer_anchors(table(VALIDATED), 3)
-    side = SideViewSets(
+    side = SubsetViewSets(
         VALIDATION, frames, views_of(frames, recipe()), recipe("cluster.assignment=anchor"), CPU
     )
     index = frames.on(VALIDATION)
@@ -79,7 +79,7 @@ def planned(*changes, **order):
     change of sign.
     """
     params, frames = recipe(*changes), table()
-    side = SideViewSets(TRAIN, frames, views_of(frames, params), params, CPU)
+    side = SubsetViewSets(TRAIN, frames, views_of(frames, params), params, CPU)
     drawn, side.frames.noisy = side.draw(), lambda at: -side.frames[at]
     batches = side.batches(drawn, **order)
     return side, drawn, [[part.numpy() for part in batch] for batch in batches]

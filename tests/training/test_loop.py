@@ -8,6 +8,7 @@ from torch import nn
 
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.training.loop import error_rate, fit
+from tactile_viewgcn.training.optim import lr_factor
 from tests.glove_data import recipe
 
 
@@ -22,30 +23,38 @@ class Loss(nn.Module):
         return self.function(int(epoch), int(step))
 
 
+class Training:
+    """A training whose batches are pairs of epoch and step, which it keeps in `taken`."""
+
+    generators = ()
+
+    def __init__(self, loss_of, *, steps, validate=dict):
+        self.loss = Loss(loss_of)
+        self.steps = steps
+        self.validate = validate
+        self.taken = []
+
+    def batches(self, epoch):
+        for step in range(self.steps):
+            self.taken.append((epoch, step))
+            yield torch.tensor(epoch), torch.tensor(step)
+
+
 def run(loss_of, parameters, *, epochs, steps=2, rate=0.25, validate=dict, schedule="constant"):
     """A training whose batches are pairs of epoch and step: its progress or its error, and the
     batches it took.
     """
     changes = f"epochs={epochs}", f"schedule={schedule}", "step_size=1"
-    config, taken, calls = recipe(*(f"pretrain.{change}" for change in changes)).pretrain, [], []
-
-    def batches(epoch):
-        for step in range(steps):
-            taken.append((epoch, step))
-            yield torch.tensor(epoch), torch.tensor(step)
-
-    optimiser, on_epoch = torch.optim.SGD(parameters, rate), lambda *values: calls.append(values)
+    config = recipe(*(f"pretrain.{change}" for change in changes)).pretrain
+    training, calls = Training(loss_of, steps=steps, validate=validate), []
+    taken = training.taken
     try:
         progress = fit(
             "loop",
             config,
-            steps,
-            Loss(loss_of),
-            optimiser,
-            batches,
-            validate,
-            [],
-            on_epoch=on_epoch,
+            training=training,
+            optimiser=torch.optim.SGD(parameters, rate),
+            on_epoch=lambda *values: calls.append(values),
         )
     except UserError as error:
         return str(error), taken
@@ -57,7 +66,7 @@ def run(loss_of, parameters, *, epochs, steps=2, rate=0.25, validate=dict, sched
     return progress, taken
 
 
-def test_a_step_goes_down_the_loss_by_its_epoch_s_rate_and_the_curves_are_means_over_batches_and_what_is_validated():
+def test_a_step_goes_down_by_its_epoch_s_rate_and_the_curves_are_means_and_what_is_validated():
     weight, values = nn.Parameter(torch.zeros(())), iter([0.5, 0.25])
     options = {
         "epochs": 2,
@@ -68,6 +77,54 @@ def test_a_step_goes_down_the_loss_by_its_epoch_s_rate_and_the_curves_are_means_
     progress, taken = run(lambda *_: weight * 1, [weight], **options)
     assert taken == [(0, 0), (0, 1), (1, 0), (1, 1)] and weight.item() == -2 * (1 + 1 + 0.5 + 0.5)
     assert progress.curves == {"loss": [-1.0, -4.5], "validation_error": [0.5, 0.25]}
+
+
+@pytest.mark.parametrize("interrupted", [None, 1, 3, 5])
+@pytest.mark.parametrize(
+    ("training", "schedule"),
+    [
+        ("pretrain", "step"),
+        *(
+            (training, schedule)
+            for training in ("pretrain", "finetune")
+            for schedule in ("constant", "cosine", "compounding_cosine", "exponential")
+        ),
+    ],
+)
+def test_every_step_has_the_rates_of_its_epoch_to_the_last_digit_after_an_interruption_too(
+    tmp_path, training, schedule, interrupted
+):
+    """The first rates times the factor of the epoch."""
+    changes = "epochs=5", f"schedule={schedule}", "lr=0.3"
+    config = getattr(recipe(*(f"{training}.{change}" for change in changes)), training)
+    rates = []
+
+    def run_until(last):
+        first, second = (nn.Parameter(torch.ones(())) for _ in range(2))
+        groups = [{"params": [first], "lr": 1e-4}, {"params": [second]}]
+        optimiser = torch.optim.SGD(groups, config.lr)
+
+        def loss_of(epoch, step):
+            rates.append((epoch, [group["lr"] for group in optimiser.param_groups]))
+            return 1e-6 * (first + second)
+
+        def stop(epoch, values):
+            if epoch == last:
+                raise KeyboardInterrupt
+
+        task = Training(loss_of, steps=2)
+        path = tmp_path / "training.pt"
+        fit("loop", config, training=task, optimiser=optimiser, checkpoint_path=path, on_epoch=stop)
+
+    if interrupted:
+        with pytest.raises(KeyboardInterrupt):
+            run_until(interrupted)
+    run_until(None)
+    assert rates == [
+        (epoch, [rate * lr_factor(config, epoch) for rate in (1e-4, 0.3)])
+        for epoch in range(5)
+        for _ in range(2)
+    ]
 
 
 @pytest.mark.parametrize("bad", [math.inf, math.nan, 1e6])

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from tactile_viewgcn.training.optim import build_optimiser, lr_lambda, num_batches
+from tactile_viewgcn.training.optim import build_optimiser, build_schedule, lr_factor, num_batches
 from tests.glove_data import recipe
 
 
@@ -48,8 +48,9 @@ def test_the_optimiser_is_the_one_asked_for_with_the_recipe_s_rate_and_decay(
 def test_the_factor_of_each_schedule_in_both_trainings(schedule, epochs, factors):
     for training in ("pretrain", "finetune"):
         params = recipe(f"{training}.schedule={schedule}", f"{training}.epochs={epochs}")
-        factor = lr_lambda(getattr(params, training))
-        assert {epoch: factor(epoch) for epoch in factors} == pytest.approx(factors, rel=1e-5)
+        config = getattr(params, training)
+        computed = {epoch: lr_factor(config, epoch) for epoch in factors}
+        assert computed == pytest.approx(factors, rel=1e-5)
 
 
 @pytest.mark.parametrize(("offset", "halved"), [(0, [3, 6]), (1, [2, 5, 8])])
@@ -57,10 +58,19 @@ def test_the_step_schedule_of_pretraining_halves_every_step_size_epochs_early_by
     offset, halved
 ):
     changes = "pretrain.schedule=step", "pretrain.step_size=3", f"pretrain.step_offset={offset}"
-    factor = lr_lambda(recipe(*changes).pretrain)
-    assert [factor(epoch) for epoch in range(9)] == [
+    config = recipe(*changes).pretrain
+    assert [lr_factor(config, epoch) for epoch in range(9)] == [
         0.5 ** sum(epoch >= at for at in halved) for epoch in range(9)
     ]
+
+
+@pytest.mark.parametrize("schedule", ["constant", "cosine", "compounding_cosine", "exponential"])
+def test_a_training_of_no_epoch_has_a_schedule(schedule):
+    config = recipe(
+        "pretrain.epochs=0", f"pretrain.schedule={schedule}", "pretrain.lr=0.3"
+    ).pretrain
+    optimiser = build_optimiser(config, [{"params": [nn.Parameter(torch.zeros(2))]}])
+    assert build_schedule(config, optimiser).get_last_lr() == [0.3]
 
 
 @pytest.mark.stability("batches of one")

@@ -36,14 +36,17 @@ def fitted(monkeypatch):
     """The arguments of the loop over epochs, which then does nothing."""
     arguments = {}
 
-    def fit(stage, config, steps, loss, optimiser, batches, validate, *_):
+    def fit(stage, config, *, training, optimiser, **_):
         arguments.update(
-            groups=optimiser.param_groups, loss=loss, batches=batches, validate=validate
+            groups=optimiser.param_groups,
+            loss=training.loss,
+            batches=training.batches,
+            validate=training.validate,
         )
         return Progress()
 
-    for training in (pretraining, finetuning):
-        monkeypatch.setattr(training, "fit", fit)
+    for module in (pretraining, finetuning):
+        monkeypatch.setattr(module, "fit", fit)
     return arguments
 
 

@@ -1,0 +1,67 @@
+"""The pipeline's row in MLflow: what it has besides params.yaml."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from tactile_viewgcn.evaluation.earlier_stages import Records
+from tactile_viewgcn.evaluation.results import errors_by_frames, summary
+from tactile_viewgcn.evaluation.trials import Predictions
+from tactile_viewgcn.schema import flatten
+
+SIZES = ("classes", "frames", "recordings", "groups")  # of metrics.json
+
+
+@dataclass(frozen=True)
+class Row:
+    """Content of the pipeline's row.
+
+    Attributes:
+        tags: the ids of the stages' runs, and what `auto` chose.
+        parameters: numbers of classes, of frames, recordings and split groups, and of weights.
+        metrics: name, value and step: the summary, the seconds of each stage and the peak memory
+            at step 0; the error of each trial, numbered from 1; the error by number of frames.
+    """
+
+    tags: dict[str, str]
+    parameters: dict[str, float]
+    metrics: list[tuple[str, float, int]]
+
+
+def row_of(
+    predictions: Predictions, metrics: dict[str, Any], timing: dict[str, Any], records: Records
+) -> Row:
+    """Return the content of the pipeline's row.
+
+    Args:
+        predictions: all answers.
+        metrics: content of metrics.json.
+        timing: content of timing.json.
+        records: of the earlier stages.
+    """
+    tags: dict[str, str] = {}
+    parameters: dict[str, float] = flatten({name: metrics[name] for name in SIZES})
+    for stage, record in records.items():
+        if record.run_id:
+            tags[f"stage.{stage}"] = record.run_id
+        for name, value in record.counts.items():
+            if name.startswith("resolved."):
+                tags[name] = str(value)
+            elif name.startswith("weights."):
+                parameters[name] = value
+    return Row(tags, parameters, _metrics(predictions, metrics, timing))
+
+
+def _metrics(
+    predictions: Predictions, metrics: dict[str, Any], timing: dict[str, Any]
+) -> list[tuple[str, float, int]]:
+    """Return name, value and step of each number."""
+    costs = flatten({name: timing[name] for name in ("seconds", "peak_mb")})
+    numbers = summary(metrics, timing) | costs
+    values = [(name, value, 0) for name, value in numbers.items()]
+    for protocol, trials in predictions.trials.items():
+        for trial, error in enumerate(trials.errors.tolist(), start=1):
+            values.append((f"trials.error.{protocol}", error, trial))
+    for protocol, errors in errors_by_frames(metrics).items():
+        for frames, interval in errors:
+            values.append((f"views.error.{protocol}", interval["mean"], frames))
+    return values
