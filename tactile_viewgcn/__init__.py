@@ -1,4 +1,4 @@
-"""Recognising the object in a hand from several frames of a tactile glove, with a view-graph network."""
+"""Recognition of the object in a hand from several frames of a tactile glove."""
 
 from typing import Any
 
@@ -6,7 +6,10 @@ __all__ = ["TactileClassifier"]
 
 
 def __getattr__(name: str) -> Any:
-    """`TactileClassifier`, imported at its first use, so that commands without it do not load scikit-learn."""
+    """Return `TactileClassifier`, imported at its first use.
+
+    Commands without it do not load scikit-learn.
+    """
     if name == "TactileClassifier":
         from tactile_viewgcn.recognition.estimator import TactileClassifier
 

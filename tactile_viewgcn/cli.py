@@ -61,7 +61,9 @@ def inspect(
     from tactile_viewgcn.pages.source_inspection import inspect_source
 
     form, preprocess = _form(changes, "preprocess")
-    inspection = inspect_source(source, replace(form, shape=shape) if shape else form, preprocess)
+    if shape:
+        form = replace(form, shape=shape)
+    inspection = inspect_source(source, form, preprocess)
     _say(*inspection_lines(inspection))
     if page:
         _say(write(page, inspection_page(inspection)))
@@ -102,7 +104,10 @@ def predict(changes: tuple[str, ...], **options: Any) -> None:
 @click.argument("run", default="")
 @click.option("--out", type=click.Path(path_type=Path), default="report.html", show_default=True)
 def report(run: str, out: Path) -> None:
-    """Write one HTML page of the workspace's last run, or of RUN: a DVC experiment's name, or an MLflow run's id."""
+    """Write one HTML page of the workspace's last run, or of RUN.
+
+    RUN is the name of a DVC experiment, or the id of an MLflow run.
+    """
     from tactile_viewgcn.pages.html import write
     from tactile_viewgcn.pages.run_page import read_run, report_lines, run_page
 
@@ -112,18 +117,26 @@ def report(run: str, out: Path) -> None:
 
 
 def _form(changes: tuple[str, ...], *other: str) -> tuple["Form", PreprocessSection]:
-    """The form of a source, and settings of `preprocess`, by `--set` of `data` and of other sections of params.yaml."""
+    """Return the form of a source, and settings of `preprocess`, that `--set` gives.
+
+    Args:
+        changes: `key=value` texts.
+        *other: sections of params.yaml that may be changed, besides `data`.
+    """
     from tactile_viewgcn.readers.source import Form
 
     # first: a misspelt key is no key of `dvc exp run` either
     params = default_params(changes, "--set")
     sections = ("data", *other)
-    if wrong := [change for change in changes if change.partition(".")[0] not in sections]:
-        expected = " or ".join(f"{name}.KEY=VALUE" for name in sections)
-        raise UserError(
-            f"--set {wrong[0]}: expected {expected}; all else is for `dvc exp run -S {wrong[0]}`"
-        )
-    return Form(params.data.shape, params.data.layout, params.data.columns), params.preprocess
+    for change in changes:
+        section = change.partition(".")[0]
+        if section not in sections:
+            expected = " or ".join(f"{name}.KEY=VALUE" for name in sections)
+            raise UserError(
+                f"--set {change}: expected {expected}; all else is for `dvc exp run -S {change}`"
+            )
+    form = Form(params.data.shape, params.data.layout, params.data.columns)
+    return form, params.preprocess
 
 
 def _say(*lines: str) -> None:
@@ -131,7 +144,7 @@ def _say(*lines: str) -> None:
 
 
 def main() -> None:
-    """Run the command; a mistake of the user ends in one line and exit code 1, without a traceback."""
+    """Run the command; a mistake of the user ends in one line and exit code 1."""
     # characters that the terminal's encoding lacks are escaped
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and files to read: which there are, and their md5."""
+"""Files that are written whole or not at all, and files that are read: their names and md5."""
 
 import errno
 import hashlib
@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 from tactile_viewgcn.messages import UserError
 
-NO_ROOM = errno.ENOSPC, errno.EDQUOT, errno.EFBIG  # on the disk, for this user, or in one file
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # on the disk, for this user, or in one file
 PART = ".unfinished"  # beginning of the name of a hidden folder in which files are written
 LOCK = "lock"  # file in that folder, locked by the process that writes
 MOST_READ = 100_000_000  # bytes of a page or a table of ours
@@ -23,12 +23,19 @@ VIDEO_SUFFIX = ".jpg"  # STAG's folders hold gigabytes of video frames too, whic
 
 
 def root() -> Path:
-    """Root of the repository in which `dvc` was called, also inside the temporary workspaces of its experiments."""
+    """Return the root of the repository in which `dvc` was called.
+
+    It is that root also inside the temporary workspaces of DVC's experiments.
+    """
     return Path(os.environ.get("DVC_ROOT") or Path.cwd()).resolve()
 
 
 def home_path(path: str | Path) -> str:
-    """A path whose ~ is written out as the home folder; as it is where there is no such folder."""
+    """Return a path whose ~ is written out as the home folder.
+
+    Args:
+        path: returned as it is where there is no such home folder.
+    """
     try:
         return str(Path(path).expanduser())
     except RuntimeError:  # ~ of nobody
@@ -38,36 +45,56 @@ def home_path(path: str | Path) -> str:
 def write_file(
     path: str | Path, content: str | bytes, is_own: Callable[[str], bool] | None = None
 ) -> None:
-    """Write a file, a text as UTF-8, whole or not at all; errors as in `new_files`.
+    """Write a file whole or not at all.
 
     Args:
-        is_own: whether a file with this text may be replaced; without it any plain file may.
+        path: of the file.
+        content: a text is written as UTF-8.
+        is_own: says whether a file with a text may be replaced; without it any plain file may.
+
+    Raises:
+        UserError: at `path` is something that must not be replaced.
+        OSError: there is no room, or the folder is none.
     """
     path = Path(path)
     _check_place(path)
-    size = path.stat().st_size if is_own and path.exists() else 0
-    if size > MOST_READ or (
-        is_own and size and not is_own(path.read_text("utf-8", errors="replace"))
-    ):
+    if is_own and path.exists() and not _may_be_replaced(path, is_own):
         raise UserError(
             f"{path}: a file that this command has not written; remove it or name another"
         )
+    if isinstance(content, str):
+        content = content.encode()
     with new_files(path.parent, path.name) as part:
-        (part / path.name).write_bytes(content.encode() if isinstance(content, str) else content)
+        (part / path.name).write_bytes(content)
+
+
+def _may_be_replaced(path: Path, is_own: Callable[[str], bool]) -> bool:
+    """Return whether a file is empty, or of a size and text that this command writes."""
+    size = path.stat().st_size
+    if size == 0:
+        return True
+    if size > MOST_READ:
+        return False
+    return is_own(path.read_text("utf-8", errors="replace"))
 
 
 @contextmanager
 def new_files(folder: str | Path, name: str = "") -> Iterator[Path]:
-    """An empty folder whose files take their places in `folder` at the end of the block.
+    """Give an empty folder whose files take their places in `folder` at the end of the block.
 
-    After an error none does. Otherwise as in `new_outputs`. A library that hides a full disk's
-    error, as torch.save does, has to write into memory.
+    After an error none of them does. Otherwise as in `new_outputs`. A library that hides a full
+    disk's error, as torch.save does, has to write into memory.
 
     Args:
+        folder: where the files belong.
         name: of the only file, which takes the old one's place at once.
+
+    Yields:
+        The empty folder.
     """
-    folder = Path(folder)
-    place = folder / name if name else folder
+    place = Path(folder)
+    if name:
+        place = place / name
     with new_outputs(place) as (made,):
         if name:
             yield made.parent
@@ -78,14 +105,20 @@ def new_files(folder: str | Path, name: str = "") -> Iterator[Path]:
 
 @contextmanager
 def new_outputs(*places: Path) -> Iterator[list[Path]]:
-    """Paths at which to write files or folders, one for each place, where they are put together at the end.
+    """Give a path for each place, at which to write the file or folder that belongs there.
 
-    After an error nothing is put there. What is written beside one of the paths belongs beside its
-    place.
+    All are put in their places together at the end of the block; after an error none is. What is
+    written beside one of the paths belongs beside its place.
 
-    The files are synced first. All old ones of the same names go before the first new one comes, so
-    that files of two runs never lie side by side; others stay. What a killed run leaves is a hidden
+    The files are synced first. All old files of the same names go before the first new file comes,
+    so that files of two runs never lie side by side; others stay. A killed run leaves a hidden
     folder, `.unfinished...`, which the next run that writes there removes.
+
+    Args:
+        *places: paths of the files or folders.
+
+    Yields:
+        The paths to write at.
 
     Raises:
         UserError: where a file belongs is a link, folder, named pipe, socket or device.
@@ -95,9 +128,10 @@ def new_outputs(*places: Path) -> Iterator[list[Path]]:
     with ExitStack() as stack:
         try:
             for place in places:
-                hidden = stack.enter_context(
-                    _hidden_folder(place if place.is_dir() else place.parent)
-                )
+                parent = place.parent
+                if place.is_dir():
+                    parent = place
+                hidden = stack.enter_context(_hidden_folder(parent))
                 made.append(hidden / (place.name or "new"))
             yield made
             moves: list[tuple[Path, Path]] = []
@@ -113,9 +147,10 @@ def new_outputs(*places: Path) -> Iterator[list[Path]]:
 
 @contextmanager
 def _hidden_folder(parent: Path) -> Iterator[Path]:
-    """An empty folder in a hidden folder of `parent`, which is locked as long as it is used and then removed.
+    """Give an empty folder in a hidden folder of `parent`.
 
-    What runs that were killed have left in `parent` is removed too: nobody holds its lock.
+    The hidden folder is locked as long as it is used, and then removed. The hidden folders that
+    killed runs have left in `parent` are removed too: nobody holds their locks.
     """
     from filelock import FileLock  # here, since all that checks parameters imports this file
 
@@ -138,7 +173,7 @@ def _hidden_folder(parent: Path) -> Iterator[Path]:
 
 
 def _remove_if_abandoned(hidden: Path) -> None:
-    """Remove the hidden folder of a run that was killed; that of a running one stays."""
+    """Remove the hidden folder of a run that was killed; the folder of a running one stays."""
     from filelock import FileLock
 
     lock = FileLock(hidden / LOCK)
@@ -151,10 +186,15 @@ def _remove_if_abandoned(hidden: Path) -> None:
 
 
 def _moves(written: Path, place: Path) -> list[tuple[Path, Path]]:
-    """What was written at a path and beside it, each with its place; a folder as one where there is none before."""
+    """Return what was written at a path and beside it, each with its place.
+
+    A folder is moved as one where there is none before, else file by file.
+    """
     moves: list[tuple[Path, Path]] = []
     for path in sorted(written.parent.iterdir()):
-        target = place if path == written else place.parent / path.name
+        target = place.parent / path.name
+        if path == written:
+            target = place
         if path.is_dir() and target.exists():
             moves += [(file, target / file.relative_to(path)) for file in _files_below(path)]
         else:
@@ -167,9 +207,12 @@ def _files_below(folder: Path) -> list[Path]:
 
 
 def _take_places(moves: list[tuple[Path, Path]]) -> None:
-    """Move each file or folder to its place; nothing is moved or removed where one of them cannot be."""
+    """Move each file or folder to its place, or none where one of them cannot be moved."""
     for path, _ in moves:
-        for file in _files_below(path) if path.is_dir() else [path]:
+        files = [path]
+        if path.is_dir():
+            files = _files_below(path)
+        for file in files:
             with file.open("rb+") as stream:
                 os.fsync(stream)  # some file systems learn only here that a disk is full
     for path, place in moves:
@@ -185,7 +228,7 @@ def _take_places(moves: list[tuple[Path, Path]]) -> None:
 
 
 def _place_of(name: str | None, made: list[Path], places: tuple[Path, ...]) -> str:
-    """The place that a file belongs to which could not be written; without a name the first one."""
+    """Return the place of a file that could not be written; without a name the first place."""
     if name is None:
         return str(places[0])
     # fewer are made where the first had no room
@@ -210,9 +253,14 @@ def readable(
     fault: str = "damaged, or not written by this version",
     remedy: str = "delete it and repeat the command",
 ) -> Iterator[None]:
-    """Context of a library's call that reads a file, by default of an earlier stage.
+    """Give the context of a library's call that reads a file, by default of an earlier stage.
 
     Code of ours belongs outside: its faults would be blamed on the file.
+
+    Args:
+        path: names the file in messages.
+        fault: what is wrong with the file, if the call fails.
+        remedy: what the user can do then.
 
     Raises:
         UserError: one line with `fault` and `remedy`, for any exception of a library that reads it.
@@ -230,58 +278,82 @@ def readable(
     except MemoryError as error:
         raise MemoryError(f"{path}: {error}") from error
     except Exception as error:  # a damaged file fails in many ways
-        reason = f"{type(error).__name__}: {' '.join(str(error).split()).partition('. ')[0]}"
+        first_sentence = " ".join(str(error).split()).partition(". ")[0]
+        reason = f"{type(error).__name__}: {first_sentence}"
         raise UserError(f"{path}: {fault} ({reason}); {remedy}") from error
 
 
 def all_below(path: Path) -> list[Path]:
-    """All files below a folder in the order of their paths, without hidden ones and what programs leave behind.
+    """Return all files below a folder, in the order of their paths.
 
-    Links to folders are followed, each folder once.
+    Hidden files are not among them, nor what programs leave behind. Links to folders are followed,
+    each folder once.
+
+    Args:
+        path: of the folder.
 
     Raises:
         OSError: a folder cannot be read.
     """
-
-    def fail(error: OSError) -> None:
-        raise error
-
-    files, known = list[Path](), {path.resolve()}
-    for place, folders, names in os.walk(path, onerror=fail, followlinks=True):
-        files += [Path(place, name) for name in names if _is_kept(name)]
-        real = {
-            Path(place, name).resolve(): name
-            for name in sorted(filter(_is_kept, folders), reverse=True)
-        }
-        folders[:] = [name for folder, name in real.items() if folder not in known]
-        known |= real.keys()
+    files = list[Path]()
+    known = {path.resolve()}
+    for place, folders, names in os.walk(path, onerror=_fail, followlinks=True):
+        files += [Path(place, name) for name in names if _is_content(name)]
+        # of two names of one folder the first is taken
+        by_folder = dict[Path, str]()
+        for name in sorted(filter(_is_content, folders), reverse=True):
+            by_folder[Path(place, name).resolve()] = name
+        folders[:] = [name for folder, name in by_folder.items() if folder not in known]
+        known |= by_folder.keys()
     return sorted(files)
 
 
-def _is_kept(name: str) -> bool:
+def _fail(error: OSError) -> None:
+    raise error
+
+
+def _is_content(name: str) -> bool:
     return not name.startswith(".") and name not in LEFT_BEHIND
 
 
 def check_is_file(path: Path) -> None:
-    """Raise a UserError for a folder, and for a named pipe, socket or device, whose reading may never end."""
+    """Raise a UserError where a path is something else than a file.
+
+    Reading a named pipe, a socket or a device may never end.
+
+    Args:
+        path: may be of nothing.
+
+    Raises:
+        UserError: a folder, named pipe, socket or device.
+    """
     if path.exists() and not path.is_file():
         raise UserError(f"{path}: a folder, named pipe, socket or device; expected a file")
 
 
 def md5(path: str | Path) -> str:
-    """md5 of a file, or of a folder: of the sorted paths and md5s of `all_below` it, without video frames."""
+    """Return the md5 of a file or a folder.
+
+    Args:
+        path: of the file or folder. The md5 of a folder is made of the sorted paths and md5s of
+            `all_below` it, without video frames.
+
+    Raises:
+        UserError: the path is of something else.
+        OSError: there is nothing, or it cannot be read.
+    """
     path = Path(path)
     if path.is_dir():
-        digest = _md5()
-        for file in (
-            file for file in all_below(path) if file.suffix != VIDEO_SUFFIX and file.is_file()
-        ):
-            digest.update(
-                f"{file.relative_to(path).as_posix()} {md5(file)}\n".encode(
-                    errors="surrogateescape"
-                )
-            )
-        return digest.hexdigest()
+        return _md5_of_folder(path)
     check_is_file(path)
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, _md5).hexdigest()
+
+
+def _md5_of_folder(folder: Path) -> str:
+    digest = _md5()
+    for file in all_below(folder):
+        if file.suffix != VIDEO_SUFFIX and file.is_file():
+            line = f"{file.relative_to(folder).as_posix()} {md5(file)}\n"
+            digest.update(line.encode(errors="surrogateescape"))
+    return digest.hexdigest()

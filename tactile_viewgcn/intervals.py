@@ -1,4 +1,4 @@
-"""Intervals of errors that resample split groups, since the frames of a group resemble each other."""
+"""Intervals of errors; they resample split groups, whose frames resemble each other."""
 
 import numpy as np
 
@@ -11,27 +11,30 @@ DRAWN_AT_ONCE = 2_000_000  # groups of the resamples that are in memory
 def group_interval(
     values: np.ndarray, groups: np.ndarray, rng: np.random.Generator
 ) -> tuple[float, float] | None:
-    """95 % interval of the mean of `values`, by resampling groups, each weighted by its number of values.
+    """Return the 95 % interval of a mean, by resampling groups.
+
+    Each group is weighted by its number of values. The source is Davison and Hinkley, "Bootstrap
+    methods and their application" (1997), section 3.8, the strategy that resamples only groups.
 
     Args:
         values: (A,) a value of each anchor's view set, such as the share of the trials in which it
             is wrong.
         groups: (A,) the anchor's split group.
+        rng: draws the groups.
 
     Returns:
-        The 2.5th and 97.5th percentile of 2,000 resampled means (Davison & Hinkley 1997, section
-            3.8, the strategy
-        that resamples groups alone); None with fewer than two groups, from which their differences
-            are unknown.
+        The 2.5th and the 97.5th percentile of 2,000 resampled means. None with fewer than two
+        groups, from which their differences are unknown.
     """
     from scipy.stats import bootstrap  # here, since it loads slowly
 
     _, place, sizes = np.unique(groups, return_inverse=True, return_counts=True)
     if len(sizes) < 2:
         return None
+    sums = np.bincount(place.ravel(), weights=values)
     ends = bootstrap(
-        (np.bincount(place.ravel(), weights=values), sizes),
-        lambda sums, sizes, axis: sums.sum(axis) / sizes.sum(axis),
+        (sums, sizes),
+        _weighted_mean,
         paired=True,
         n_resamples=RESAMPLES,
         batch=max(1, DRAWN_AT_ONCE // len(sizes)),
@@ -42,28 +45,49 @@ def group_interval(
     return float(ends.low), float(ends.high)
 
 
+def _weighted_mean(sums: np.ndarray, sizes: np.ndarray, axis: int) -> np.ndarray:
+    """Return the mean of all values, from each group's sum and number of values."""
+    mean: np.ndarray = sums.sum(axis) / sizes.sum(axis)
+    return mean
+
+
 def proportion_interval(
     values: np.ndarray, groups: np.ndarray, rng: np.random.Generator
 ) -> tuple[float, float] | None:
-    """95 % interval of a share: `group_interval`, extended down to 0.025^(1/G) and up to 1 - 0.025^(1/G).
+    """Return the 95 % interval of a share, which G groups without a mistake do not make too narrow.
 
-    Resampling G groups shows no mistake that none of them made. The ends are those of Clopper and
-    Pearson (1934) for G trials that are all right, and for G that are all wrong, so that one wrong
-    view set never raises the low end. The interval may still be narrow, for instance around a share
-    of one half in every group.
+    It is `group_interval`, extended down to 0.025^(1/G) and up to 1 - 0.025^(1/G). Resampling G
+    groups shows no mistake that none of them made. The ends are from Clopper and Pearson (1934):
+    for G trials that are all right, and for G that are all wrong. So one wrong view set never
+    raises the low end. The interval may still be narrow, for instance around a share of one half in
+    every group.
 
     Args:
-        values, groups: (A,), see `group_interval`.
+        values: (A,) see `group_interval`.
+        groups: (A,) the anchor's split group.
+        rng: draws the groups.
+
+    Returns:
+        Both ends; None with fewer than two groups.
     """
     interval = group_interval(values, groups, rng)
     if not interval:
         return None
+    low, high = interval
     # largest share of mistakes that groups may not show
     unseen = 1 - (OUTSIDE / 2) ** (1 / len(np.unique(groups)))
-    return min(interval[0], 1 - unseen), max(interval[1], unseen)
+    return min(low, 1 - unseen), max(high, unseen)
 
 
 def percent_interval(value: float, low: float | None, high: float | None) -> str:
-    """A fraction and its interval in per cent, `48.2 (39.0 to 57.8)`; without an interval `48.2`."""
+    """Return a fraction and its interval in per cent: `48.2 (39.0 to 57.8)`, or only `48.2`.
+
+    Args:
+        value: the fraction.
+        low: lower end of its interval; None where there is no interval.
+        high: upper end.
+    """
     text = f"{100 * value:.1f}"
-    return text if low is None or high is None else f"{text} ({100 * low:.1f} to {100 * high:.1f})"
+    if low is None or high is None:
+        return text
+    return f"{text} ({100 * low:.1f} to {100 * high:.1f})"

@@ -1,4 +1,4 @@
-"""Texts for people: names from outside made harmless, the exception for a user's mistakes, notes on results.
+"""Texts for people: harmless names, the exception for a user's mistakes, notes on results.
 
 Names of objects, recordings, sessions and paths may come from anybody. Tables and model files keep
 them unchanged.
@@ -19,39 +19,59 @@ from typing import Any, Literal
 EMPTY_HAND = "empty_hand"  # STAG's name of the class that holds nothing
 NEW_SESSION = "a new session (a person, a day, a new fitting)"
 MAX_LISTED = 10  # mistakes or names in one message
+CPU_MEMORY = "DefaultCPUAllocator: can't allocate memory"  # of torch's RuntimeError
 FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")  # beginnings of a formula, after OWASP
 
 
 def shown(text: object) -> str:
-    r"""A text for a terminal, a picture or a page, with control and formatting characters as \x1b, \n or \u202e."""
+    r"""Return a text for a terminal, a picture or a page, without control characters.
+
+    Control and formatting characters are escaped, as \x1b, \n or \u202e.
+
+    Args:
+        text: anything that `str` takes.
+    """
     text = str(text)
-    return text if text.isprintable() else "".join(map(_shown, text))
+    if text.isprintable():
+        return text
+    return "".join(map(_shown, text))
 
 
 def _shown(letter: str) -> str:
-    joins = letter in "\u200c\u200d"  # used in Persian and Hindi
-    # spaces, as the one in 47.3 %
-    plain = letter.isprintable() or joins or unicodedata.category(letter) == "Zs"
-    return letter if plain else letter.encode("unicode_escape").decode()
+    is_joiner = letter in "\u200c\u200d"  # used in Persian and Hindi
+    is_space = unicodedata.category(letter) == "Zs"  # as the one in 47.3 %
+    if letter.isprintable() or is_joiner or is_space:
+        return letter
+    return letter.encode("unicode_escape").decode()
 
 
 def csv_text(rows: Iterable[Iterable[Any]]) -> str:
-    """Rows as CSV; a text is `shown`, with an apostrophe before it where a spreadsheet would run it."""
-    csv.writer(file := StringIO(newline="")).writerows(
-        [_cell(value) for value in row] for row in rows
-    )
+    """Return rows as CSV, in which a spreadsheet runs no text as a formula.
+
+    Args:
+        rows: cells by row; a text is `shown`, after an apostrophe where it begins like a formula.
+    """
+    file = StringIO(newline="")
+    writer = csv.writer(file)
+    for row in rows:
+        writer.writerow(map(_cell, row))
     return file.getvalue()
 
 
 def _cell(value: Any) -> Any:
-    return "'" * value.startswith(FORMULA) + shown(value) if isinstance(value, str) else value
+    if not isinstance(value, str):
+        return value
+    if value.startswith(FORMULA):
+        return "'" + shown(value)
+    return shown(value)
 
 
 class UserError(ValueError):
-    """Wrong data, parameters or surroundings: the message names what was found, what is expected and the remedy.
+    """Wrong data, parameters or surroundings, which the user can correct.
 
-    Commands print it in one line and exit with 1; any other exception is a fault of the program and
-    keeps its traceback. Control characters in the message are escaped, see `shown`.
+    The message names what was found, what is expected and the remedy. Commands print it in one line
+    and exit with 1; any other exception is a fault of the program and keeps its traceback. Control
+    characters in the message are escaped, see `shown`.
     """
 
     def __init__(self, message: str):
@@ -59,31 +79,55 @@ class UserError(ValueError):
 
 
 def user_message(error: Exception) -> str | None:
-    """The line for a user who can correct an error; None for a fault of the program, which keeps its traceback."""
+    """Return the line for a user who can correct an error.
+
+    Args:
+        error: any exception.
+
+    Returns:
+        The line; None for a fault of the program, which keeps its traceback.
+    """
     text = shown(" ".join(str(error).split()))
     if isinstance(error, UserError | OSError):
         return text
-    if isinstance(error, ModuleNotFoundError) and str(error.name).partition(".")[0] in (
-        "dvc",
-        "mlflow",
-    ):
+    if _is_missing_extra(error):
         return f"{text}; pip install 'tactile-viewgcn[pipeline]'"
-    torch = sys.modules.get("torch")  # a program without torch does not meet its errors
-    memory = isinstance(error, MemoryError) or "DefaultCPUAllocator: can't allocate memory" in text
-    if memory or (torch and isinstance(error, torch.OutOfMemoryError)):
-        return f"out of memory; lower `batch` or model.backbone.width, or close other programs ({text})"
+    if _is_out_of_memory(error):
+        return (
+            "out of memory; lower `batch` or model.backbone.width, or close other programs "
+            f"({text})"
+        )
     return None
+
+
+def _is_missing_extra(error: Exception) -> bool:
+    """Return whether a package of the extra `pipeline` is not installed."""
+    if not isinstance(error, ModuleNotFoundError):
+        return False
+    package = str(error.name).partition(".")[0]
+    return package in ("dvc", "mlflow")
+
+
+def _is_out_of_memory(error: Exception) -> bool:
+    """Return whether an exception of Python or torch says that memory does not suffice."""
+    if isinstance(error, MemoryError) or CPU_MEMORY in str(error):
+        return True
+    torch = sys.modules.get("torch")  # a program without torch does not meet its errors
+    return torch is not None and isinstance(error, torch.OutOfMemoryError)
 
 
 @contextmanager
 def program(*, debug: bool = False) -> Iterator[None]:
-    """Context of a whole program: an error that the user can correct ends it with exit code 1 and one line.
+    """Run a whole program, of which an error that the user can correct is one line.
 
-    SIGTERM, which `dvc queue kill` sends, ends it with code 143, as an exception, so that temporary
-    files are removed.
+    Such an error ends it with exit code 1. SIGTERM, which `dvc queue kill` sends, ends it with code
+    143, as an exception, so that temporary files are removed.
 
     Args:
         debug: such an error keeps its traceback too.
+
+    Raises:
+        SystemExit: after an error that the user can correct.
     """
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     try:
@@ -106,8 +150,8 @@ class Note:
         text: a sentence for people; no program parses it.
         level: `info`, a `choice` that `auto` made, or a `warning`.
         topic: the subject in a word or two, such as `baseline`, `filter`, `split`, `leak check`.
-        key, value: a key of params.yaml with the chosen value, or the remedy of a warning; else the
-            key is empty.
+        key, value: a key of params.yaml, and its chosen value or the value that is the remedy of a
+            warning; the key is empty where the note is about none.
         stage: the stage that made the note; empty outside the stages.
     """
 
@@ -119,32 +163,48 @@ class Note:
     stage: str = ""
 
     def __str__(self) -> str:
-        """The line for a terminal; that of a choice begins with key and value."""
+        """Return the line for a terminal; the line of a choice begins with key and value."""
         if self.level == "choice":
-            value = (
-                f"{self.value:g}"
-                if isinstance(self.value, float)
-                else str(self.value).replace("'", "")
-            )
-            return shown(f"{self.key} {value}: {self.text}")
-        warning = "warning: " if self.level == "warning" else ""
-        return shown(f"{warning}{self.topic and f'{self.topic}: '}{self.text}")
+            return shown(f"{self.key} {self._value_in_words()}: {self.text}")
+        text = self.text
+        if self.topic:
+            text = f"{self.topic}: {text}"
+        if self.level == "warning":
+            text = f"warning: {text}"
+        return shown(text)
+
+    def _value_in_words(self) -> str:
+        if isinstance(self.value, float):
+            return f"{self.value:g}"
+        return str(self.value).replace("'", "")
 
 
 def warnings_of(notes: list[Note]) -> list[Note]:
-    """The warnings among notes."""
+    """Return the warnings among notes."""
     return [note for note in notes if note.level == "warning"]
 
 
 def several(count: int, thing: str, things: str = "") -> str:
-    """`1 frame`, `1,701 frames`; `things` is a plural that does not end in s."""
-    return f"{count:,} {thing if count == 1 else things or f'{thing}s'}"
+    """Return a number of things in words: `1 frame`, `1,701 frames`.
+
+    Args:
+        count: the number.
+        thing: the word for one of them.
+        things: the plural, where it is not `thing` with an s.
+    """
+    if count == 1:
+        return f"{count:,} {thing}"
+    return f"{count:,} {things or f'{thing}s'}"
 
 
 def once_each(texts: Iterable[tuple[Path, str]]) -> list[str]:
-    """The texts that come with files; those that are equal but for the file's path and for numbers stand once.
+    """Return texts on files, in which alike texts stand once.
 
-    The first text is the example, and the names of the other files follow it.
+    Texts are alike if they differ only in the file's path and in numbers. The first text is the
+    example, and the names of the other files follow it.
+
+    Args:
+        texts: pairs of a file and a text on it.
     """
     alike = dict[str, list[tuple[Path, str]]]()
     for file, text in texts:
@@ -161,6 +221,13 @@ def once_each(texts: Iterable[tuple[Path, str]]) -> list[str]:
 
 
 def listed(texts: list[str], mark: str = ", ") -> str:
-    """The first ten texts, and the number of the others."""
-    more = [f"and {len(texts) - MAX_LISTED} more"] if len(texts) > MAX_LISTED else []
-    return mark.join(texts[:MAX_LISTED] + more)
+    """Return the first ten texts in one text, and the number of the others.
+
+    Args:
+        texts: the texts.
+        mark: what stands between two of them.
+    """
+    shortened = texts[:MAX_LISTED]
+    if len(texts) > MAX_LISTED:
+        shortened = [*shortened, f"and {len(texts) - MAX_LISTED} more"]
+    return mark.join(shortened)

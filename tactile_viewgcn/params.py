@@ -1,9 +1,8 @@
-"""The parameters, their types and defaults, and the presets: frozen sections, checked before any work.
+"""The parameters, their types and defaults, and the presets: frozen sections, checked first.
 
 The root's params.yaml lists the same values, with whose choice each is.
 """
 
-from contextlib import suppress
 from dataclasses import field
 from importlib.resources import files
 from pathlib import Path
@@ -21,7 +20,7 @@ from tactile_viewgcn.schema import SECTION, Unique, as_change, build, flatten, n
 PRESETS = Path(str(files("tactile_viewgcn"))) / "presets"
 VIRTUAL = "data/virtual/recordings"  # the `data.source` that the virtual glove writes
 CONTACT_SIGMAS = 5.0  # a pressed sensor reads more than five standard deviations above its baseline
-# it and its inverse are far inside the range of single precision, in which trainings compute
+# it and its inverse are far inside the range of single precision, in which networks are trained
 MAX_NUMBER = 1e30
 MAX_SIDE = 256  # rows and columns of a frame; pressure mats have up to 160 x 64
 MOST = 1_000_000  # upper limit of counts
@@ -32,8 +31,9 @@ LAYOUT = (
     "^(auto|[^A-Z]*(OBJECT|SESSION|SPLIT|PART|FILE)([^A-Z]+(OBJECT|SESSION|SPLIT|PART|FILE))*)$"
 )
 CORNERS = 8  # viewpoints of the cube
-SIDES = ("train", "validation", "test")  # of a split, by code
-TRAIN, VALIDATION, TEST = range(len(SIDES))  # codes of the sides, of a published split too
+LEVELS = 3  # of the view-graph, of V, V // 2 and V // 4 nodes; a level of one node is left out
+SIDES = ("train", "validation", "test")  # sets of a split, by code
+TRAIN, VALIDATION, TEST = range(len(SIDES))  # codes of these sets, of a published split too
 
 System = Literal[  # all but sensors are networks on the pretrained backbone
     "view_gcn",
@@ -48,7 +48,7 @@ System = Literal[  # all but sensors are networks on the pretrained backbone
     "vote",
     "sensors",
 ]
-# of sensors; one may be alone
+# of sensors
 SensorMember = Literal["trees", "svm", "convolutions", "kernel", "pooled_kernel"]
 Member = Literal[SensorMember, "network"]
 Count = Annotated[StrictInt, Interval(ge=1, le=MOST)]
@@ -68,50 +68,68 @@ Effect = Literal[  # of the virtual glove
     "bending", "saturation", "hysteresis", "crosstalk", "noise", "common_mode", "defects",
 ]  # fmt: skip
 Grasped = Literal[  # by the virtual glove
-    "empty_hand", "allen_key_set", "ball", "battery", "board_eraser", "bracket", "brain", "cat", "chain", "clip",
-    "coin", "empty_can", "full_can", "gel", "kiwano", "lotion", "mug", "multimeter", "pen", "safety_glasses",
-    "scissors", "screw_driver", "spoon", "spray_can", "stapler", "tape", "tea_box",
+    "empty_hand", "allen_key_set", "ball", "battery", "board_eraser", "bracket", "brain", "cat",
+    "chain", "clip", "coin", "empty_can", "full_can", "gel", "kiwano", "lotion", "mug",
+    "multimeter", "pen", "safety_glasses", "scissors", "screw_driver", "spoon", "spray_can",
+    "stapler", "tape", "tea_box",
 ]  # fmt: skip
 
 
 def everywhere(path: Path) -> Path:
-    """`data.source` so that DVC's temporary workspaces find it: absolute, unless DVC tracks it and copies it there."""
-    tracked = path == Path(VIRTUAL) or path.absolute().with_name(f"{path.name}.dvc").exists()
-    return path if tracked else path.absolute()
+    """Return `data.source` in a form that DVC's temporary workspaces find.
+
+    Args:
+        path: of the source.
+
+    Returns:
+        The absolute path; the path itself where DVC tracks the source and copies it there.
+    """
+    is_tracked = path.absolute().with_name(f"{path.name}.dvc").exists()
+    if is_tracked or path == Path(VIRTUAL):
+        return path
+    return path.absolute()
 
 
-def _each_once(layout: str) -> str:
-    if twice := [name for name in ("OBJECT", "SPLIT", "PART", "FILE") if layout.count(name) > 1]:
-        raise ValueError(f"{twice[0]} stands twice")
+def _each_word_once(layout: str) -> str:
+    for word in ("OBJECT", "SPLIT", "PART", "FILE"):
+        if layout.count(word) > 1:
+            raise ValueError(f"{word} stands twice")
     return layout
 
 
 def _written_out(path: str) -> str:
-    """The path of the source; a ValueError for a home folder as ~, which only a shell expands, and not after `=`."""
+    """Return the path of the source; a ValueError where it begins with ~.
+
+    Only a shell expands ~, and not after `=`.
+    """
     if path.startswith("~"):
         raise ValueError(f"~ is not expanded here; write data.source={home_path(path)}")
     return path
 
 
 def on_sensors(name: str) -> bool:
-    """Whether the system reads the sensors, so that no backbone is pretrained for it."""
+    """Return whether a system reads the sensors, so that no backbone is pretrained for it."""
     return name == "sensors"
 
 
 @dataclass(frozen=True, config=SECTION)
 class Data:
+    """How recordings are read, see `readers/source.py`."""
+
     source: Annotated[StrictStr, MinLen(1), AfterValidator(_written_out)] = VIRTUAL
     shape: (
         Literal["auto", "frames_last"] | Annotated[list[Side], Strict(), MinLen(2), MaxLen(2)]
     ) = "auto"
-    layout: Annotated[StrictStr, StringConstraints(pattern=LAYOUT), AfterValidator(_each_once)] = (
-        "auto"
-    )
+    layout: Annotated[
+        StrictStr, StringConstraints(pattern=LAYOUT), AfterValidator(_each_word_once)
+    ] = "auto"
     columns: Columns = field(default_factory=list)
 
 
 @dataclass(frozen=True, config=SECTION)
 class PreprocessSection:
+    """How readings become frames, see `frames/auto.py`."""
+
     baseline: Literal["auto", "empty_hand", "grasp", "none"] = "auto"  # auto: see frames/auto.py
     zero: Annotated[StrictFloat, Interval(ge=-MAX_NUMBER, le=MAX_NUMBER)] = 500.0
     filter: Literal["auto", "flags", "contact", "none"] = "auto"
@@ -123,6 +141,8 @@ class PreprocessSection:
 
 @dataclass(frozen=True, config=SECTION)
 class Split:
+    """Which groups are in the training set, the validation set and the test set."""
+
     by: Literal["source", "recording", "grasp", "session"] = "source"
     folds: Annotated[StrictInt, Interval(ge=2, le=MOST)] = 3
     fold: Natural = 0
@@ -134,6 +154,8 @@ class Split:
 
 @dataclass(frozen=True, config=SECTION)
 class Cluster:
+    """How the frames of a pool are divided into views, see `views/clustering.py`."""
+
     method: Literal["kmeans", "none"] = "kmeans"
     scope: Literal["object", "recording"] = "object"
     restarts: Count = 10
@@ -142,6 +164,8 @@ class Cluster:
 
 @dataclass(frozen=True, config=SECTION)
 class Pretrain:
+    """The training of the backbone on single frames, see `training/pretraining.py`."""
+
     epochs: Natural = 30
     lr: Positive = 5e-3
     weight_decay: NotNegative = 1e-4
@@ -154,6 +178,8 @@ class Pretrain:
 
 @dataclass(frozen=True, config=SECTION)
 class BackboneParams:
+    """The network that turns a frame into features, see `nn/backbone.py`."""
+
     width: Count = 64
     dropout: Share = 0.2
     readout: Literal["average", "grid"] = "average"
@@ -161,6 +187,8 @@ class BackboneParams:
 
 @dataclass(frozen=True, config=SECTION)
 class Model:
+    """The system that joins the views, its backbone, and options of single systems."""
+
     system: System = "view_gcn"
     backbone: BackboneParams = field(default_factory=BackboneParams)
     neighbours: Count | Annotated[list[Count], Strict(), MinLen(1), MaxLen(3)] = 4
@@ -172,6 +200,8 @@ class Model:
 
 @dataclass(frozen=True, config=SECTION)
 class Finetune:
+    """The training of the system on view sets, see `training/finetuning.py`."""
+
     epochs: Count = 15
     optimiser: Literal["sgd", "adam"] = "sgd"
     lr_backbone: NotNegative = 1e-4
@@ -190,13 +220,15 @@ class Finetune:
 
 @dataclass(frozen=True, config=SECTION)
 class Evaluate:
+    """The set that is tested, and how often view sets are drawn from it."""
+
     trials: Count = 10
     side: Literal["test", "validation"] = "test"
 
 
 @dataclass(frozen=True, config=SECTION)
 class Glove:
-    """The virtual glove."""
+    """What the virtual glove simulates, see `glove/simulation.py`."""
 
     sessions: Annotated[StrictInt, Interval(ge=2, le=MOST)] = 3
     grasps: Count = 10
@@ -209,6 +241,8 @@ class Glove:
 
 @dataclass(frozen=True, config=SECTION)
 class Params:
+    """All parameters, with a section for each part of the pipeline."""
+
     seed: Seed = 0
     views: Annotated[StrictInt, Interval(ge=1, le=1000)] = 8
     viewpoints: Literal["auto", "cube", "circle", "sphere", "random"] = "auto"
@@ -227,56 +261,89 @@ class Params:
     @model_validator(mode="after")
     def _goes_together(self) -> Self:
         """Refuse values that contradict each other, though each is allowed by itself."""
-        split, model, fewer_views, wrong = (
-            self.split,
-            self.model,
-            self.finetune.num_views == "random",
-            [],
-        )
-        if split.fold >= split.folds:
-            wrong.append(
-                f"split.fold is {split.fold}; expected less than split.folds = {split.folds}"
-            )
-        if self.evaluate.side == "validation" and not split.validation:
-            wrong.append(
-                "evaluate.side is validation, and split.validation is 0: expected a share of the groups"
-            )
-        if on_sensors(model.system) and split.validation and self.evaluate.side == "test":
-            wrong.append(
-                f"split.validation is {split.validation:g}, and model.system is {model.system}, which is calibrated "
-                "without validation groups: expected 0, or evaluate.side validation"
-            )
-        if fewer_views and model.selector == "joint":
-            wrong.append(
-                "model.selector joint needs all views, finetune.num_views is random: expected per_view"
-            )
-        if fewer_views and model.system in ("stag", "rotationnet"):
-            wrong.append(
-                f"model.system is {model.system}, which needs all views: expected finetune.num_views full"
-            )
-        if self.viewpoints == "cube" and self.views != CORNERS:
-            wrong.append(f"viewpoints is cube, which has {CORNERS} places; views is {self.views}")
-        levels = sum(self.views >> level >= 2 for level in range(3))  # of the view-graph
-        near = model.neighbours if isinstance(model.neighbours, list) else [0] * levels
-        if model.system == "view_gcn" and len(near) < levels:
-            wrong.append(
-                f"model.neighbours is {near}: expected one number, or one for each of {levels} levels"
-            )
-        if self.preprocess.baseline == "none" and self.preprocess.filter == "contact":
-            wrong.append(
-                "preprocess.filter is contact, which needs a baseline's noise: expected preprocess.filter auto"
-            )
-        if wrong:
-            raise ValueError("; ".join(wrong))
+        mistakes = [
+            *_split_mistakes(self),
+            *_system_mistakes(self),
+            *_view_mistakes(self),
+            *_preprocess_mistakes(self),
+        ]
+        if mistakes:
+            raise ValueError("; ".join(mistakes))
         return self
 
 
-def load(path: str | Path, changes: tuple[str, ...] = (), name: str = "") -> Params:
-    """Parameters of the file at `path` with `key=value` changes on top, all checked.
+def _split_mistakes(params: Params) -> list[str]:
+    """Return how the split contradicts itself, or what is tested."""
+    split = params.split
+    tests_validation = params.evaluate.side == "validation"
+    mistakes = list[str]()
+    if split.fold >= split.folds:
+        mistakes.append(
+            f"split.fold is {split.fold}; expected less than split.folds = {split.folds}"
+        )
+    if tests_validation and not split.validation:
+        mistakes.append(
+            "evaluate.side is validation, and split.validation is 0: expected a share of the groups"
+        )
+    system = params.model.system
+    if on_sensors(system) and split.validation and not tests_validation:
+        mistakes.append(
+            f"split.validation is {split.validation:g}, and model.system is {system}, which is "
+            "calibrated without validation groups: expected 0, or evaluate.side validation"
+        )
+    return mistakes
 
-    A key that the file lacks has its default.
+
+def _system_mistakes(params: Params) -> list[str]:
+    """Return why the system cannot be trained on fewer views than V."""
+    if params.finetune.num_views != "random":
+        return []
+    mistakes = list[str]()
+    system = params.model.system
+    if params.model.selector == "joint":
+        mistakes.append(
+            "model.selector joint needs all views, finetune.num_views is random: expected per_view"
+        )
+    if system in ("stag", "rotationnet"):
+        mistakes.append(
+            f"model.system is {system}, which needs all views: expected finetune.num_views full"
+        )
+    return mistakes
+
+
+def _view_mistakes(params: Params) -> list[str]:
+    """Return how the number of views contradicts the viewpoints or the levels of the view-graph."""
+    views = params.views
+    mistakes = list[str]()
+    if params.viewpoints == "cube" and views != CORNERS:
+        mistakes.append(f"viewpoints is cube, which has {CORNERS} places; views is {views}")
+    levels = sum(views >> level >= 2 for level in range(LEVELS))
+    neighbours = params.model.neighbours
+    is_short_list = isinstance(neighbours, list) and len(neighbours) < levels
+    if params.model.system == "view_gcn" and is_short_list:
+        mistakes.append(
+            f"model.neighbours is {neighbours}: expected one number, or one for each of {levels} "
+            "levels"
+        )
+    return mistakes
+
+
+def _preprocess_mistakes(params: Params) -> list[str]:
+    """Return how the filter contradicts the baseline."""
+    if params.preprocess.baseline == "none" and params.preprocess.filter == "contact":
+        return [
+            "preprocess.filter is contact, which needs a baseline's noise: expected "
+            "preprocess.filter auto"
+        ]
+    return []
+
+
+def load(path: str | Path, changes: tuple[str, ...] = (), name: str = "") -> Params:
+    """Return the parameters of a file with changes on top, all checked.
 
     Args:
+        path: of the YAML file; a key that it lacks has its default.
+        changes: `key=value` texts.
         name: first word of an error, instead of the path.
 
     Raises:
@@ -284,35 +351,58 @@ def load(path: str | Path, changes: tuple[str, ...] = (), name: str = "") -> Par
             nearest known key.
         FileNotFoundError: no such file.
     """
-    return build(Params, read_yaml(Path(path)), str(name or path), changes)
+    params: Params = build(Params, read_yaml(Path(path)), str(name or path), changes)
+    return params
 
 
 def unlike_the_file(values: dict[str, Any], path: str = "params.yaml") -> dict[str, Any]:
-    """Those of the values, by dotted key, that the file has otherwise; none where there is no such file."""
-    with suppress(UserError, OSError):
-        here = flatten(load(path))
-        return {key: value for key, value in values.items() if here.get(key, value) != value}
-    return {}
+    """Return the values that a file of parameters has otherwise.
+
+    Args:
+        values: by dotted key.
+        path: of the file; without a readable file of parameters there, no value is returned.
+    """
+    try:
+        file_values = flatten(load(path))
+    except (UserError, OSError):
+        return {}
+    return {key: value for key, value in values.items() if file_values.get(key, value) != value}
 
 
 def default_params(changes: tuple[str, ...] = (), name: str = "parameters") -> Params:
-    """The defaults with `key=value` changes on top, of no file; arguments and errors as in `load`."""
-    return build(Params, {}, name, changes)
+    """Return the defaults with `key=value` changes on top.
+
+    Args:
+        changes: as in `load`.
+        name: first word of an error.
+
+    Raises:
+        UserError: as in `load`.
+    """
+    params: Params = build(Params, {}, name, changes)
+    return params
 
 
 def presets() -> list[str]:
-    """Names of the presets, each a file whose first line says what it is for."""
+    """Return the names of the presets, each a file whose first line says what it is for."""
     return sorted(path.stem for path in PRESETS.glob("*.yaml"))
 
 
 def preset_changes(name: str) -> list[str]:
-    """A preset as `key=value` changes to params.yaml, each without a space, so that a shell takes it as one word.
+    """Return a preset as `key=value` changes to params.yaml.
+
+    Each is without a space, so that a shell takes it as one word.
+
+    Args:
+        name: of the preset.
 
     Raises:
         UserError: there is no preset of that name; the message has the nearest name, or all.
     """
-    if name not in (names := presets()):
+    names = presets()
+    if name not in names:
         raise UserError(
             f"preset is {name!r}; expected one of {', '.join(names)}{nearest(name, names)}"
         )
-    return [as_change(key, value) for key, value in read_yaml(PRESETS / f"{name}.yaml").items()]
+    preset = read_yaml(PRESETS / f"{name}.yaml")
+    return [as_change(key, value) for key, value in preset.items()]

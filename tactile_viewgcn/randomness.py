@@ -10,26 +10,30 @@ if TYPE_CHECKING:
 
 
 def stream(seed: int, purpose: str, *numbers: int) -> np.random.Generator:
-    """Generator for one purpose, and with `numbers` for one trial or fold of it, independent of all others.
+    """Return a generator for one purpose, independent of all others.
 
     The purpose comes first and the numbers count from 1, because NumPy pads a list of seeds with
     zeros: [7], [7, 0] and [7, 0, 0] give the same stream. A purpose keeps its text when the code's
     words change, since a different text gives different numbers.
+
+    Args:
+        seed: the one of params.yaml.
+        purpose: a text that no other purpose has.
+        *numbers: of the trial or fold, where each has its own generator.
     """
-    return np.random.default_rng(
-        [crc32(purpose.encode()), seed, *(1 + number for number in numbers)]
-    )
+    counted_from_1 = [1 + number for number in numbers]
+    return np.random.default_rng([crc32(purpose.encode()), seed, *counted_from_1])
 
 
 def torch_seed(seed: int, purpose: str) -> int:
-    """Seed for torch, below 2^63, for one purpose."""
+    """Return a seed for torch, below 2^63, for one purpose; arguments as of `stream`."""
     return int(stream(seed, purpose).integers(2**63))
 
 
 def torch_generator(
     seed: int, purpose: str, device: "torch.device | str" = "cpu"
 ) -> "torch.Generator":
-    """Torch generator for one purpose on a device."""
+    """Return a torch generator for one purpose on a device; arguments as of `stream`."""
     import torch
 
     return torch.Generator(device).manual_seed(torch_seed(seed, purpose))

@@ -1,4 +1,4 @@
-"""Typed objects from YAML, with every mistake listed in pydantic's words; `key=value` changes to a mapping."""
+"""Typed objects from YAML, with every mistake in pydantic's words, and `key=value` changes."""
 
 import json
 import re
@@ -38,32 +38,56 @@ _Loader.add_implicit_resolver(
 
 
 def parse(text: str | bytes, name: object) -> Any:
-    """The values of a YAML text; a UserError that begins with `name` where it is none."""
+    """Return the values of a YAML text.
+
+    Args:
+        text: the YAML.
+        name: first word of an error.
+
+    Raises:
+        UserError: the text is no YAML.
+    """
     try:
         return yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise UserError(f"{name}: no YAML: {' '.join(str(error).split())[:MOST_SHOWN]}") from None
+        reason = " ".join(str(error).split())[:MOST_SHOWN]
+        raise UserError(f"{name}: no YAML: {reason}") from None
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """The keys and values of a YAML file; a UserError where it holds anything else."""
+    """Return the keys and values of a YAML file.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        UserError: the file holds anything else.
+        OSError: the file cannot be read.
+    """
     check_is_file(path)
     tree = parse(path.read_bytes(), path)
-    if not isinstance(tree, dict):
-        raise UserError(
-            f"{path}: expected keys and values, found {'nothing' if tree is None else type(tree).__name__}"
-        )
-    return tree
+    if isinstance(tree, dict):
+        return tree
+    found = type(tree).__name__
+    if tree is None:
+        found = "nothing"
+    raise UserError(f"{path}: expected keys and values, found {found}")
 
 
 def build(kind: Any, tree: dict[str, Any], name: str, changes: tuple[str, ...] = ()) -> Any:
-    """An object of the dataclass `kind` from a mapping with `key=value` changes on top.
+    """Return an object of a dataclass, with its values checked.
+
+    Args:
+        kind: the dataclass.
+        tree: its values, as a mapping of mappings.
+        name: first word of an error.
+        changes: `key=value` texts that are put on top.
 
     Raises:
         UserError: begins with `name` and lists every mistake, each with its key, pydantic's message
             and the value; of a misspelt key or choice the nearest known one.
     """
-    mistakes = []
+    mistakes = list[str]()
     for change in changes:
         try:
             set_value(tree, change)
@@ -72,35 +96,46 @@ def build(kind: Any, tree: dict[str, Any], name: str, changes: tuple[str, ...] =
     try:
         built = TypeAdapter(kind).validate_python(tree)
     except ValidationError as error:
-        mistakes += [_mistake(list(_keys(kind)), one) for one in error.errors(include_url=False)]
+        keys = list(_keys(kind))
+        mistakes += [_mistake(keys, details) for details in error.errors(include_url=False)]
     if mistakes:
         raise UserError(f"{name}: " + "; ".join(mistakes))
     return built
 
 
 def _mistake(keys: list[str], error: ErrorDetails) -> str:
-    """One of pydantic's errors with the key it is about, one of `keys`, and the value."""
-    key, text = ".".join(map(str, error["loc"])), error["msg"].removeprefix("Value error, ")
+    """Return one of pydantic's errors with the key it is about, one of `keys`, and the value."""
+    key = ".".join(map(str, error["loc"]))
+    text = error["msg"].removeprefix("Value error, ")
     if error["type"] == "unexpected_keyword_argument":
         return f"unknown key {key}{nearest(key, keys)}"
     while key and key not in keys:  # pydantic goes on into a list or to a branch of a union
         key = key.rpartition(".")[0]
     if not key:
         return text
+    value = error["input"]
     choices = re.findall("'(.*?)'", error.get("ctx", {}).get("expected", ""))
-    return (
-        f"{key}: {text} (got {repr(error['input'])[:MOST_SHOWN]}){nearest(error['input'], choices)}"
-    )
+    return f"{key}: {text} (got {repr(value)[:MOST_SHOWN]}){nearest(value, choices)}"
 
 
 def nearest(word: Any, words: Iterable[str]) -> str:
-    """`; did you mean ...?` with the known word that is most like this one; empty if none is."""
+    """Return `; did you mean ...?` with the known word that is most like a word.
+
+    Args:
+        word: what a user has written.
+        words: the known words.
+
+    Returns:
+        The question; empty if no known word is like this one.
+    """
     near = get_close_matches(str(word), words, n=1)
-    return f"; did you mean {near[0]}?" if near else ""
+    if not near:
+        return ""
+    return f"; did you mean {near[0]}?"
 
 
 def _keys(kind: Any, prefix: str = "") -> Iterator[str]:
-    """The dotted keys of a dataclass and of its sections."""
+    """Yield the dotted keys of a dataclass and of its sections."""
     for field in fields(kind):
         yield prefix + field.name
         if is_dataclass(field.type):
@@ -108,17 +143,34 @@ def _keys(kind: Any, prefix: str = "") -> Iterator[str]:
 
 
 def flatten(section: Any, prefix: str = "") -> dict[str, Any]:
-    """Every value of an object or of a mapping of mappings under its dotted key: {"cluster.method": "kmeans"}."""
-    if not isinstance(section, dict) and not hasattr(section, "__dict__"):
+    """Return every value of an object by its dotted key, such as {"cluster.method": "kmeans"}.
+
+    Args:
+        section: an object with sections as attributes, or a mapping of mappings.
+        prefix: what stands before every key.
+    """
+    if isinstance(section, dict):
+        parts = section
+    elif hasattr(section, "__dict__"):
+        parts = vars(section)
+    else:
         return {prefix.removesuffix("."): section}
     values: dict[str, Any] = {}
-    for name, value in (section if isinstance(section, dict) else vars(section)).items():
+    for name, value in parts.items():
         values |= flatten(value, f"{prefix}{name}.")
     return values
 
 
 def set_value(tree: dict[str, Any], change: str) -> None:
-    """Set `section.key=value` in a mapping of mappings; a UserError where that cannot be done."""
+    """Set `section.key=value` in a mapping of mappings.
+
+    Args:
+        tree: the mapping.
+        change: the text; its value is read as YAML.
+
+    Raises:
+        UserError: the text is no such change.
+    """
     key, equals, text = change.partition("=")
     if not equals:
         raise UserError(f"--set {change!r}: expected key=value")
@@ -131,11 +183,19 @@ def set_value(tree: dict[str, Any], change: str) -> None:
 
 
 def as_change(key: str, value: Any) -> str:
-    """`key=value` as `dvc exp run -S` and `set_value` read it, with every digit: [3,3,2], true, 0.001, "two words"."""
-    if (
-        isinstance(value, str)
-        and re.fullmatch(r"[\w/.-]+", value, re.ASCII)
-        and isinstance(parse(value, key), str)
-    ):
+    """Return `key=value` as `dvc exp run -S` and `set_value` read it, with every digit.
+
+    Args:
+        key: the dotted key.
+        value: written as in [3,3,2], true, 0.001, a_word or "two words".
+    """
+    if isinstance(value, str) and _is_plain_word(value, key):
         return f"{key}={value}"
-    return f"{key}={json.dumps(value, ensure_ascii=False, separators=(',', ':'), default=str)}"
+    text = json.dumps(value, ensure_ascii=False, separators=(",", ":"), default=str)
+    return f"{key}={text}"
+
+
+def _is_plain_word(value: str, key: str) -> bool:
+    """Return whether a text needs no quotes for a shell, and is a text in YAML too."""
+    is_word = re.fullmatch(r"[\w/.-]+", value, re.ASCII) is not None
+    return is_word and isinstance(parse(value, key), str)

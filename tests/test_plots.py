@@ -35,5 +35,5 @@ def test_errors_stand_over_the_number_of_frames():
     assert list(axes.lines[1].get_ydata()) == [90, 90]
     assert names(axes.get_xticklabels()) == ["1", "2"] and names(axes.get_legend().texts) == [
         "recording",
-        "guessing",
+        "chance",
     ]

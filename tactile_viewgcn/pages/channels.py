@@ -9,15 +9,19 @@ from tactile_viewgcn.pages import html
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
-MOST_OBJECTS = 40  # shown
-MOST_CHANNELS = 32  # shown
+MOST_OBJECTS = 40  # whose curves are shown
+MOST_CHANNELS = 32  # that are shown
 MOST_POINTS = 200  # of a curve
 NAME_LETTERS = 14  # of a channel
-WIDTH_INCHES, ROW_INCHES = 3.4, 0.3
+WIDTH_INCHES = 3.4  # of a picture
+ROW_INCHES = 0.3  # height of a curve's row
+FILLED = 0.8  # share of its row that a curve fills
+CURVE_COLOUR = "#0b5c7d"
+LINE_COLOUR = "#d5dde1"  # of the lines between two rows
 
 
 class Curves(NamedTuple):
-    """The picture of one recording: names of its object and of itself, and the address of an SVG."""
+    """The picture of one recording: the names of its object and of itself, and an SVG's address."""
 
     object: str
     recording: str
@@ -25,62 +29,76 @@ class Curves(NamedTuple):
 
 
 def channel_curves(recordings: Recordings) -> list[Curves]:
-    """The curves of the middle recording of each object, for up to 40 objects and 32 live channels."""
-    columns = recordings.columns
-    of_object = dict[int, list[np.ndarray]]()
-    for index in frames_by_recording(recordings):
-        of_object.setdefault(int(columns["object"][index[0]]), []).append(index)
-    chosen = {
-        label: parts[len(parts) // 2] for label, parts in sorted(of_object.items())[:MOST_OBJECTS]
-    }
-    live = recordings.live_counts()
-    channels = evenly(np.arange(live.shape[1]), MOST_CHANNELS)
+    """Return the curves of the middle recording of each object.
+
+    Args:
+        recordings: at most 40 of their objects, and 32 channels that vary, are shown.
+
+    Returns:
+        The curves of each object. A channel has the same scale for all objects.
+    """
+    chosen = _middle_recordings(recordings)
+    live_counts = recordings.live_counts()
+    channels = evenly(np.arange(live_counts.shape[1]), MOST_CHANNELS)
     readings = {
-        label: live[evenly(index, MOST_POINTS)][:, channels] for label, index in chosen.items()
-    }
-    everything = np.concatenate([*readings.values()]).astype(np.float64)
-    low, high = everything.min(axis=0), everything.max(axis=0)
-    every_name = recordings.sensor_names(recordings.live)
-    names = [every_name[channel] for channel in channels]
-    return [
-        Curves(
-            recordings.objects[label],
-            recordings.recordings[columns["recording"][index[0]]],
-            _picture(readings[label], low, high, names),
-        )
+        label: live_counts[evenly(index, MOST_POINTS)][:, channels]
         for label, index in chosen.items()
-    ]
+    }
+    all_readings = np.concatenate([*readings.values()]).astype(np.float64)
+    low = all_readings.min(axis=0)
+    high = all_readings.max(axis=0)
+    live_names = recordings.sensor_names(recordings.live)
+    names = [live_names[channel] for channel in channels]
+    curves = list[Curves]()
+    for label, index in chosen.items():
+        recording = recordings.columns["recording"][index[0]]
+        picture = _picture(readings[label], low, high, names)
+        curves.append(Curves(recordings.objects[label], recordings.recordings[recording], picture))
+    return curves
+
+
+def _middle_recordings(recordings: Recordings) -> dict[int, np.ndarray]:
+    """Return the frames of the middle recording of each of the first 40 objects, by label."""
+    by_object = dict[int, list[np.ndarray]]()
+    for index in frames_by_recording(recordings):
+        label = int(recordings.columns["object"][index[0]])
+        by_object.setdefault(label, []).append(index)
+    shown_labels = sorted(by_object)[:MOST_OBJECTS]
+    return {label: by_object[label][len(by_object[label]) // 2] for label in shown_labels}
 
 
 def _picture(readings: np.ndarray, low: np.ndarray, high: np.ndarray, names: list[str]) -> str:
-    """The address of an SVG with the curves of readings (n, C), one above another, the first at the top.
+    """Return the address of an SVG with the curves of a recording, one above another.
 
     Args:
-        low, high: (C,) readings at the bottom and at the top of a curve's row.
-        names: of the channels.
+        readings: (n, C), of which channel 0 is at the top.
+        low: (C,) readings at the bottom of each curve's row.
+        high: (C,) readings at the top of each curve's row.
+        names: of the C channels.
     """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH_INCHES, ROW_INCHES * (len(names) + 1)))
     axes = figure.add_subplot()
     span = np.where(high > low, high - low, 1.0)
-    heights = 0.8 * (readings - low) / span
+    heights = FILLED * (readings - low) / span
+    marker = ""
+    if len(readings) == 1:
+        marker = "."
     for row in range(len(names)):
-        axes.plot(
-            heights[:, row] - row,
-            linewidth=0.8,
-            color="#0b5c7d",
-            marker="." if len(readings) == 1 else "",
-        )
-        axes.axhline(-row - 0.1, color="#d5dde1", linewidth=0.5)
-    labels = [
-        shown(name if len(name) <= NAME_LETTERS else f"{name[: NAME_LETTERS - 1]}…")
-        for name in names
-    ]
+        axes.plot(heights[:, row] - row, linewidth=0.8, color=CURVE_COLOUR, marker=marker)
+        axes.axhline(-row - 0.1, color=LINE_COLOUR, linewidth=0.5)
+    labels = [shown(_shortened(name)) for name in names]
     axes.set_yticks(0.4 - np.arange(len(names)), labels, fontsize=7, parse_math=False)
     axes.set_ylim(-len(names) + 0.8, 0.95)
     axes.set_xticks([])
     axes.tick_params(length=0)
-    for side in axes.spines.values():
-        side.set_visible(False)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
     return html.svg(figure)
+
+
+def _shortened(name: str) -> str:
+    if len(name) <= NAME_LETTERS:
+        return name
+    return f"{name[: NAME_LETTERS - 1]}…"

@@ -15,7 +15,7 @@ CHECKS = {
     "recordings in another unit": ("unit",),
     "columns that are no sensor": ("columns",),
     "times and frame rates": ("time", "frame rate"),
-    "names that differ in spelling alone": ("spelling",),
+    "names that differ only in spelling": ("spelling",),
     "recordings and objects without frames": ("no frames", "contact"),
     "objects told without any contact": ("leak check",),
 }
@@ -28,7 +28,7 @@ UNKNOWN = (
     "Who made a recording, and when? Only folders, columns and names could say so.",
     "Is each label right? Will new recordings be made in the same way?",
 )
-MAKES = ("dvc.yaml", "params.yaml")  # files at the root of a clone
+CLONE_FILES = ("dvc.yaml", "params.yaml")  # at the root of a clone
 
 
 @dataclass(frozen=True)
@@ -41,41 +41,46 @@ class Check:
 
 
 def outcomes(warned: list[Note], not_made: dict[str, str]) -> list[Check]:
-    """The outcome of each check.
+    """Return the outcome of each check.
 
     Args:
         warned: all warnings; those of a topic that no check has are counted at the end.
         not_made: why a check was not made, by what it looks for.
     """
-    found = list[Check]()
     topics = [note.topic for note in warned]
-    for what, of_check in CHECKS.items():
-        count = sum(topic in of_check for topic in topics)
+    checks = list[Check]()
+    known_topics = set[str]()
+    for what, check_topics in CHECKS.items():
+        known_topics.update(check_topics)
+        count = sum(topic in check_topics for topic in topics)
         if count:
-            found.append(Check(what, several(count, "warning"), warned=True))
+            checks.append(Check(what, several(count, "warning"), warned=True))
         else:
-            found.append(Check(what, not_made.get(what, "nothing found")))
-    known = {topic for of_check in CHECKS.values() for topic in of_check}
-    others = sum(topic not in known for topic in topics)
+            checks.append(Check(what, not_made.get(what, "nothing found")))
+    others = sum(topic not in known_topics for topic in topics)
     if others:
-        found.append(Check("all else", several(others, "warning"), warned=True))
-    return found
+        checks.append(Check("all else", several(others, "warning"), warned=True))
+    return checks
 
 
 def way_to_the_clone() -> tuple[str, str]:
-    """What to do first where `dvc exp run` cannot work: a sentence and, where a clone is near, the command `cd`.
+    """Return what to do first where `dvc exp run` cannot work.
 
-    Both are empty at the root of a clone.
+    Returns:
+        A sentence and, where a clone is near, the command `cd`. Both are empty at the root of a
+        clone.
     """
-    if all(Path(name).exists() for name in MAKES):
+    if _is_clone(Path()):
         return "", ""
     for folder in (root(), *Path.cwd().parents):
-        if all((folder / name).exists() for name in MAKES):
-            return (
-                "First go to the root of your clone of Tactile-ViewGCN.",
-                f"cd {quote(str(folder))}",
-            )
+        if _is_clone(folder):
+            sentence = "First go to the root of your clone of Tactile-ViewGCN."
+            return sentence, f"cd {quote(str(folder))}"
     sentence = (
         "First go to the root of a clone of Tactile-ViewGCN: dvc.yaml and params.yaml lie there."
     )
     return sentence, ""
+
+
+def _is_clone(folder: Path) -> bool:
+    return all((folder / name).exists() for name in CLONE_FILES)

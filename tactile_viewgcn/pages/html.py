@@ -1,4 +1,4 @@
-"""Self-contained HTML pages from the templates in `templates/`: no script, and no request leaves a page.
+"""Self-contained HTML pages from `templates/`: a page has no script and sends no request.
 
 Jinja2 escapes every value, and `messages.shown` escapes control characters.
 """
@@ -8,7 +8,7 @@ import re
 import warnings
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -21,16 +21,23 @@ from tactile_viewgcn.schema import as_change
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+KILOBYTE = 1_000  # bytes
 MEGABYTE = 1_000_000  # bytes
+MINUTE = 60  # seconds
+HOUR = 60  # minutes
 GLOSSARY = "words.md"
 # marks the pages that may be replaced
 GENERATOR = '<meta name="generator" content="tactile-viewgcn" />'
 
 
 class Verdict(NamedTuple):
-    """What is known of something: `open`, `unsure` or `bad`, the answer in a sentence, and the reasons for it.
+    """What is known of something, in a sentence with its reasons.
 
-    There is no kind for good: what no check found may be there all the same.
+    Attributes:
+        kind: `open`, `unsure` or `bad`. There is no kind for good: what no check found may be there
+            all the same.
+        answer: the sentence.
+        reasons: further sentences.
     """
 
     kind: str
@@ -39,7 +46,7 @@ class Verdict(NamedTuple):
 
 
 def environment() -> Environment:
-    """The templates' environment, with the filters that they use; a name that a page lacks is an error."""
+    """Return the templates' environment; a name that a page lacks is an error."""
     loader = PackageLoader("tactile_viewgcn.pages")
     templates = Environment(
         loader=loader,
@@ -47,11 +54,12 @@ def environment() -> Environment:
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        finalize=lambda value: value if isinstance(value, Markup) else shown(value),
+        finalize=_printed,
     )
     glossary = loader.get_source(templates, GLOSSARY)[0]
-    templates.globals["words"] = re.findall(r"^\| (.+) \| (.+) \|$", glossary, re.MULTILINE)[1:]
+    rows = re.findall(r"^\| (.+) \| (.+) \|$", glossary, re.MULTILINE)
     templates.globals |= {
+        "words": rows[1:],
         "as_change": as_change,
         "new_session": NEW_SESSION,
         "generator": Markup(GENERATOR),
@@ -66,22 +74,43 @@ def environment() -> Environment:
     return templates
 
 
+def _printed(value: Any) -> str:
+    """Return a value as a page prints it: markup as it is, all else without control characters."""
+    if isinstance(value, Markup):
+        return value
+    return shown(value)
+
+
 def write(path: Path, text: str) -> str:
-    """Write a page, and say so in a line."""
-    write_file(path, text, lambda old: GENERATOR in old and old.endswith("</html>"))
-    size = f"{len(text) / 1e6:.1f} MB"
+    """Write a page, and return a line that says so.
+
+    Args:
+        path: of the page; only a page of ours is replaced there.
+        text: the page as HTML.
+
+    Raises:
+        UserError: at `path` is a file that is no such page.
+    """
+    write_file(path, text, _is_page)
     if len(text) < MEGABYTE:
-        size = f"{len(text) / 1e3:.0f} kB"
+        size = f"{len(text) / KILOBYTE:.0f} kB"
+    else:
+        size = f"{len(text) / MEGABYTE:.1f} MB"
     return f"{path}: {size}; open it in a browser"
 
 
+def _is_page(text: str) -> bool:
+    return GENERATOR in text and text.endswith("</html>")
+
+
 def prose(text: str) -> Markup:
-    """A text for people, with what stands in backticks as code."""
-    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(shown(text)))))
+    """Return a text for people, with what stands in backticks as code."""
+    escaped = str(escape(shown(text)))
+    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", escaped))
 
 
 def svg(figure: "Figure") -> str:
-    """A figure as the address of an SVG."""
+    """Return a figure as the address of an SVG."""
     from matplotlib import rc_context
 
     buffer = BytesIO()
@@ -91,26 +120,40 @@ def svg(figure: "Figure") -> str:
         figure.savefig(
             buffer, format="svg", bbox_inches="tight", pad_inches=0.05, metadata={"Date": None}
         )
-    return f"data:image/svg+xml;base64,{base64.b64encode(buffer.getvalue()).decode()}"
+    return _address("image/svg+xml", buffer)
 
 
 def heat_map(frame: np.ndarray, top: float) -> str:
-    """A frame (H, W) as the address of a PNG of a pixel a sensor, dark at 0 and bright at `top`; NaN is grey."""
+    """Return a frame as the address of a PNG with one pixel for each sensor.
+
+    Args:
+        frame: (H, W); NaN is grey.
+        top: the value that is brightest; 0 is dark.
+    """
     from matplotlib import colormaps, image
 
-    buffer, colours = BytesIO(), colormaps["viridis"].with_extremes(bad="lightgrey")
+    buffer = BytesIO()
+    colours = colormaps["viridis"].with_extremes(bad="lightgrey")
     image.imsave(buffer, frame, vmin=0, vmax=top or 1, cmap=colours)
-    return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"
+    return _address("image/png", buffer)
+
+
+def _address(kind: str, content: BytesIO) -> str:
+    """Return a picture as an address that holds all of it."""
+    return f"data:{kind};base64,{base64.b64encode(content.getvalue()).decode()}"
 
 
 def percent(share: float) -> str:
-    """47.3 %, in one word."""
+    """Return a share in per cent, as one word: 47.3 %."""
     return f"{100 * share:.1f}\N{NO-BREAK SPACE}%"
 
 
 def duration(seconds: float) -> str:
-    """3.7 s, 2 min 19 s, or 1 h 4 min."""
-    if seconds < 60:
+    """Return a time in words: 3.7 s, 2 min 19 s, or 1 h 4 min."""
+    if seconds < MINUTE:
         return f"{seconds:.1f} s"
-    minutes, left = divmod(round(seconds), 60)
-    return f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{minutes} min {left} s"
+    minutes, seconds = divmod(round(seconds), MINUTE)
+    if minutes < HOUR:
+        return f"{minutes} min {seconds} s"
+    hours, minutes = divmod(minutes, HOUR)
+    return f"{hours} h {minutes} min"

@@ -1,10 +1,14 @@
-"""An inspection as text of 80 columns and as a page: facts, tables, checks, warnings, a command, pictures."""
+"""An inspection as text of 80 columns and as a page.
+
+Both have the same facts, tables, checks, warnings, command and settings; the page has pictures too.
+"""
 
 import shlex
 import textwrap
 from collections.abc import Iterable
 from dataclasses import asdict
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,38 +26,60 @@ from tactile_viewgcn.schema import as_change, flatten
 from tactile_viewgcn.tables.counts import evenly
 
 WIDTH = 80
-NAME = 24  # letters of an object's or session's name
+NAME_LETTERS = 24  # of an object or a session
+PICTURE_TOP = 99.5  # percentile of all mean frames that is the brightest colour
 TWICE = "Record each object at least twice, better five times in two sessions."
 FIRMLY = (
     "Record more of each, held firmly; or are sessions taken for objects? See the table of objects."
 )
+# parameters that the command always names, since params.yaml may be left from other recordings
+ALWAYS_NAMED = ("split.by", "split.folds", "split.fold", "views")
 
 
 def inspection_lines(overview: Overview) -> list[str]:
-    """The inspection, the command to use, and the reason of each setting."""
-    lines = [
-        str(overview.recordings.path),
-        *_wrapped(f"{figure} {text}" for figure, text in facts(overview)),
-    ]
-    lines += _wrapped(note.text for note in overview.remarks if note.level == "info")
-    for title, table in tables(overview).items():
-        rows = table.rename(
-            index=lambda name: name if len(name) <= NAME else f"{name[: NAME - 1]}…"
-        ).to_string()
-        lines += [title, *textwrap.indent(rows, "  ").splitlines()]
+    """Return the lines of an inspection: its results, the command, and the reason of each setting.
+
+    Args:
+        overview: the inspected recordings.
+    """
     warned = warnings(overview)
+    lines = [str(overview.recordings.path)]
+    lines += _wrapped(f"{figure} {text}" for figure, text in facts(overview))
+    lines += _wrapped(note.text for note in overview.remarks if note.level == "info")
+    lines += _table_lines(overview)
     judged = verdict(overview, warned)
-    lines += ["Can they be used?", *_wrapped([" ".join([judged.answer, *judged.reasons])])]
+    lines.append("Can they be used?")
+    lines += _wrapped([" ".join([judged.answer, *judged.reasons])])
     lines += _wrapped(note.text for note in warned)
-    lines += [
-        "What was checked",
-        *_wrapped(f"{check.what}: {check.outcome}" for check in checks(overview, warned)),
-    ]
-    lines += ["What the files cannot tell", *_wrapped(unknown(overview))]
+    lines.append("What was checked")
+    lines += _wrapped(f"{check.what}: {check.outcome}" for check in checks(overview, warned))
+    lines.append("What the files cannot tell")
+    lines += _wrapped(unknown(overview))
+    return lines + _usage_lines(overview)
+
+
+def _table_lines(overview: Overview) -> list[str]:
+    """Return the tables as lines, with names cut to 24 letters."""
+    lines = list[str]()
+    for title, table in tables(overview).items():
+        rows = table.rename(index=_shortened).to_string()
+        lines.append(title)
+        lines += textwrap.indent(rows, "  ").splitlines()
+    return lines
+
+
+def _shortened(name: str) -> str:
+    if len(name) <= NAME_LETTERS:
+        return name
+    return f"{name[: NAME_LETTERS - 1]}…"
+
+
+def _usage_lines(overview: Overview) -> list[str]:
+    """Return the settings and commands to use, or nothing where no command can work."""
     command = command_lines(overview)
     if not command:
-        return lines
-    lines += ["To use", *_wrapped(map(str, overview.settings))]
+        return []
+    lines = ["To use", *_wrapped(map(str, overview.settings))]
     sentence, change_folder = way_to_the_clone()
     if sentence:
         lines += _wrapped([sentence])
@@ -61,23 +87,28 @@ def inspection_lines(overview: Overview) -> list[str]:
     if change_folder:
         lines.append(change_folder)
     lines += command
-    other = command_lines(overview, new_sessions=True)
-    if other:
-        lines += ["", f"To test it on {NEW_SESSION}", *other]
+    of_sessions = command_lines(overview, new_sessions=True)
+    if of_sessions:
+        lines += ["", f"To test it on {NEW_SESSION}", *of_sessions]
     return lines
 
 
 def inspection_page(overview: Overview) -> str:
-    """The page as HTML."""
+    """Return the page of an inspection as HTML.
+
+    Args:
+        overview: the inspected recordings.
+    """
     path = overview.recordings.path
     warned = warnings(overview)
-    page = html.environment().get_template("inspection.html")
     sentence, change_folder = way_to_the_clone()
-    pictures, curves = dict[str, str](), list[Curves]()
+    mean_frames = dict[str, str]()
+    curves = list[Curves]()
     if overview.is_array:
-        pictures = _mean_frames(overview)
+        mean_frames = _mean_frames(overview)
     else:
         curves = channel_curves(overview.recordings)
+    page = html.environment().get_template("inspection.html")
     return page.render(
         title=f"Recordings: {path.name}",
         path=path,
@@ -90,7 +121,7 @@ def inspection_page(overview: Overview) -> str:
         warnings=warned,
         remarks=[note for note in overview.remarks if note.level == "info"],
         tables=tables(overview),
-        mean_frames=pictures,
+        mean_frames=mean_frames,
         curves=curves,
         is_array=overview.is_array,
         checks=checks(overview, warned),
@@ -101,109 +132,157 @@ def inspection_page(overview: Overview) -> str:
 
 
 def facts(overview: Overview) -> list[tuple[str, str]]:
-    """Pairs of a figure and a text, which read as one sentence."""
-    table, frames, states = overview.recordings, overview.counts["frames"], overview.states
-    (height, width), low, high = table.shape, frames.min(), frames.max()
+    """Return pairs of a figure and a text, which read as one sentence.
+
+    Args:
+        overview: the inspected recordings.
+    """
+    recordings = overview.recordings
+    frames = overview.counts["frames"]
+    height, width = recordings.shape
     objects = several(len(np.unique(overview.label)), "object")
     sessions = several(len(np.unique(overview.session)), "session")
-    lengths = f"{low} to {high} frames" if low < high else f"{several(int(low), 'frame')} each"
-    pressed = f"{overview.choice.params.contact_sensors} or more sensors are pressed"
-    pressed = "recordings are taken as they are" if states.all_contact else pressed
     rows = [
-        (f"{frames.sum():,}", f"frames of {height} x {width}, kept as {table.counts.dtype}"),
-        (f"{len(frames):,}", f"recordings of {objects} in {sessions}: {lengths}"),
+        (f"{frames.sum():,}", f"frames of {height} x {width}, kept as {recordings.counts.dtype}"),
+        (f"{len(frames):,}", f"recordings of {objects} in {sessions}: {_lengths(frames)}"),
     ]
     if overview.finds_contact:
         share = 100 * overview.counts["in contact"].sum() / frames.sum()
-        rows.append((f"{share:.0f} %", f"of the frames count as contact: {pressed}"))
-    varying = f"of {several(table.live.size, 'sensor')} vary"
-    if table.channel_names and not table.live.all():
-        unused = table.sensor_names(~table.live)
-        if len(unused) == 1:
-            varying += f"; {unused[0]} reads the same in all frames and is not used"
-        else:
-            varying += f"; {listed(unused)} read the same in all frames and are not used"
-    rows.append((f"{table.live.sum():,}", varying))
-    if rates := sorted(overview.rates.values()):
-        alike = rates[-1] < rates[0] * ALIKE
-        rate = f"{np.median(rates):.4g}" if alike else f"{rates[0]:.4g} to {rates[-1]:.4g}"
-        rows.append((f"{rate} Hz", "is the frame rate"))
-    rows += _error(
-        overview.error, "is a first guess of the error on a new recording, by one quick classifier"
-    )
-    rows += _error(overview.session_error, f"is that guess for {NEW_SESSION}")
-    return rows + _error(
-        overview.choice.leak, "is its error without contact: the nearer to guessing, the better"
-    )
+        rows.append(
+            (f"{share:.0f} %", f"of the frames count as contact: {_contact_rule(overview)}")
+        )
+    rows.append((f"{recordings.live.sum():,}", _varying_sensors(overview)))
+    rates = sorted(overview.rates.values())
+    if rates:
+        rows.append((_frame_rate(rates), "is the frame rate"))
+    error = "is a first estimate of the error on a new recording, by one quick classifier"
+    session_error = f"is that estimate for {NEW_SESSION}"
+    leak = "is its error without contact: the nearer to chance, the better"
+    rows += _error_fact(overview.error, error)
+    rows += _error_fact(overview.session_error, session_error)
+    rows += _error_fact(overview.choice.leak, leak)
+    return rows
+
+
+def _lengths(frames: np.ndarray) -> str:
+    """Return the lengths of recordings in words, from their numbers of frames (R,)."""
+    shortest = int(frames.min())
+    longest = int(frames.max())
+    if shortest == longest:
+        return f"{several(shortest, 'frame')} each"
+    return f"{shortest} to {longest} frames"
+
+
+def _contact_rule(overview: Overview) -> str:
+    if overview.states.all_contact:
+        return "recordings are taken as they are"
+    return f"{overview.choice.params.contact_sensors} or more sensors are pressed"
+
+
+def _varying_sensors(overview: Overview) -> str:
+    """Return how many sensors there are, and the names of the channels that are not used."""
+    recordings = overview.recordings
+    text = f"of {several(recordings.live.size, 'sensor')} vary"
+    if not recordings.channel_names or recordings.live.all():
+        return text
+    unused = recordings.sensor_names(~recordings.live)
+    if len(unused) == 1:
+        return f"{text}; {unused[0]} reads the same in all frames and is not used"
+    return f"{text}; {listed(unused)} read the same in all frames and are not used"
+
+
+def _frame_rate(rates: list[float]) -> str:
+    """Return the median of sorted rates (Hz) that are alike, else their range."""
+    if rates[-1] < rates[0] * ALIKE:
+        return f"{np.median(rates):.4g} Hz"
+    return f"{rates[0]:.4g} to {rates[-1]:.4g} Hz"
+
+
+def _error_fact(error: QuickError | None, text: str) -> list[tuple[str, str]]:
+    """Return a pair for `facts`, or nothing where that error was not measured."""
+    if not error:
+        return []
+    interval = f"{100 * error.low:.1f} to {100 * error.high:.1f}"
+    chance = f"{100 * error.chance:.1f}"
+    return [(f"{100 * error.error:.1f} %", f"{text} ({interval}; chance: {chance})")]
 
 
 def tables(overview: Overview) -> dict[str, pd.DataFrame]:
-    """Numbers of recordings and of frames of each kind, as texts: a row for each object, and for each session."""
-    recordings, counts, tables = (
-        overview.recordings,
-        pd.DataFrame(overview.counts),
-        dict[str, pd.DataFrame](),
-    )
+    """Return the tables of objects and of sessions, by title.
+
+    Args:
+        overview: the inspected recordings.
+
+    Returns:
+        Tables with a row for each object or session. The columns are the number of recordings and
+        the numbers of frames of each kind, as texts.
+    """
+    counts = pd.DataFrame(overview.counts)
     if not overview.finds_contact:
         counts = counts.drop(columns=["in contact", "open hand"])
-    of = {
-        "Objects": (recordings.objects, overview.label),
-        "Sessions": (recordings.sessions, overview.session),
+    recordings = overview.recordings
+    return {
+        "Objects": _sums(counts, overview.label, recordings.objects),
+        "Sessions": _sums(counts, overview.session, recordings.sessions),
     }
-    for title, (names, index) in of.items():
-        table = counts.groupby(index).sum().map("{:,}".format)
-        tables[title] = table.set_axis([names[one] for one in table.index])
-    return tables
 
 
-def _error(error: QuickError | None, text: str) -> list[tuple[str, str]]:
-    """A pair for `facts`, where that error was measured."""
-    if not error:
-        return []
-    interval, chance = (
-        f"{100 * error.low:.1f} to {100 * error.high:.1f}",
-        f"{100 * error.chance:.1f}",
-    )
-    return [(f"{100 * error.error:.1f} %", f"{text} ({interval}; guessing: {chance})")]
+def _sums(counts: pd.DataFrame, code: np.ndarray, names: list[str]) -> pd.DataFrame:
+    """Return the sums of counts (R rows) over recordings of one code (R,), as texts by name."""
+    table = counts.groupby(code).sum().map("{:,}".format)
+    return table.set_axis([names[index] for index in table.index])
 
 
 def warnings(overview: Overview) -> list[Note]:
-    """What may spoil a result with the recommended settings, each with a remedy."""
+    """Return what may spoil a result with the recommended settings, each with a remedy.
+
+    Args:
+        overview: the inspected recordings.
+    """
+    notes = warnings_of(overview.remarks)
+    objects = len(overview.recordings.objects)
+    contact = np.bincount(overview.label, overview.counts["in contact"], objects)
+    untouched = _names(overview, contact == 0)
+    if untouched:
+        text = f"Never in contact: {untouched}. Record these objects again, held firmly."
+        notes.append(Note(text, "warning", "contact"))
+    error = overview.error
+    if error and not error.beats_chance:
+        text = f"The error of a quick classifier cannot be told from chance. {FIRMLY}"
+        notes.append(Note(text, "warning", "error"))
+    session_error = overview.session_error
+    if error and session_error and error.high < min(session_error.error, error.chance):
+        text = (
+            f"The error rate of a quick classifier is {100 * session_error.error:.1f} % on "
+            f"{NEW_SESSION}, and {100 * error.error:.1f} % on a new recording. "
+            "Test both, and record more sessions."
+        )
+        notes.append(Note(text, "warning", "session"))
     by = overview.setting("split.by")
-    contact = np.bincount(
-        overview.label, overview.counts["in contact"], len(overview.recordings.objects)
-    )
-    untouched, single = _names(overview, contact == 0), _names(overview, overview.groups[by] == 1)
-    error, session = overview.error, overview.session_error
-    guessing = error and not error.beats_chance
-    texts = {
-        "contact": untouched
-        and f"Never in contact: {untouched}. Record these objects again, held firmly.",
-        "error": guessing
-        and f"The error of a quick classifier cannot be told from guessing. {FIRMLY}",
-        "session": error
-        and session
-        and error.high < min(session.error, error.chance)
-        and f"On {NEW_SESSION} a quick classifier errs by {100 * session.error:.1f} %, on a new recording by "
-        f"{100 * error.error:.1f} %. Test both, and record more sessions.",
-        "split": single and f"One {by} alone: {single}. Nothing is left to test with. {TWICE}",
-    }
-    return warnings_of(overview.remarks) + [
-        Note(text, "warning", topic) for topic, text in texts.items() if text
-    ]
+    single = _names(overview, overview.groups[by] == 1)
+    if single:
+        text = f"These have only one {by}: {single}. Nothing is left to test with. {TWICE}"
+        notes.append(Note(text, "warning", "split"))
+    return notes
 
 
 def verdict(overview: Overview, warned: list[Note]) -> html.Verdict:
-    """Whether the recordings can be trained and tested on; never that nothing would spoil a result."""
+    """Return whether the recordings can be used; never that nothing would spoil a result.
+
+    Args:
+        overview: the inspected recordings.
+        warned: what `warnings` gives for them.
+    """
+    usable = _usable_objects(overview)
+    if len(usable) < 2:
+        names = ", ".join(usable) or "none"
+        return html.Verdict("bad", f"Not yet: {one_class(names)}.", [])
     by = overview.setting("split.by")
     groups = overview.groups[by]
-    if len(left := _kept(overview)) < 2:
-        return html.Verdict("bad", f"Not yet: {one_class(', '.join(left) or 'none')}.", [])
     if (groups > 1).sum() < 2:
-        return html.Verdict(
-            "bad", f"Not yet: there are no two objects with two recordings each. {TWICE}", []
-        )
-    reason = "Each object is on both published sides."
+        answer = f"Not yet: there are no two objects with two recordings each. {TWICE}"
+        return html.Verdict("bad", answer, [])
+    reason = "Each object is in both published sets."
     if by != "source":
         fewest = several(int(groups[groups > 0].min()), by)
         reason = f"Each object has {fewest} or more."
@@ -214,7 +293,12 @@ def verdict(overview: Overview, warned: list[Note]) -> html.Verdict:
 
 
 def checks(overview: Overview, warned: list[Note]) -> list[Check]:
-    """What was checked, and what was found."""
+    """Return what was checked, and what was found.
+
+    Args:
+        overview: the inspected recordings.
+        warned: what `warnings` gives for them.
+    """
     not_made = dict[str, str]()
     if overview.counts["frames"].max() == 1:
         not_made |= dict.fromkeys(NEED_FRAMES, "not checked: every recording is one frame")
@@ -226,103 +310,145 @@ def checks(overview: Overview, warned: list[Note]) -> list[Check]:
 
 
 def unknown(overview: Overview) -> list[str]:
-    """What the files cannot tell, in sentences."""
+    """Return what the files cannot tell, in sentences.
+
+    Args:
+        overview: the inspected recordings.
+    """
     sentences = [*UNKNOWN]
     if overview.error:
+        error = f"{100 * overview.error.error:.1f} %"
         sentences.append(
-            f"With such copies or pieces, the first guess of the error, {100 * overview.error.error:.1f} %, is too low."
+            f"With such copies or pieces, the first estimate of the error, {error}, is too low."
         )
     return sentences
 
 
 def command_lines(overview: Overview, *, new_sessions: bool = False) -> list[str]:
-    """The command `dvc exp run` with the recommended settings, in lines of a shell that go on after a backslash.
+    r"""Return the command `dvc exp run` with the recommended settings.
+
+    Every `auto` of `preprocess` stays `auto`: an inspection looks at all recordings, `preprocess`
+    at the training set only. What params.yaml has from other recordings is named too.
 
     Args:
-        new_sessions: hold out sessions in place of recordings; none where these cannot be.
+        overview: the inspected recordings.
+        new_sessions: hold out sessions in place of recordings.
 
-    None where `preprocess` would keep one class, or nothing can be held out: no setting makes these
-    usable. Every `auto` of `preprocess` stays `auto`: unlike an inspection, `preprocess` does not
-    look at the test side. What a line for other recordings has set in params.yaml is named too.
+    Returns:
+        The lines of the command, of which all but the last end in a backslash. There are none where
+        no setting makes the recordings usable: `preprocess` would keep one class, or nothing can be
+        held out.
     """
-    if verdict(overview, []).kind == "bad" or (new_sessions and not overview.session_error):
+    if verdict(overview, []).kind == "bad":
         return []
-    form, settings, defaults = (
-        overview.form,
-        [*overview.remarks, *overview.settings],
-        flatten(default_params()),
-    )
-    advised = {
-        note.key: note.value
-        for note in settings
-        if note.key and not note.key.startswith("preprocess.")
-    }
-    preset, left_out = advised.pop("preset"), advised.pop("data.columns", [])
+    if new_sessions and not overview.session_error:
+        return []
+    advised = {note.key: note.value for note in [*overview.remarks, *overview.settings]}
+    preset = advised["preset"]
+    values = _named_values(overview, advised)
     if new_sessions:
-        advised |= {
-            "split.by": "session",
-            "split.folds": min(MOST_FOLDS, len(np.unique(overview.session))),
-        }
-    always = ["split.by", "split.folds", "split.fold", "views"]
-    values = unlike_the_file(
-        {key: defaults[key] for key in defaults if key.startswith(("split.", "preprocess."))}
-    )
-    asked = {f"preprocess.{key}": value for key, value in asdict(overview.asked).items()}
-    values |= {key: value for key, value in asked.items() if value != defaults[key]}
-    values |= {key: defaults[key] for key in always} | {
-        "data.source": str(everywhere(overview.recordings.path)),
-        "data.shape": form.shape if isinstance(form.shape, str) else list(form.shape),
-        "data.layout": form.layout,
-        "data.columns": [*form.columns, *left_out],
-    }
-    values |= advised
-    sections = groupby(
-        sorted(values), lambda key: key if key == "data.source" else key.partition(".")[0]
-    )
-    options = [
-        " ".join(f"-S {shlex.quote(as_change(key, values[key]))}" for key in keys)
-        for _, keys in sections
-    ]
-    lines = [f"dvc exp run $(tactile-viewgcn preset {preset})", *options]
+        values["split.by"] = "session"
+        values["split.folds"] = min(MOST_FOLDS, len(np.unique(overview.session)))
+    lines = [f"dvc exp run $(tactile-viewgcn preset {preset})", *_option_lines(values)]
     return " \\\n  ".join(lines).split("\n")
 
 
-def _kept(overview: Overview) -> list[str]:
-    """Names of the objects of which `preprocess` keeps frames; it keeps those of the empty hand too."""
-    kind = {"flags": "flagged", "contact": "in contact"}.get(
-        overview.choice.params.filter, "frames"
-    )
-    kept, objects = overview.label[overview.counts[kind] > 0], overview.recordings.objects
-    return [
-        name
-        for label, name in enumerate(objects)
-        if label in kept or (name == EMPTY_HAND and label in overview.label)
-    ]
+def _named_values(overview: Overview, advised: dict[str, Any]) -> dict[str, Any]:
+    """Return every parameter that the command names, by dotted key.
+
+    Later values replace earlier ones: what params.yaml has otherwise, settings of `preprocess` that
+    the user has fixed, defaults of what is always named, the source, and the advice.
+
+    Args:
+        overview: the inspected recordings.
+        advised: values by key, from the remarks and the recommended settings.
+    """
+    defaults = flatten(default_params())
+    rested_on = {
+        key: value for key, value in defaults.items() if key.startswith(("split.", "preprocess."))
+    }
+    values = unlike_the_file(rested_on)
+    for name, value in asdict(overview.preprocess).items():
+        key = f"preprocess.{name}"
+        if value != defaults[key]:
+            values[key] = value
+    for key in ALWAYS_NAMED:
+        values[key] = defaults[key]
+    form = overview.form
+    values["data.source"] = str(everywhere(overview.recordings.path))
+    values["data.shape"] = form.shape
+    if not isinstance(form.shape, str):
+        values["data.shape"] = list(form.shape)
+    values["data.layout"] = form.layout
+    values["data.columns"] = [*form.columns, *advised.get("data.columns", [])]
+    unnamed = ("", "preset", "data.columns")
+    for key, value in advised.items():
+        if key not in unnamed and not key.startswith("preprocess."):
+            values[key] = value
+    return values
+
+
+def _option_lines(values: dict[str, Any]) -> list[str]:
+    """Return the options `-S key=value`, those of a section in one line; the source has its own."""
+    lines = list[str]()
+    for _, keys in groupby(sorted(values), _line_of):
+        options = [f"-S {shlex.quote(as_change(key, values[key]))}" for key in keys]
+        lines.append(" ".join(options))
+    return lines
+
+
+def _line_of(key: str) -> str:
+    if key == "data.source":
+        return key
+    return key.partition(".")[0]
+
+
+def _usable_objects(overview: Overview) -> list[str]:
+    """Return the names of the objects of which `preprocess` keeps frames, and of the empty hand."""
+    kinds = {"flags": "flagged", "contact": "in contact"}
+    kind = kinds.get(overview.choice.params.filter, "frames")
+    with_frames = overview.label[overview.counts[kind] > 0]
+    names = list[str]()
+    for label, name in enumerate(overview.recordings.objects):
+        is_empty_hand = name == EMPTY_HAND and label in overview.label
+        if label in with_frames or is_empty_hand:
+            names.append(name)
+    return names
 
 
 def _names(overview: Overview, chosen: np.ndarray) -> str:
-    """Names of the recorded objects among bool (O,), the empty hand left out; "" without any."""
-    names = [
-        overview.recordings.objects[label] for label in np.unique(overview.label) if chosen[label]
-    ]
-    return listed([name for name in names if name != EMPTY_HAND])
+    """Return the names of the recorded objects among bool (O,), but for the empty hand, or ""."""
+    names = list[str]()
+    for label in np.unique(overview.label):
+        name = overview.recordings.objects[label]
+        if chosen[label] and name != EMPTY_HAND:
+            names.append(name)
+    return listed(names)
 
 
 def _wrapped(texts: Iterable[str]) -> list[str]:
+    """Return the texts as lines of 80 columns; a text's further lines are indented more."""
     wrapper = textwrap.TextWrapper(WIDTH, initial_indent="  ", subsequent_indent="    ")
-    return [line for text in texts for line in wrapper.wrap(text)]
+    lines = list[str]()
+    for text in texts:
+        lines += wrapper.wrap(text)
+    return lines
 
 
 def _mean_frames(overview: Overview) -> dict[str, str]:
-    """By object with frames in contact, the picture of their mean; one scale for all, sensors that do not vary grey."""
-    recordings, label, means = (
-        overview.recordings,
-        overview.recordings.columns["object"],
-        dict[str, np.ndarray](),
-    )
-    for one in np.unique(label[overview.in_contact]):
-        sample = evenly(np.flatnonzero(overview.in_contact & (label == one)), SAMPLE)
-        means[recordings.objects[one]] = frame = np.full(recordings.shape, np.nan)
-        frame[recordings.live] = overview.excess(sample).mean(axis=0)
-    top = np.nanpercentile([*means.values()], 99.5) if means else 1
+    """Return the picture of the mean frame in contact, by object, all in one scale of colours.
+
+    Sensors that do not vary are grey. Objects without contact have no picture.
+    """
+    recordings = overview.recordings
+    object_of_frame = recordings.columns["object"]
+    means = dict[str, np.ndarray]()
+    for label in np.unique(object_of_frame[overview.in_contact]):
+        in_contact = np.flatnonzero(overview.in_contact & (object_of_frame == label))
+        frame = np.full(recordings.shape, np.nan)
+        frame[recordings.live] = overview.excess(evenly(in_contact, SAMPLE)).mean(axis=0)
+        means[recordings.objects[label]] = frame
+    if not means:
+        return {}
+    top = float(np.nanpercentile([*means.values()], PICTURE_TOP))
     return {name: html.heat_map(frame, top) for name, frame in means.items()}

@@ -1,4 +1,4 @@
-"""The report of a finished run: its files, how good its answers are, what to do next, and the page of it all.
+"""The report of a finished run: its files, how good its answers are, what to do next, and its page.
 
 The files are those of the workspace, of a DVC experiment, or of an MLflow run.
 """
@@ -29,16 +29,23 @@ from tactile_viewgcn.params import VIRTUAL, everywhere, on_sensors, unlike_the_f
 from tactile_viewgcn.provenance import EARLIER, PACKAGES, ROW, Record
 from tactile_viewgcn.schema import as_change
 
-REMEDY = "run the line that `tactile-viewgcn inspect` prints, or name an experiment of DVC or a run of MLflow"
+REMEDY = (
+    "run the line that `tactile-viewgcn inspect` prints, or name an experiment of DVC or a run of "
+    "MLflow"
+)
 MLFLOW_ID = re.compile(r"[0-9a-f]{32}")
-FOLDS = "The study `folds` (docs/studies.md) trains every system on each, and prints means with intervals."
+FOLDS = (
+    "The study `folds` (docs/studies.md) trains every system on each, and prints means with "
+    "intervals."
+)
 WIDE = 0.25  # of an interval
 ROUNDING = 1e-9  # of a share
+MODEL = "models/classifier.pt"  # of the workspace
 
 
 @dataclass
 class FinishedRun:
-    """An evaluated pipeline, by its files, and its result on whole recordings, which its page speaks of.
+    """An evaluated pipeline, by its files, and its result on whole recordings.
 
     Args:
         name: as the user named it; empty for the workspace.
@@ -47,20 +54,23 @@ class FinishedRun:
         records: by stage.
 
     Attributes:
-        params: every parameter, by dotted key; changed: those that differ from the committed ones.
-        score: numbers of whole recordings in metrics.json; ends: of the error's 95 % interval, None
-            with one split group.
+        params: every parameter, by dotted key.
+        changed: the parameters that differ from the committed ones, by dotted key.
+        score: numbers of whole recordings in metrics.json.
+        ends: of the error's 95 % interval; None with one split group.
         counts: int64 (C, C), row the true class, column the answer.
         chance: error of always naming the object that most recordings are of.
-        guesses: whether the interval reaches that error.
+        at_chance: whether the interval reaches that error.
         uncertain: whether the test is too small for a reliable error.
-        side, groups: test or validation, and its number of split groups.
-        objects: of each tested object name, number of recordings, share of wrong answers, and the
-            object that it is most often taken for, with that share; the highest error first.
+        tested_set: `test` or `validation`.
+        groups: number of split groups of that set.
+        objects: of each tested object the name, the number of recordings, the share of wrong
+            answers, and the object that it is most often taken for, with that share; the highest
+            error first.
         tested: their recordings, in words.
-        weights: member, weight and error alone, where `model.members` is auto; the largest weight
+        weights: weight and error of each member, where `model.members` is auto; the largest weight
             first.
-        members: of `sensors`, as asked for or as chosen.
+        members: of `sensors`, as set or as chosen.
         warnings: notes of the stages.
     """
 
@@ -71,81 +81,109 @@ class FinishedRun:
     records: dict[str, Record]
 
     def __post_init__(self) -> None:
-        self.params, self.changed = (
-            self.records["evaluate"].params[kind] for kind in ("values", "changed")
-        )
+        params = self.records["evaluate"].params
+        self.params: dict[str, Any] = params["values"]
+        self.changed: dict[str, Any] = params["changed"]
         self.score: dict[str, Any] = self.metrics[WHOLE]
         error = self.score["error"]
-        self.ends = (error["low"], error["high"]) if error["low"] is not None else None
+        self.ends: tuple[float, float] | None = None
+        if error["low"] is not None:
+            self.ends = (error["low"], error["high"])
         self.counts = self.predictions.trials[WHOLE].confusion(len(self.predictions.classes))
         self.chance = float(1 - self.counts.sum(axis=1).max() / self.counts.sum())
-        ((self.side, self.groups),) = self.metrics["groups"].items()
-        self.guesses = not self.ends or self.ends[1] >= self.chance - ROUNDING
-        self.uncertain = not self.ends or self.groups < FEW or self.ends[1] - self.ends[0] > WIDE
-        rows = [self._object(label) for label in np.flatnonzero(self.counts.any(axis=1)).tolist()]
+        ((self.tested_set, self.groups),) = self.metrics["groups"].items()
+        self.at_chance = not self.ends or self.ends[1] >= self.chance - ROUNDING
+        self.uncertain = self._is_uncertain()
+        tested = np.flatnonzero(self.counts.any(axis=1)).tolist()
+        rows = [self._object(label) for label in tested]
         self.objects = sorted(rows, key=lambda row: -row[2])
-        recordings = [row[1] for row in rows]
-        each = (
-            f"{min(recordings)} to {max(recordings)}"
-            if min(recordings) < max(recordings)
-            else recordings[0]
-        )
-        self.tested = f"{several(sum(recordings), 'recording')}, {each} of each object"
+        self.tested = _recordings_in_words([row[1] for row in rows])
         self.weights = [note.value for note in self.notes("info") if note.topic == "members"]
         choices = {note.key: note.value for note in self.notes("choice")}
         self.members = choices.get("model.members", self.params["model.members"])
         self.warnings = self.notes("warning")
 
+    def _is_uncertain(self) -> bool:
+        """See `uncertain`."""
+        if not self.ends or self.groups < FEW:
+            return True
+        low, high = self.ends
+        return high - low > WIDE
+
     @property
     def repeated(self) -> dict[str, Any]:
-        """Parameters of a line that repeats the run: the changed ones, those unlike params.yaml here, the source."""
+        """Return the parameters of a line that repeats the run, by dotted key.
+
+        They are those that differ from the committed ones or from params.yaml here, and the source.
+        """
         source = str(everywhere(Path(self.params["data.source"])))
         return self.changed | unlike_the_file(self.params) | {"data.source": source}
 
     def notes(self, level: str) -> list[Note]:
-        """The stages' notes of that level, in the order of the stages."""
-        return [
-            note for record in self.records.values() for note in record.notes if note.level == level
-        ]
+        """Return the stages' notes of a level, in the order of the stages."""
+        notes = list[Note]()
+        for record in self.records.values():
+            notes += [note for note in record.notes if note.level == level]
+        return notes
 
     def _object(self, label: int) -> tuple[str, int, float, str]:
         """See `objects`."""
-        classes, wrong = self.predictions.classes, self.counts[label].copy()
-        recordings, wrong[label] = int(wrong.sum()), 0
+        classes = self.predictions.classes
+        wrong = self.counts[label].copy()
+        recordings = int(wrong.sum())
+        wrong[label] = 0
         other = int(wrong.argmax())
-        taken_for = (
-            f"{classes[other]} ({percent(wrong[other] / recordings)})" if wrong[other] else ""
-        )
+        taken_for = ""
+        if wrong[other]:
+            taken_for = f"{classes[other]} ({percent(wrong[other] / recordings)})"
         return str(classes[label]), recordings, float(wrong.sum() / recordings), taken_for
 
     def verdict(self) -> Verdict:
-        """Whether the result is good, and why."""
-        warned, reasons = len(self.warnings), []
+        """Return whether the result is good, and why."""
+        doubts = self._doubts()
+        if not self.ends:
+            reason = "All test frames are of one split group, which says nothing about others."
+            return Verdict("bad", "This result cannot be judged.", [reason, *doubts])
+        if self.at_chance:
+            answer = "No: this result cannot be told from chance."
+            return Verdict("bad", answer, ["The interval reaches the error of chance.", *doubts])
+        below = "The whole interval lies below the error of chance."
+        if doubts:
+            answer = "It is better than chance, but not yet reliable."
+            return Verdict("unsure", answer, [below, *doubts])
+        return Verdict("open", "It is better than chance, and no stage gave a warning.", [below])
+
+    def _doubts(self) -> list[str]:
+        """Return the reasons for which a result that is better than chance may mislead."""
+        doubts = list[str]()
         session = self.metrics.get("new_session")
         if session and self.ends and session["error"]["mean"] > self.ends[1]:
-            reasons.append(f"For {NEW_SESSION} it errs more: record more sessions.")
+            doubts.append(f"For {NEW_SESSION} the error is higher: record more sessions.")
         if self.uncertain:
-            reasons.append(f"Little was tested: {self.tested}.")
-        if warned:
-            reasons.append(
-                f"{several(warned, 'warning')} below {'puts' if warned == 1 else 'put'} it in doubt."
-            )
-        if not self.ends:
-            alone = "All test frames are of one split group, which says nothing about others."
-            return Verdict("bad", "This result cannot be judged.", [alone, *reasons])
-        if self.guesses:
-            answer = "No: this result cannot be told from guessing."
-            return Verdict("bad", answer, ["The interval reaches the error of guessing.", *reasons])
-        below = "The whole interval lies below the error of guessing."
-        if reasons:
-            return Verdict(
-                "unsure", "It is better than guessing, but not yet reliable.", [below, *reasons]
-            )
-        return Verdict("open", "It is better than guessing, and no stage gave a warning.", [below])
+            doubts.append(f"Little was tested: {self.tested}.")
+        if len(self.warnings) == 1:
+            doubts.append("1 warning below puts it in doubt.")
+        elif self.warnings:
+            doubts.append(f"{several(len(self.warnings), 'warning')} below put it in doubt.")
+        return doubts
+
+
+def _recordings_in_words(recordings: list[int]) -> str:
+    """Return the numbers of recordings of the tested objects in words."""
+    fewest = min(recordings)
+    most = max(recordings)
+    of_each = str(fewest)
+    if fewest < most:
+        of_each = f"{fewest} to {most}"
+    return f"{several(sum(recordings), 'recording')}, {of_each} of each object"
 
 
 def run_checks(run: FinishedRun) -> list[Check]:
-    """What the stages of a run checked, and what they found; records of an earlier version lack some checks."""
+    """Return what the stages of a run checked, and what they found.
+
+    Args:
+        run: the run; records of an earlier version lack some checks.
+    """
     not_made = dict[str, str]()
     looked = run.records["ingest"].counts
     if "recordings.with_shared_frames" not in looked:
@@ -158,89 +196,134 @@ def run_checks(run: FinishedRun) -> list[Check]:
 
 
 def next_steps(run: FinishedRun) -> list[tuple[str, str]]:
-    """What to do next, each with its command or "": mend what stages warned of, test more, use or inspect."""
-    params, changed, steps = run.params, run.repeated, list[tuple[str, str]]()
+    """Return what to do next: mend what stages warned of, test more, use the model or inspect.
+
+    Args:
+        run: the finished run.
+
+    Returns:
+        Pairs of a sentence and its command, which may be "".
+    """
+    steps = list[tuple[str, str]]()
     if run.warnings:
-        unheeded = (note for note in run.warnings if note.key in params)
-        remedies = {
-            note.key: note.value for note in unheeded if note.value not in (None, params[note.key])
-        }
-        if columns := remedies.get("data.columns"):
-            remedies["data.columns"] = [*params["data.columns"], *columns]
-        command = again(changed | remedies) if remedies else ""
-        steps.append(("Mend the causes of the warnings, and run again.", command))
+        steps.append(("Mend the causes of the warnings, and run again.", _mended(run)))
     if run.uncertain:
-        others = {key: value for key, value in changed.items() if key != "split.fold"}
-        folds = ",".join(map(str, range(params["split.folds"])))
-        sweep = again(others, f"dvc exp run --queue -S split.fold={folds}")
-        command = (
-            ""
-            if params["split.by"] == "source"
-            else f"{sweep}\ndvc queue start\ndvc exp show --only-changed"
-        )
-        steps.append(
-            (
-                f"Record more of each object in more sessions, and test every fold once. {FOLDS}",
-                command,
-            )
-        )
+        what = f"Record more of each object in more sessions, and test every fold once. {FOLDS}"
+        steps.append((what, _every_fold(run)))
     if any(note.topic == "new session" for note in run.notes("info")):
-        folds = min(params["split.folds"], run.records["ingest"].counts["sessions"])
-        command = again({**changed, "split.by": "session", "split.folds": folds, "split.fold": 0})
-        steps.append((f"Test it on {NEW_SESSION}.", command))
-    form = {key: params[key] for key in ("data.shape", "data.layout", "data.columns")}
-    form = {key: value for key, value in form.items() if value not in ("auto", [])}
-    if run.guesses:
-        command = again(
-            form, f"tactile-viewgcn inspect {shlex.quote(params['data.source'])}", "--set"
-        )
-        steps.append(
-            (
-                "See whether the recordings tell the objects apart.",
-                f"{command} --html inspection.html",
-            )
-        )
+        steps.append((f"Test it on {NEW_SESSION}.", _by_session(run)))
+    if run.at_chance:
+        source = shlex.quote(run.params["data.source"])
+        inspect = again(_form(run), f"tactile-viewgcn inspect {source}", "--set")
+        what = "See whether the recordings tell the objects apart."
+        steps.append((what, f"{inspect} --html inspection.html"))
     else:
-        # its model is in MLflow, or in the workspace
-        run_id = run.records["evaluate"].run_id if run.name else ""
-        fetch = f"dvc exp apply {shlex.quote(run.name)}\n" if run.name and not run_id else ""
-        line = f"{fetch}tactile-viewgcn predict {run_id or 'models/classifier.pt'} NEW_RECORDINGS"
         what = "Ask the classifier about new recordings of the same glove, which need no label."
-        steps.append((what, again(form, line, "--set")))
+        steps.append((what, _prediction(run)))
     return steps
 
 
+def _mended(run: FinishedRun) -> str:
+    """Return the command that repeats the run with the remedies that are values, or ""."""
+    remedies = dict[str, Any]()
+    for note in run.warnings:
+        if note.key in run.params and note.value not in (None, run.params[note.key]):
+            remedies[note.key] = note.value
+    if not remedies:
+        return ""
+    if remedies.get("data.columns"):
+        remedies["data.columns"] = [*run.params["data.columns"], *remedies["data.columns"]]
+    return again(run.repeated | remedies)
+
+
+def _every_fold(run: FinishedRun) -> str:
+    """Return the commands that test every fold; "" for a published split, which has no folds."""
+    if run.params["split.by"] == "source":
+        return ""
+    changes = {key: value for key, value in run.repeated.items() if key != "split.fold"}
+    folds = ",".join(map(str, range(run.params["split.folds"])))
+    queue = again(changes, f"dvc exp run --queue -S split.fold={folds}")
+    return f"{queue}\ndvc queue start\ndvc exp show --only-changed"
+
+
+def _by_session(run: FinishedRun) -> str:
+    """Return the command that holds out sessions."""
+    folds = min(run.params["split.folds"], run.records["ingest"].counts["sessions"])
+    split = {"split.by": "session", "split.folds": folds, "split.fold": 0}
+    return again(run.repeated | split)
+
+
+def _prediction(run: FinishedRun) -> str:
+    """Return the commands that answer new recordings; the model is in MLflow or the workspace."""
+    model = MODEL
+    fetch = ""
+    if run.name:
+        run_id = run.records["evaluate"].run_id
+        if run_id:
+            model = run_id
+        else:
+            fetch = f"dvc exp apply {shlex.quote(run.name)}\n"
+    return again(_form(run), f"{fetch}tactile-viewgcn predict {model} NEW_RECORDINGS", "--set")
+
+
+def _form(run: FinishedRun) -> dict[str, Any]:
+    """Return the parameters by which the source was read, by dotted key, but for the defaults."""
+    form = dict[str, Any]()
+    for key in ("data.shape", "data.layout", "data.columns"):
+        value = run.params[key]
+        if value not in ("auto", []):
+            form[key] = value
+    return form
+
+
 def again(changes: dict[str, Any], command: str = "dvc exp run", option: str = "-S") -> str:
-    """A command with changed parameters, by dotted key, each after an option such as `-S` of `dvc exp run`."""
-    return " ".join(
-        [
-            command,
-            *(f"{option} {shlex.quote(change)}" for change in starmap(as_change, changes.items())),
-        ]
-    )
+    """Return a command with changed parameters.
+
+    Args:
+        changes: values by dotted key.
+        command: what stands before them.
+        option: what stands before each, such as `-S` of `dvc exp run`.
+    """
+    words = [command]
+    for key, value in changes.items():
+        words.append(f"{option} {shlex.quote(as_change(key, value))}")
+    return " ".join(words)
 
 
 def report_lines(run: FinishedRun, page: str) -> list[str]:
-    """Lines for a terminal: the errors with their intervals, whether that is good, the page, and what to do first."""
+    """Return lines for a terminal: the errors, whether they are good, the page, what to do first.
+
+    Args:
+        run: the finished run.
+        page: a line on the page that was written.
+    """
     metrics = run.metrics
-    errors = {
-        NEW_SESSION if metrics["new_sessions"] else "a new recording": metrics[WHOLE]["error"]
-    }
-    errors |= {NEW_SESSION: metrics["new_session"]["error"]} if "new_session" in metrics else {}
-    lines = [
-        f"error for {each}: {percent_interval(e['mean'], e['low'], e['high'])} %"
-        for each, e in errors.items()
-    ]
+    tested_on = "a new recording"
+    if metrics["new_sessions"]:
+        tested_on = NEW_SESSION
+    errors = {tested_on: metrics[WHOLE]["error"]}
+    if "new_session" in metrics:
+        errors[NEW_SESSION] = metrics["new_session"]["error"]
+    lines = list[str]()
+    for subject, error in errors.items():
+        interval = percent_interval(error["mean"], error["low"], error["high"])
+        lines.append(f"error for {subject}: {interval} %")
+    lines[0] += f"; chance: {percent(run.chance)}"
+    lines += [run.verdict().answer, page]
     what, command = next(step for step in next_steps(run) if step[1])
-    lines[0] += f"; guessing: {percent(run.chance)}"
-    return [*lines, run.verdict().answer, page, f"next: {what}", *command.split("\n")]
+    return [*lines, f"next: {what}", *command.split("\n")]
 
 
 def run_page(run: FinishedRun) -> str:
-    """The page as HTML."""
+    """Return the page of a run as HTML.
+
+    Args:
+        run: the finished run.
+    """
     origin = run.records["evaluate"].origin
     date = f"{datetime.fromisoformat(origin['time']):%d %B %Y, %H:%M} UTC"
     by_frames = {ASKED[name]: errors for name, errors in errors_by_frames(run.metrics).items()}
+    programs = ("python", *PACKAGES)
     page = html.environment().get_template("report.html")
     return page.render(
         run=run,
@@ -252,7 +335,7 @@ def run_page(run: FinishedRun) -> str:
         date=date,
         steps=next_steps(run),
         scores={name: run.metrics[name] for name in SCORED if name in run.metrics},
-        asked=SCORED,
+        titles=SCORED,
         interval=percent_interval,
         by_frames=plots.errors_by_frames(by_frames, run.chance),
         confusion=plots.confusion(run.counts, run.predictions.classes.tolist()),
@@ -260,14 +343,12 @@ def run_page(run: FinishedRun) -> str:
         remarks=[note for note in run.notes("info") if note.topic != "members"],
         again=again(run.repeated),
         changed=list(starmap(as_change, run.changed.items())),
-        versions=[
-            f"{name} {text}" for name, text in origin.items() if name in ("python", *PACKAGES)
-        ],
+        versions=[f"{name} {text}" for name, text in origin.items() if name in programs],
     )
 
 
 def read_run(name: str = "") -> FinishedRun:
-    """The run of that name.
+    """Return the run of a name, from its files.
 
     Args:
         name: of a DVC experiment, or another revision that DVC knows; the id of an MLflow run of
@@ -277,31 +358,23 @@ def read_run(name: str = "") -> FinishedRun:
         UserError: no such run; its files are missing, or do not belong together.
         Exception: any, of a file that is damaged or of an earlier version.
     """
-    where, read_file = name or "the workspace", _reader(name)
-
-    def read(path: str) -> bytes:
-        try:
-            return read_file(path)
-        except FileNotFoundError:
-            sentence, change_folder = way_to_the_clone()
-            if sentence and not name and not Path("runs").exists():
-                raise UserError(f"{where}: no {path}. {sentence} {change_folder}") from None
-            raise UserError(f"{where}: no {path}; {REMEDY}") from None
-
-    contents = {stage: read(f"runs/{stage}.json") for stage in EARLIER}
-    contents[ROW], metrics, timing = (
-        read(f"results/{file}.json") for file in (ROW, "metrics", "timing")
-    )
-    predictions = read("results/predictions.npz")
+    read = _reader(name)
+    contents = {stage: _content(read, f"runs/{stage}.json", name) for stage in EARLIER}
+    contents[ROW] = _content(read, f"results/{ROW}.json", name)
+    metrics = _content(read, "results/metrics.json", name)
+    timing = _content(read, "results/timing.json", name)
+    predictions = _content(read, "results/predictions.npz", name)
     records = {stage: Record.read(content) for stage, content in contents.items()}
-    evaluated = records["evaluate"].inputs
+    inputs = records["evaluate"].inputs
     for stage, content in contents.items():
-        if (
-            stage in evaluated
-            and evaluated[stage]["md5"] != md5(content, usedforsecurity=False).hexdigest()
-        ):
+        is_other = (
+            stage in inputs
+            and inputs[stage]["md5"] != md5(content, usedforsecurity=False).hexdigest()
+        )
+        if is_other:
             raise UserError(
-                f"{where}: `{stage}` ran again after `evaluate`: results are of an earlier run; {REMEDY}"
+                f"{_where(name)}: `{stage}` ran again after `evaluate`: results are of an earlier "
+                f"run; {REMEDY}"
             )
     return FinishedRun(
         name,
@@ -312,10 +385,34 @@ def read_run(name: str = "") -> FinishedRun:
     )
 
 
+def _content(read: Callable[[str], bytes], path: str, name: str) -> bytes:
+    """Return the content of a run's file; a UserError where there is none."""
+    try:
+        return read(path)
+    except FileNotFoundError:
+        sentence, change_folder = way_to_the_clone()
+        if sentence and not name and not Path("runs").exists():
+            text = f"{_where(name)}: no {path}. {sentence} {change_folder}"
+        else:
+            text = f"{_where(name)}: no {path}; {REMEDY}"
+        raise UserError(text) from None
+
+
+def _where(name: str) -> str:
+    return name or "the workspace"
+
+
+def _read_from_workspace(path: str) -> bytes:
+    return Path(path).read_bytes()
+
+
 def _reader(name: str) -> Callable[[str], bytes]:
-    """A function that reads a file of that run by its path in the workspace, or raises FileNotFoundError."""
+    """Return a function that reads a file of a run by its path in the workspace.
+
+    The function raises FileNotFoundError where the run has no such file.
+    """
     if not name:
-        return lambda path: Path(path).read_bytes()
+        return _read_from_workspace
     if MLFLOW_ID.fullmatch(name):
         from tactile_viewgcn.tracking import read_artifact
 
@@ -324,6 +421,9 @@ def _reader(name: str) -> Callable[[str], bytes]:
 
     files = DVCFileSystem(rev=name)
     if not files.exists("dvc.yaml"):
-        unknown = "no experiment of DVC here, and no id of an MLflow run, which has 32 digits"
-        raise UserError(f"{name}: {unknown}; `dvc exp list` and `mlflow ui` name them")
-    return files.cat_file
+        raise UserError(
+            f"{name}: no experiment of DVC here, and no id of an MLflow run, which has 32 digits; "
+            "`dvc exp list` and `mlflow ui` name them"
+        )
+    read: Callable[[str], bytes] = files.cat_file
+    return read

@@ -1,4 +1,4 @@
-"""What an inspection shows: a rehearsal of `preprocess`, recommended settings, and further facts of the recordings."""
+"""What an inspection shows: a rehearsal of `preprocess`, recommended settings, further facts."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -28,115 +28,132 @@ from tactile_viewgcn.tables.look import held_together, look_at
 from tactile_viewgcn.tables.recordings import Recordings, recordings_of
 from tactile_viewgcn.tables.remarks import remarks
 
-SAMPLE = 2000  # frames, of all for the variation of a sensor, of an object for its mean
+# largest number of frames that a sensor's variation and an object's mean picture rest on
+SAMPLE = 2000
 MOST_FOLDS = 5
 GRID = 16  # sensors in one row, from which on they may be those of a grid
-FOLDS = 5  # of the quick error
-ASKED = PreprocessSection()  # nothing: all `auto`
+QUICK_FOLDS = 5  # of the quick error
+ALL_AUTO = PreprocessSection()  # settings of `preprocess` without a wish of the user
 
 
 class Overview:
-    """R recordings with frames, of O objects, as an inspection shows them; each measurement is made when it is read.
+    """R recordings with frames, of O objects; each measurement is made when it is first read.
 
     Args:
         recordings: the table of raw counts; its frames stay mapped after its file is gone.
-        form: as which the source was read.
-        asked: settings of `preprocess`, kept; `auto` where the inspection chooses as `preprocess`
-            does.
+        form: the form in which the source was read.
+        preprocess: settings of `preprocess`, which are taken as they are; `auto` where the
+            inspection chooses as `preprocess` does.
 
     Attributes:
         remarks: notes on the source and its table, see `tables.remarks`, and the warnings of
             `choice`.
-        groups: by `split.by`, each object's number of groups (O,), 0 for the empty hand; copies of
-            a recording are one.
-        choice: what `auto` becomes on all recordings, where `preprocess` looks at the training side
-            alone.
-        states: of the hand, in all frames.
+        groups: for each value of `split.by`, the number of groups of each object (O,), 0 for the
+            empty hand. Copies of a recording are one group.
+        choice: what `auto` becomes on all recordings; `preprocess` itself looks at the training set
+            only.
+        states: states of the hand in all frames.
         in_contact: bool (T,), frames of contact with an object.
         rates: see `frame_rates`.
-        settings: recommended values with reasons, of level `choice`: what `auto` becomes, but for
-            the scale, which networks alone read, and for the sensors of a contact that is not
-            looked for; the preset; and the split.
+        settings: recommended values with reasons, as notes of level `choice`: what `auto` becomes,
+            the preset and the split. They lack the scale, which only networks read, and the number
+            of pressed sensors where no contact is looked for.
         label, session: (R,) index of each recording's object and session.
     """
 
-    def __init__(self, recordings: Recordings, form: Form = AUTO, asked: PreprocessSection = ASKED):
+    def __init__(
+        self, recordings: Recordings, form: Form = AUTO, preprocess: PreprocessSection = ALL_AUTO
+    ):
         look = look_at(recordings)
         self.remarks = remarks(recordings, look)
         recordings = held_together(recordings, look)
         columns = recordings.columns
-        self.recordings, self.form = recordings, form
+        self.recordings = recordings
+        self.form = form
+        self.preprocess = preprocess
         self.groups = _groups(recordings)
-        split, everything = split_settings(self.groups), np.arange(len(recordings))
+        split = split_settings(self.groups)
         self._group = split_groups(columns, str(split[0].value))
-        self.asked, self.choice = asked, choose(recordings, everything, asked, self._group)
+        every_frame = np.arange(len(recordings))
+        self.choice = choose(recordings, every_frame, preprocess, self._group)
         self.states = self.choice.states
         self.in_contact = self.states.contact & ~recordings.empty_hand
         self.rates = frame_rates(columns["time"], columns["recording"])
-        self.remarks += [*grid_notes(recordings.shape, form), *warnings_of(self.choice.notes)]
-        unseen = {"preprocess.scale"}
-        if not self.finds_contact:
-            unseen.add("preprocess.contact_sensors")
-        settings = [
-            note for note in self.choice.notes if note.level == "choice" and note.key not in unseen
-        ]
-        if len(np.unique(columns["recording"])) == len(recordings):
-            settings.append(_choice("views", 1, "every recording is one frame"))
-        best = _choice("preset", "best", "it weighs classifiers on your training recordings")
-        self.settings = [*settings, best, *split]
+        self.remarks += grid_notes(recordings.shape, form)
+        self.remarks += warnings_of(self.choice.notes)
+        self.settings = [*self._chosen_settings(), *split]
         first = np.unique(columns["recording"], return_index=True)[1]
-        self.label, self.session = columns["object"][first], columns["session"][first]
+        self.label = columns["object"][first]
+        self.session = columns["session"][first]
+
+    def _chosen_settings(self) -> list[Note]:
+        """Return the recommended settings without the split, see `settings`."""
+        hidden = {"preprocess.scale"}
+        if not self.finds_contact:
+            hidden.add("preprocess.contact_sensors")
+        settings = [
+            note for note in self.choice.notes if note.level == "choice" and note.key not in hidden
+        ]
+        recordings = len(np.unique(self.recordings.columns["recording"]))
+        if recordings == len(self.recordings):
+            settings.append(_choice("views", 1, "every recording is one frame"))
+        settings.append(
+            _choice("preset", "best", "it weighs classifiers on your training recordings")
+        )
+        return settings
 
     @property
     def is_array(self) -> bool:
-        """Whether the sensors are an array, else channels that may be of unlike kind."""
+        """Return whether the sensors are an array, else channels that may be of unlike kind."""
         return is_array(self.recordings.live)
 
     @property
     def finds_contact(self) -> bool:
-        """Whether frames of contact were told from those of the open hand."""
+        """Return whether frames of contact were told from frames of the open hand."""
         return self.is_array or not self.states.all_contact
 
     def setting(self, key: str) -> str:
-        """The recommended value of a parameter."""
+        """Return the recommended value of a parameter."""
         return next(str(note.value) for note in self.settings if note.key == key)
 
     def excess(self, index: np.ndarray) -> np.ndarray:
-        """Counts (n, S) above the chosen baseline, of the sensors that vary, for frames (n,)."""
+        """Return the counts (n, S) above the baseline, of the sensors that vary, of frames (n,)."""
         baseline = self.choice.baseline
-        return (
-            self.states.counts[index]
-            - baseline.mean[baseline.of_frame[index]][:, self.recordings.live]
-        )
+        open_hand = baseline.mean[baseline.of_frame[index]]
+        excess: np.ndarray = self.states.counts[index] - open_hand[:, self.recordings.live]
+        return excess
 
     @cached_property
     def error(self) -> QuickError | None:
-        """Of the quick classifier on contact; None where no two objects have two groups."""
+        """Return the quick classifier's error, or None where no two objects have two groups."""
         return self.quick_error()
 
     @cached_property
     def session_error(self) -> QuickError | None:
-        """The same for a new session; None where no two objects have two sessions, or the published split is taken."""
+        """Return the quick classifier's error for a new session.
+
+        It is None where no two objects have two sessions, and where the published split is taken.
+        """
         if self.setting("split.by") == "source":
             return None
         return self.quick_error(group=self.recordings.columns["session"])
 
     def quick_error(self, of: str = "object", group: np.ndarray | None = None) -> QuickError | None:
-        """Error of telling objects apart, or sessions, by whole recordings' frames in contact.
+        """Return the error of telling objects, or sessions, apart by the frames in contact.
 
-        A member of `sensors` answers them, a fifth of the groups left out at a time. None unless
-        recordings of two objects can be left out.
+        One member of `sensors` answers whole recordings. Each fold holds out a fifth of the groups.
 
         Args:
-            of: the column with what is told apart.
-            group: (T,) what is left out; None for the groups of the recommended split.
+            of: the column whose values are told apart.
+            group: (T,) the group of each frame; None for the groups of the recommended split.
+
+        Returns:
+            The error; None unless recordings of two objects can be held out.
         """
-        columns, live, contact = (
-            self.recordings.columns,
-            self.recordings.live,
-            np.flatnonzero(self.in_contact),
-        )
-        group = self._group if group is None else group
+        if group is None:
+            group = self._group
+        columns = self.recordings.columns
+        contact = np.flatnonzero(self.in_contact)
         keys = pd.DataFrame(
             {"label": columns[of], "group": group, "recording": columns["recording"]}
         ).iloc[contact]
@@ -144,90 +161,140 @@ class Overview:
         if not parts:
             return None
         labels, groups, _ = np.array(list(parts), dtype=np.int64).T
-        sample, noise = self.excess(evenly(contact, SAMPLE)), float(np.median(self.states.noise))
-        read = Representation.of(live, sample, contact_unit(sample, noise))
-        member = PooledKernelMember(read, int(labels.max()) + 1)
-        counts = (self.excess(every_few(contact[at])) for at in parts.values())
-        points = np.concatenate(
-            [member.recording_points(read.scaled(each)[None]) for each in counts]
-        )
+        frames = [contact[rows] for rows in parts.values()]
+        answers = self._out_of_fold_answers(frames, labels, groups)
+        return _error_of(answers, labels, groups, len(contact))
+
+    def _out_of_fold_answers(
+        self, frames: list[np.ndarray], labels: np.ndarray, groups: np.ndarray
+    ) -> np.ndarray:
+        """Return the answer (P,) to each part by the quick member, -1 where no fold holds it out.
+
+        Args:
+            frames: frames in contact of each of the P parts.
+            labels: (P,) what each part is of.
+            groups: (P,) the group that is held out with it.
+        """
+        contact = np.flatnonzero(self.in_contact)
+        sample = self.excess(evenly(contact, SAMPLE))
+        noise = float(np.median(self.states.noise))
+        live = self.recordings.live
+        representation = Representation.of(live, sample, contact_unit(sample, noise))
+        member = PooledKernelMember(representation, int(labels.max()) + 1)
+        parts = list[np.ndarray]()
+        for index in frames:
+            readings = representation.scaled(self.excess(every_few(index)))
+            parts.append(member.recording_points(readings[None]))
+        points = np.concatenate(parts)
         answers = np.full(len(labels), -1)
-        for left in complete_folds(groups, labels, FOLDS):
-            fitted = member.estimator().fit(points[~left], labels[~left], SPLIT_SEED)
-            answers[left] = fitted.classes[fitted.predict_proba(points[left]).argmax(axis=1)]
-        answered = answers >= 0
-        if len(np.unique(labels[answered])) < 2:
-            return None
-        wrong = pd.Series(answers != labels)[answered].groupby(groups[answered]).mean().to_numpy()
-        low, high = proportion_interval(
-            wrong, np.arange(len(wrong)), stream(SPLIT_SEED, "quick error")
-        ) or (0.0, 1.0)
-        chance = 1 - np.bincount(labels[answered]).max() / answered.sum()
-        objects_left_out = len(np.unique(labels)) - len(np.unique(labels[answered]))
-        return QuickError(
-            float(wrong.mean()),
-            low,
-            high,
-            float(chance),
-            len(wrong),
-            len(contact),
-            objects_left_out,
-        )
+        for held_out in complete_folds(groups, labels, QUICK_FOLDS):
+            estimator = member.estimator()
+            fitted = estimator.fit(points[~held_out], labels[~held_out], SPLIT_SEED)
+            best = fitted.predict_proba(points[held_out]).argmax(axis=1)
+            answers[held_out] = fitted.classes[best]
+        return answers
 
     @cached_property
     def counts(self) -> dict[str, np.ndarray]:
-        """Number of each recording's frames (R,) by kind; `recordings` are ones.
+        """Return the number of each recording's frames (R,) by kind; `recordings` are ones.
 
         The kinds are `frames`, `in contact`, `open hand` and, where the source flags that an object
         is held, `flagged`.
         """
-        states, columns = self.states, self.recordings.columns
+        columns = self.recordings.columns
         kinds = {
-            "frames": np.ones_like(states.open),
-            "in contact": states.contact,
-            "open hand": states.open,
+            "frames": np.ones_like(self.states.open),
+            "in contact": self.states.contact,
+            "open hand": self.states.open,
         }
-        if flags := [columns[name] for name in ("grasp_valid", "valid") if name in columns]:
-            kinds["flagged"] = flags[0]
-        counts = pd.DataFrame(kinds).groupby(columns["recording"]).sum()
-        return {"recordings": np.ones(len(counts), dtype=np.int64)} | {
-            name: counts[name].to_numpy() for name in counts
-        }
+        flags = [name for name in ("grasp_valid", "valid") if name in columns]
+        if flags:
+            kinds["flagged"] = columns[flags[0]]
+        table = pd.DataFrame(kinds).groupby(columns["recording"]).sum()
+        counts = {"recordings": np.ones(len(table), dtype=np.int64)}
+        for name in table:
+            counts[name] = table[name].to_numpy()
+        return counts
+
+
+def _error_of(
+    answers: np.ndarray, labels: np.ndarray, groups: np.ndarray, frames: int
+) -> QuickError | None:
+    """Return the error of answers (P,), each group counting alike; None of fewer than two objects.
+
+    Args:
+        answers: (P,) -1 where no fold held the part out.
+        labels: (P,) what each part is of.
+        groups: (P,) the group of each part.
+        frames: number of frames in all parts.
+    """
+    answered = answers >= 0
+    objects = np.unique(labels[answered])
+    if len(objects) < 2:
+        return None
+    wrong = pd.Series(answers != labels)[answered].groupby(groups[answered]).mean().to_numpy()
+    rng = stream(SPLIT_SEED, "quick error")
+    interval = proportion_interval(wrong, np.arange(len(wrong)), rng)
+    low, high = interval or (0.0, 1.0)
+    chance = 1 - np.bincount(labels[answered]).max() / answered.sum()
+    return QuickError(
+        error=float(wrong.mean()),
+        low=low,
+        high=high,
+        chance=float(chance),
+        groups=len(wrong),
+        frames=frames,
+        objects_left_out=len(np.unique(labels)) - len(objects),
+    )
 
 
 def inspect_source(
-    path: str | Path, form: Form = AUTO, asked: PreprocessSection = ASKED
+    path: str | Path, form: Form = AUTO, preprocess: PreprocessSection = ALL_AUTO
 ) -> Overview:
     """Inspect a source in any form that `ingest` reads, see `open_source`.
 
-    Folders that may be in two orders are read in the other one if readings tell sessions apart and
-    not objects.
+    Folders that may be in two orders are read in the other order if readings tell sessions apart
+    and not objects.
+
+    Args:
+        path: of the source.
+        form: the form in which it is read.
+        preprocess: see `Overview`.
+
+    Returns:
+        The overview of its recordings.
 
     Raises:
         UserError: lists the mistakes of the source.
         FileNotFoundError: nothing at that path.
     """
     with recordings_of(path, form) as recordings:
-        overview = Overview(recordings, form, asked)
-    note = next((note for note in overview.remarks if note.key == "data.layout"), None)
-    if not note:
+        overview = Overview(recordings, form, preprocess)
+    layout = next((note for note in overview.remarks if note.key == "data.layout"), None)
+    if not layout:
         return overview
-    predicted = [
-        bool(each and each.beats_chance)
-        for each in (overview.error, overview.quick_error("session"))
-    ]
-    if predicted == [True, False]:
-        overview.remarks[overview.remarks.index(note)] = replace(note, level="info")
-    elif predicted == [False, True]:
-        overview = inspect_source(path, replace(form, layout=other_order(str(note.value))), asked)
-        text = f"folders are taken in the order {overview.form.layout}: readings tell the outer ones apart, not the "
-        text += f"inner ones. If that is wrong, {setting(f'data.layout={note.value}')}"
-        overview.remarks.append(replace(note, text=text, value=overview.form.layout))
+    objects_are_told = _beats_chance(overview.error)
+    sessions_are_told = _beats_chance(overview.quick_error("session"))
+    if objects_are_told and not sessions_are_told:
+        overview.remarks[overview.remarks.index(layout)] = replace(layout, level="info")
+    elif sessions_are_told and not objects_are_told:
+        other_form = replace(form, layout=other_order(str(layout.value)))
+        overview = inspect_source(path, other_form, preprocess)
+        remedy = setting(f"data.layout={layout.value}")
+        text = (
+            f"folders are taken in the order {overview.form.layout}: readings tell the outer ones "
+            f"apart, not the inner ones. If that is wrong, {remedy}"
+        )
+        overview.remarks.append(replace(layout, text=text, value=overview.form.layout))
     return overview
 
 
+def _beats_chance(error: QuickError | None) -> bool:
+    return error is not None and error.beats_chance
+
+
 def _groups(recordings: Recordings) -> dict[str, np.ndarray]:
-    """See `Overview.groups`; of `source` the groups are its two sides."""
+    """See `Overview.groups`; the groups of `source` are its two sets, training and test."""
     of_object = ~recordings.empty_hand
     columns = {name: values[of_object] for name, values in recordings.columns.items()}
     groups = dict[str, np.ndarray]()
@@ -237,21 +304,34 @@ def _groups(recordings: Recordings) -> dict[str, np.ndarray]:
             if by == "source":
                 group = published_test(columns["split"])
             numbers = pd.Series(group).groupby(columns["object"]).nunique()
-            groups[by] = numbers.reindex(range(len(recordings.objects)), fill_value=0).to_numpy()
+            every_object = range(len(recordings.objects))
+            groups[by] = numbers.reindex(every_object, fill_value=0).to_numpy()
     return groups
 
 
 def grid_notes(shape: tuple[int, int], form: Form) -> list[Note]:
-    """How sensors in one row are read as a grid, where the user has not said that they are none."""
-    side = isqrt(shape[1])
-    divisible = any(shape[1] % rows == 0 for rows in range(2, side + 1))
-    text = f"{shape[1]} sensors in one row: if they are a grid, row after row, add "
-    text += f"`--shape {f'{side} {side}' if side**2 == shape[1] else 'ROWS COLUMNS'}`"
-    return (
-        [Note(text, topic="shape")]
-        if shape[0] == 1 and shape[1] >= GRID and divisible and form.shape == "auto"
-        else []
+    """Return a note on how sensors in one row are read as a grid, if they may be one.
+
+    Args:
+        shape: (rows, columns) of a frame.
+        form: as the user gave it; a shape that the user has set is taken, without a note.
+
+    Returns:
+        One note, or none.
+    """
+    rows, sensors = shape
+    if rows != 1 or sensors < GRID or form.shape != "auto":
+        return []
+    root = isqrt(sensors)
+    if all(sensors % count != 0 for count in range(2, root + 1)):
+        return []
+    advice = "ROWS COLUMNS"
+    if root**2 == sensors:
+        advice = f"{root} {root}"
+    text = (
+        f"{sensors} sensors in one row: if they are a grid, row after row, add `--shape {advice}`"
     )
+    return [Note(text, topic="shape")]
 
 
 def _choice(key: str, value: str | int, reason: str) -> Note:
@@ -259,24 +339,32 @@ def _choice(key: str, value: str | int, reason: str) -> Note:
 
 
 def split_settings(groups: dict[str, np.ndarray]) -> list[Note]:
-    """Hold out recordings, or grasps where less than half of the objects have two recordings."""
-    recorded, repeated = groups["recording"] > 0, groups["recording"] >= 2
+    """Return the split to recommend: which groups are held out, and in how many folds.
+
+    Recordings are held out, or grasps where less than half of the objects have two recordings. A
+    published split is taken where every object is in both of its sets.
+
+    Args:
+        groups: see `Overview.groups`.
+
+    Returns:
+        Notes of level `choice`, the first one on `split.by`.
+    """
+    recorded = groups["recording"] > 0
     if "source" in groups and (groups["source"][recorded] == 2).all():
-        return [_choice("split.by", "source", "every object is on both published sides")]
-    by = "grasp" if "grasp" in groups and repeated.sum() < 0.5 * recorded.sum() else "recording"
+        reason = "every object is in the published training set and in the test set"
+        return [_choice("split.by", "source", reason)]
+    by = "recording"
+    twice_recorded = groups["recording"] >= 2
+    if "grasp" in groups and twice_recorded.sum() < 0.5 * recorded.sum():
+        by = "grasp"
     repeated = groups[by] >= 2
     if repeated.sum() < 2:
-        return [
-            _choice("split.by", by, "no whole recording can be held out: record each object twice")
-        ]
+        reason = "no whole recording can be held out: record each object twice"
+        return [_choice("split.by", by, reason)]
     fewest = int(groups[by][repeated].min())
-    # each tests FEW in all, if there are
+    # each fold tests FEW groups in all, if there are so many
     folds = max(2, min(MOST_FOLDS, fewest // 2, int(groups[by].sum()) // FEW))
-    return [
-        _choice(
-            "split.by",
-            by,
-            f"an object has {fewest} {by}s or more, of which whole ones are held out",
-        ),
-        _choice("split.folds", folds, f"{by}s in {folds} parts; split.fold says which is tested"),
-    ]
+    why_by = f"an object has {fewest} {by}s or more, of which whole ones are held out"
+    why_folds = f"{by}s in {folds} parts; split.fold says which is tested"
+    return [_choice("split.by", by, why_by), _choice("split.folds", folds, why_folds)]

@@ -256,10 +256,12 @@ def test_the_line_for_a_new_session_has_five_folds_at_most(overview, sessions, f
     assert {"split.by=session", f"split.folds={folds}"} <= words
 
 
-def test_a_setting_that_is_asked_for_is_taken_and_named_in_the_line(overview):
-    asked = inspect_source(overview.recordings.path, asked=PreprocessSection(contact_sensors=7))
-    assert asked.choice.params.contact_sensors == 7 and "preprocess.contact_sensors=7" in " ".join(
-        command_lines(asked)
+def test_a_setting_that_the_user_has_fixed_is_taken_and_named_in_the_line(overview):
+    fixed = inspect_source(
+        overview.recordings.path, preprocess=PreprocessSection(contact_sensors=7)
+    )
+    assert fixed.choice.params.contact_sensors == 7 and "preprocess.contact_sensors=7" in " ".join(
+        command_lines(fixed)
     )
 
 
@@ -299,7 +301,7 @@ def test_where_one_object_alone_is_touched_no_command_is_printed(overview):
     [
         ({"recording": [1, 1, 4]}, "no two objects"),
         ({"recording": [1, 1, 4], "grasp": [3, 3, 12]}, "3 grasps"),
-        ({"recording": [1, 1, 4], "source": [2, 2, 2]}, "published sides"),
+        ({"recording": [1, 1, 4], "source": [2, 2, 2]}, "both published sets"),
         ({"recording": [0, 5, 4], "grasp": [0, 5, 4]}, "4 recordings or more"),
     ],
 )

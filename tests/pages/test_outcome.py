@@ -82,7 +82,7 @@ def test_a_line_names_what_params_yaml_now_has_otherwise(elsewhere):
     )
 
 
-def test_objects_and_guessing_by_hand():
+def test_objects_and_chance_by_hand():
     labels = np.array([0] * 8 + [1] * 4)  # recordings of a cup and a pen; no tape
     answers = np.array([[0, 0, 1, 2, 0, 1, 1, 0, 1, 1, 1, 0]])
     trials, names = (
@@ -124,7 +124,7 @@ QUEUE = "-S split.fold=0,1,2 -S views=4 -S 'data.source=\"{here}/my glove\"'\ndv
             ALWAYS_BALL,
             {},
             "bad",
-            "reaches the error of guessing",
+            "reaches the error of chance",
             "Record more",
             "inspect 'my glove' --html insp",
         ),

@@ -86,7 +86,7 @@ def test_one_run_has_the_errors_for_a_new_recording_and_for_a_new_person(
             and percent_interval(*(each[key] for key in ("mean", "low", "high"))) in text
         )
     assert (
-        f"not yet reliable. The whole interval lies below the error of guessing. For {NEW} it errs more"
+        f"not yet reliable. The whole interval lies below the error of chance. For {NEW} the error is higher"
         in text
     )
     assert "-S split.by=session" in text
@@ -102,7 +102,7 @@ def test_the_error_of_a_person_left_out_is_one_by_every_way(glove, tmp_path, mon
     right, count = round((1 - error) * len(GESTURES) * REPEATS), len(GESTURES) * REPEATS
     assert any(line.startswith(f"right: {right} of {count} ") for line in lines)
     monkeypatch.chdir(tmp_path)
-    assert f"From all frames of {NEW}, the classifier" in text_of(run_page(read_run()))
+    assert f"answered from all frames of {NEW}. It named" in text_of(run_page(read_run()))
     files = {person: sorted((glove / person).glob("*/*.npy")) for person in PERSONS}
     X = {person: [np.load(file) for file in files[person]] for person in PERSONS}
     y = [file.parent.name for file in files[PERSONS[0]]]

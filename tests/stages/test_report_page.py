@@ -42,7 +42,7 @@ def test_the_page_says_what_the_files_say(workspace):
     )
     notes = run.notes("choice") + run.notes("info")
     assert len(notes) > 3 and [note for note in notes if note.text not in text] == []
-    assert "pretrain left out: this system needs no pretrained backbone" in text
+    assert "pretrain skipped: this system needs no pretrained backbone" in text
     assert (
         parsed(page).tags.isdisjoint({"script", "link", "iframe"})
         and "&lt;b&gt;Öl &amp; $x$" in page
@@ -72,7 +72,7 @@ def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, m
     error = json.loads(Path("results/metrics.json").read_text())["whole"]["error"]
     assert (
         percent_interval(error["mean"], error["low"], error["high"]) in lines[0]
-        and "guessing: " in lines[0]
+        and "chance: " in lines[0]
     )
     assert any(line.startswith("new/page.html: ") for line in lines)
     assert lines[-1].startswith(("dvc exp run ", "dvc exp show"))
