@@ -28,7 +28,7 @@ def ingest(job: Job, source: Path, out: Path) -> str:
     names = [several(count, name.removesuffix("s")) for name, count in used.items()]
     counts = {"frames": len(table), "sensors": int(table.live.sum())} | used
     has_time = ~np.isnan(table.columns["time"])
-    looked = {"recordings.with_shared_frames": int((look.each["shared"] > 0).sum())}
+    looked = {"recordings.with_shared_frames": int((look.by_recording["shared"] > 0).sum())}
     looked["recordings.with_times"] = len(np.unique(table.columns["recording"][has_time]))
     job.record.counts |= counts | looked
     return (
