@@ -203,7 +203,9 @@ def _predicting(recordings: Recordings, values: np.ndarray) -> QuickError | None
     of_recording = np.array([index[0] for index in frames_by_recording(recordings)])
     label = recordings.columns["object"][of_recording]
     usable = ~recordings.empty_hand[of_recording]
-    error = quick_error(values.__getitem__, usable, label, np.arange(len(label)), nearest=True)
+    error = quick_error(
+        values.__getitem__, usable, label=label, group=np.arange(len(label)), nearest=True
+    )
     return error if error and error.beats_chance else None
 
 
