@@ -9,7 +9,7 @@ from itertools import groupby
 import numpy as np
 import pandas as pd
 
-from tactile_viewgcn.frames.columns import ALIKE
+from tactile_viewgcn.frames.columns import ALIKE_RATES
 from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, NEW_SESSION, Note, listed, several, warnings_of
@@ -125,7 +125,7 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
             varying += f"; {listed(unused)} read the same in all frames and are not used"
     rows.append((f"{table.live.sum():,}", varying))
     if rates := sorted(overview.rates.values()):
-        alike = rates[-1] < rates[0] * ALIKE
+        alike = rates[-1] < rates[0] * ALIKE_RATES
         rate = f"{np.median(rates):.4g}" if alike else f"{rates[0]:.4g} to {rates[-1]:.4g}"
         rows.append((f"{rate} Hz", "is the frame rate"))
     rows += _error(
