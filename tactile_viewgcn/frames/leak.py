@@ -21,10 +21,10 @@ from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings
 
 TOPIC = "leak check"
-MAX_FRAMES = 2000  # in all; of each pair of an object and a group equally many
-FRAMES = 8  # most frames in a mean: as many as the paper's views
-FOLDS = 3
-PENALTY = 2.0  # of ridge regression, for each sensor
+MOST_FRAMES_READ = 2000  # in all; of each pair of an object and a group equally many
+FRAMES_OF_MEAN = 8  # at most: as many as the paper's views
+LEAK_FOLDS = 3
+RIDGE_PENALTY = 2.0  # for each sensor
 ROUNDING = 1e-9  # of a share
 PERMUTATIONS = 99  # of the objects, by which an error that is little below chance is judged
 MOST_BY_CHANCE = 0.02  # share of the permutations that may have an error as low
@@ -32,17 +32,19 @@ MOST_BY_CHANCE = 0.02  # share of the permutations that may have an error as low
 
 @dataclass(frozen=True)
 class QuickError:
-    """Error of a ridge classifier on means of eight frames.
+    """The error of a quick classifier on held-out groups.
 
     Attributes:
         error: mean over the pairs of an object and a group of it, which count alike.
-        low, high: 95 % interval, which resamples groups.
+        low: lower end of the 95 % interval, which resamples groups.
+        high: upper end of that interval.
         chance: error of always answering the object with the most groups.
-        groups, frames: numbers of those that were used.
+        groups: number of groups that were used.
+        frames: number of frames that were used.
         objects_left_out: number of objects that have usable frames in a single group, which no fold
             can hold out.
         by_chance: share of random assignments of the objects to the groups that have an error as
-            low; 0 where that was not asked, as of an error far below chance.
+            low; 0 where that was not computed, as of an error far below chance.
     """
 
     error: float
@@ -56,113 +58,188 @@ class QuickError:
 
     @property
     def beats_chance(self) -> bool:
-        """Whether the readings predict the object: the whole interval lies below chance, and few permutations do."""
+        """Whether the readings predict the object.
+
+        The whole interval lies below chance, and few permutations have an error as low.
+        """
         return self.high < self.chance - ROUNDING and self.by_chance <= MOST_BY_CHANCE
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Means:
+    """Mean readings of cells: a cell is an object in a group.
+
+    Attributes:
+        values: float64 (n, S), means over eight frames at most of S sensors.
+        cell: int (n,), the cell of each mean.
+        label: int (C,), the object of each cell.
+        group: int (C,), the group of each cell.
+        frames: number of frames in all means.
+    """
+
+    values: np.ndarray
+    cell: np.ndarray
+    label: np.ndarray
+    group: np.ndarray
+    frames: int
 
 
 def quick_error(
     readings: Callable[[np.ndarray], np.ndarray],
     usable: np.ndarray,
+    *,
     label: np.ndarray,
     group: np.ndarray,
-    *,
     nearest: bool = False,
 ) -> QuickError | None:
-    """Error of recognising the objects in about 2,000 frames; None unless two objects have two groups each.
+    """Return the error of recognising the objects in means of eight of about 2,000 frames.
 
     Each mean is over frames that are spread over an object's frames in a group. About a third of
-    the groups is held out at a time, for all objects at once, such that each object of two groups
-    or more is answered in all of them. An object of a single group is left out: it is neither
-    learnt nor answered.
+    the groups is held out at a time, for all objects at once. Each object of two groups or more is
+    answered in all of them. An object of a single group is neither learnt nor answered.
 
     Args:
         readings: function from frames (n,) to their readings (n, S).
-        usable: bool (T,) frames to draw from.
-        label, group: (T,) object and group of each frame.
+        usable: bool (T,), frames to draw from.
+        label: int (T,), object of each frame.
+        group: int (T,), group of each frame.
         nearest: the answer is the nearest mean's object, however objects alternate; else by ridge
             regression.
+
+    Returns:
+        The error; None unless two objects have two groups each.
     """
     frames = np.flatnonzero(usable)
-    pairs = np.stack([label, group])[:, frames].astype(np.int64)
-    order = np.lexsort(pairs[::-1])  # by object, then by group, in the order of time
-    cells, begins = np.unique(pairs[:, order], axis=1, return_index=True)
-    frames_of_cell = np.split(frames[order], begins[1:])
-    objects_used = len(np.unique(cells[0]))
-    is_answered = np.bincount(cells[0])[cells[0]] > 1
-    cells = cells[:, is_answered]
-    objects_left_out = objects_used - len(np.unique(cells[0]))
-    if len(np.unique(cells[0])) < 2:
+    table = pd.DataFrame({"label": label, "group": group}, dtype=np.int64).iloc[frames]
+    cells = table.drop_duplicates().sort_values(["label", "group"])
+    is_answered = (cells.groupby("label")["group"].transform("size") > 1).to_numpy()
+    answered = cells[is_answered]
+    if answered["label"].nunique() < 2:
         return None
-    rows, of_cell = list[np.ndarray](), list[int]()
-    for number, cell in enumerate(np.flatnonzero(is_answered)):
-        index = evenly(frames_of_cell[cell], max(1, MAX_FRAMES // len(cells.T)))
-        count = -(-len(index) // FRAMES)
-        rows += [index[first::count] for first in range(count)]
-        of_cell += [number] * count
-    used = np.concatenate(rows)
-    values = np.split(readings(used), np.cumsum([len(row) for row in rows])[:-1])
-    means = np.stack([value.mean(axis=0, dtype=np.float64) for value in values])
-
-    def wrong_by(labels: np.ndarray) -> np.ndarray:
-        """The share of wrong answers of each cell, if the cells are of the objects `labels`."""
-        expected = labels[of_cell]
-        is_wrong = _answers(means, expected, cells[1, of_cell], nearest=nearest) != expected
-        return np.bincount(of_cell, is_wrong) / np.bincount(of_cell)
-
-    wrong = wrong_by(cells[0])
-    low, high = proportion_interval(wrong, cells[1], stream(SPLIT_SEED, "quick error")) or (
-        0.0,
-        1.0,
+    frames_of_cell = _parts(frames, table.groupby(["label", "group"]).ngroup().to_numpy())
+    means = _means_of(
+        readings, [frames_of_cell[cell] for cell in np.flatnonzero(is_answered)], answered
     )
-    chance = 1 - np.bincount(cells[0]).max() / len(cells.T)
-    groups = len(np.unique(cells[1]))
+    wrong = _wrong_by_cell(means, means.label, nearest=nearest)
+    interval = proportion_interval(wrong, means.group, stream(SPLIT_SEED, "quick error"))
+    low, high = interval or (0.0, 1.0)
     error = QuickError(
-        float(wrong.mean()), low, high, float(chance), groups, len(used), objects_left_out
+        error=float(wrong.mean()),
+        low=low,
+        high=high,
+        chance=float(1 - np.bincount(means.label).max() / len(answered)),
+        groups=answered["group"].nunique(),
+        frames=means.frames,
+        objects_left_out=cells["label"].nunique() - answered["label"].nunique(),
     )
-    if not nearest and error.beats_chance and error.error > chance / 2:
-        return replace(error, by_chance=_share_by_chance(error.error, wrong_by, cells))
+    may_be_chance = error.beats_chance and error.error > error.chance / 2
+    if may_be_chance and not nearest:
+        return replace(error, by_chance=_share_by_chance(error.error, means))
     return error
 
 
-def _share_by_chance(
-    error: float, wrong_by: Callable[[np.ndarray], np.ndarray], cells: np.ndarray
-) -> float:
-    """The share of random assignments of objects to groups whose error is as low as `error`.
+def _parts(frames: np.ndarray, number: np.ndarray) -> list[np.ndarray]:
+    """Return the frames (n,) of each of some parts, in the order of time.
+
+    Args:
+        frames: int (n,), rising.
+        number: int (n,), the part of each of these frames; no part is without a frame.
+    """
+    order = np.argsort(number, kind="stable")
+    ends = np.cumsum(np.bincount(number))
+    return np.split(frames[order], ends[:-1])
+
+
+def _means_of(
+    readings: Callable[[np.ndarray], np.ndarray],
+    frames_of_cell: list[np.ndarray],
+    cells: pd.DataFrame,
+) -> _Means:
+    """Return means of readings, of about equally many frames of each cell.
+
+    Args:
+        readings: see `quick_error`.
+        frames_of_cell: usable frames of each cell.
+        cells: `label` and `group` of each cell.
+    """
+    frames_of_mean = list[np.ndarray]()
+    cell_of_mean = list[int]()
+    most = max(1, MOST_FRAMES_READ // len(cells))
+    for cell, frames in enumerate(frames_of_cell):
+        spread = evenly(frames, most)
+        means = -(-len(spread) // FRAMES_OF_MEAN)
+        for first in range(means):
+            frames_of_mean.append(spread[first::means])
+            cell_of_mean.append(cell)
+    used = np.concatenate(frames_of_mean)
+    ends = np.cumsum([len(frames) for frames in frames_of_mean])
+    of_mean = np.split(readings(used), ends[:-1])
+    return _Means(
+        values=np.stack([values.mean(axis=0, dtype=np.float64) for values in of_mean]),
+        cell=np.array(cell_of_mean),
+        label=cells["label"].to_numpy(),
+        group=cells["group"].to_numpy(),
+        frames=len(used),
+    )
+
+
+def _wrong_by_cell(means: _Means, labels: np.ndarray, *, nearest: bool) -> np.ndarray:
+    """Return the share of wrong answers (C,) of each cell.
+
+    Args:
+        means: of the cells.
+        labels: (C,), objects that the cells are taken for.
+        nearest: see `quick_error`.
+    """
+    expected = labels[means.cell]
+    answers = _answers(means.values, expected, means.group[means.cell], nearest=nearest)
+    wrong = np.bincount(means.cell, answers != expected)
+    return np.asarray(wrong / np.bincount(means.cell))
+
+
+def _share_by_chance(error: float, means: _Means) -> float:
+    """Return the share of random assignments of objects to groups whose error is as low.
 
     An object keeps its number of groups. Where groups span objects, as sessions do, objects change
     places within each.
 
     Args:
-        wrong_by: function from the objects (n,) of the cells to the share of wrong answers (n,) in
-            each.
-        cells: int (2, n), object and group of each cell.
+        error: of the objects as they are.
+        means: of the cells.
     """
     rng = stream(SPLIT_SEED, "permutations")
-    spans = len(np.unique(cells[1])) < cells.shape[1]
-    blocks = cells[1] if spans else np.zeros_like(cells[1])
+    block_of_cell = np.zeros_like(means.group)
+    spans_objects = len(np.unique(means.group)) < len(means.group)
+    if spans_objects:
+        block_of_cell = means.group
+    blocks = [np.flatnonzero(block_of_cell == block) for block in np.unique(block_of_cell)]
     as_low = 0
     for _ in range(PERMUTATIONS):
-        objects = cells[0].copy()
-        for block in np.unique(blocks):
-            members = np.flatnonzero(blocks == block)
-            objects[members] = rng.permutation(objects[members])
-        as_low += wrong_by(objects).mean() <= error + ROUNDING
+        objects = means.label.copy()
+        for cells in blocks:
+            objects[cells] = rng.permutation(objects[cells])
+        as_low += _wrong_by_cell(means, objects, nearest=False).mean() <= error + ROUNDING
     return as_low / PERMUTATIONS
 
 
 def _answers(
     means: np.ndarray, label: np.ndarray, group: np.ndarray, *, nearest: bool
 ) -> np.ndarray:
-    """Objects (n,) that a classifier of other groups assigns to mean readings (n, S).
+    """Return the objects (n,) that a classifier of other groups assigns to mean readings.
 
     Every object has two groups or more, so that each mean is answered, see `complete_folds`.
 
-    With `nearest` the answer is the nearest mean's object. Else it is the object whose ridge scores
-    are nearest on average. The largest score alone would never name an object that reads between
-    two others, as where all sensors of an object share an offset (Hastie, Tibshirani and Friedman,
-    "The elements of statistical learning", section 4.2, masking).
+    The nearest mean answers, of readings or of ridge scores. Of ridge scores it is the mean of an
+    object. The largest score alone would never name an object that reads between two others, as
+    where all sensors of an object share an offset (Hastie, Tibshirani and Friedman, "The elements
+    of statistical learning", section 4.2, masking).
+
+    Args:
+        means: (n, S), mean readings.
+        label: (n,), object of each mean.
+        group: (n,), group of each mean.
+        nearest: see `quick_error`.
     """
-    from sklearn.linear_model import Ridge
     from sklearn.neighbors import KNeighborsClassifier
     from sklearn.preprocessing import StandardScaler
     from threadpoolctl import threadpool_limits
@@ -172,50 +249,73 @@ def _answers(
     with threadpool_limits(1), warnings.catch_warnings():
         # many objects of two groups each
         warnings.filterwarnings("ignore", "The number of unique classes")
-        for test in complete_folds(group, label, FOLDS):
-            scaler = StandardScaler().fit(means[~test])
-            points = scaler.transform(means)
-            learnt, known = points[~test], label[~test]
+        for held_out in complete_folds(group, label, LEAK_FOLDS):
+            training = ~held_out
+            points = StandardScaler().fit(means[training]).transform(means)
+            known = points[training]
+            objects = label[training]
             if not nearest:
-                objects = np.unique(known)
-                is_object = (known[:, None] == objects).astype(np.float64)
-                scores = Ridge(PENALTY * means.shape[1]).fit(learnt, is_object).predict
-                points = scores(points).reshape(len(means), -1)
-                learnt = np.stack([points[~test][known == one].mean(axis=0) for one in objects])
-                known = objects
-            answer[test] = KNeighborsClassifier(1).fit(learnt, known).predict(points[test])
+                points = _ridge_scores(points, label, training)
+                objects = np.unique(label[training])
+                of_object = [points[training & (label == name)] for name in objects]
+                known = np.stack([scores.mean(axis=0) for scores in of_object])
+            classifier = KNeighborsClassifier(1).fit(known, objects)
+            answer[held_out] = classifier.predict(points[held_out])
     return answer
+
+
+def _ridge_scores(points: np.ndarray, label: np.ndarray, training: np.ndarray) -> np.ndarray:
+    """Return the scores (n, O) of a ridge regression for each object of the training set.
+
+    Args:
+        points: (n, S), standardised readings.
+        label: (n,), object of each point.
+        training: bool (n,), the points to fit.
+    """
+    from sklearn.linear_model import Ridge
+
+    known = label[training]
+    is_object = (known[:, None] == np.unique(known)).astype(np.float64)
+    ridge = Ridge(RIDGE_PENALTY * points.shape[1]).fit(points[training], is_object)
+    return np.asarray(ridge.predict(points)).reshape(len(points), -1)
 
 
 def check_leak(
     recordings: Recordings, baseline: Baseline, states: HandStates, group: np.ndarray
 ) -> QuickError | None:
-    """Error of recognising objects by open-hand frames; None unless two objects have such frames in two groups each.
+    """Return the error of recognising objects by open-hand frames.
 
     The baseline of the last frame of contact before is subtracted: one of the open hand itself
     would hide its own drift. The empty hand is no object here.
 
     Args:
-        group: (T,) split group of each frame.
+        recordings: the table of raw counts.
+        baseline: of its frames.
+        states: of the hand in these frames.
+        group: (T,), split group of each frame.
+
+    Returns:
+        The error; None unless two objects have such frames in two groups each.
     """
     frame = pd.Series(np.arange(len(recordings)))
-    last = frame.where(states.contact).groupby(recordings.columns["recording"]).ffill()
-    before = last.fillna(frame).to_numpy(int)
+    recording = np.asarray(recordings.columns["recording"])
+    last_contact = frame.where(states.contact).groupby(recording).ffill()
+    before = last_contact.fillna(frame).to_numpy(int)
 
     def excess(index: np.ndarray) -> np.ndarray:
-        return (
-            states.counts[index]
-            - baseline.mean[baseline.of_frame[before[index]]][:, recordings.live]
-        )
+        mean = baseline.mean[baseline.of_frame[before[index]]]
+        return np.asarray(states.counts[index] - mean[:, recordings.live])
 
-    untouched = states.open & ~recordings.empty_hand
-    return quick_error(excess, untouched, recordings.columns["object"], group)
+    untouched = states.open & ~np.asarray(recordings.empty_hand)
+    label = np.asarray(recordings.columns["object"])
+    return quick_error(excess, untouched, label=label, group=group)
 
 
 def leak_note(leak: QuickError, *, advised: bool) -> Note:
-    """A leak check in one line; a warning with a remedy where the objects are recognised.
+    """Return a leak check in one line; a warning with a remedy where the objects are recognised.
 
     Args:
+        leak: the error without contact.
         advised: to set the baseline to `grasp` is a remedy.
     """
     text = (
@@ -224,12 +324,12 @@ def leak_note(leak: QuickError, *, advised: bool) -> Note:
         f"{several(leak.frames, 'frame')} in {several(leak.groups, 'group')}"
     )
     if leak.objects_left_out:
-        text += f"; not in it: {several(leak.objects_left_out, 'object')} with such frames in a single group"
+        objects = several(leak.objects_left_out, "object")
+        text += f"; not in it: {objects} with such frames in a single group"
     if not leak.beats_chance:
         return Note(text, topic=TOPIC)
     text += ". Errors say less about touch than they seem to: "
-    if advised:
-        text += "set preprocess.baseline to grasp, or "
-    text += "choose another split.by"
-    remedy = ("preprocess.baseline", "grasp") if advised else ("", None)
-    return Note(text, "warning", TOPIC, *remedy)
+    if not advised:
+        return Note(f"{text}choose another split.by", "warning", TOPIC)
+    text += "set preprocess.baseline to grasp, or choose another split.by"
+    return Note(text, "warning", TOPIC, "preprocess.baseline", "grasp")

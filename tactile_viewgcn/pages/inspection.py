@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tactile_viewgcn.frames.columns import ALIKE
+from tactile_viewgcn.frames.columns import ALIKE_RATES
 from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, NEW_SESSION, Note, listed, several, warnings_of
@@ -193,7 +193,7 @@ def _varying_sensors(overview: Overview) -> str:
 
 def _frame_rate(rates: list[float]) -> str:
     """Return the median of sorted rates (Hz) that are alike, else their range."""
-    if rates[-1] < rates[0] * ALIKE:
+    if rates[-1] < rates[0] * ALIKE_RATES:
         return f"{np.median(rates):.4g} Hz"
     return f"{rates[0]:.4g} to {rates[-1]:.4g} Hz"
 

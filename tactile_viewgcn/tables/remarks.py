@@ -1,4 +1,4 @@
-"""Warnings of what spoils any result of a table of raw counts, for `ingest`, `inspect` and `fit`."""
+"""Warnings of what spoils a result of recordings, for `ingest`, `inspect` and `fit`."""
 
 import re
 import unicodedata
@@ -9,34 +9,38 @@ import numpy as np
 import pandas as pd
 
 from tactile_viewgcn.messages import Note, listed, several
-from tactile_viewgcn.tables.look import Look
+from tactile_viewgcn.tables.look import Look, takes_of_source
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
-EXAMPLES = 3  # long places in a warning
-CHANCE = 1e-3  # expected number of recordings that would look so by chance
+MOST_PLACES = 3  # long texts on recordings in one warning
+MOST_EXPECTED = 1e-3  # recordings that would look so by chance, of which a warning still tells
 # share of a recording's frames that differ from the one before, where sensors have noise
-MOSTLY_MOVES = 0.5
+NOISY_MOVES = 0.5
 FEWEST_EQUAL = 3  # equal frames at the beginning or the end that count
-PADDED = 0.1  # share of a recording's frames, from which on they count
-RARELY, MUCH = 0.02, 0.25  # of so few recordings only ends count that are longer than this share
+FEWEST_EQUAL_SHARE = 0.1  # of a recording's frames: the same
+RARE_ENDS = 0.02  # share of the recordings with equal ends, below which only long ends count
+LONG_END = 0.25  # share of a recording's frames: the length of such an end
 # share of frames that equal the one before, inside recordings of sensors with noise
 MOST_REPEATS = 0.05
 FEWEST_REPEATS = 0.01  # the same, of which chance is computed at least
 # share of the sensors: more that stand still in some recordings are untouched, not faulty
 MOST_STUCK = 0.1
-LIVELY = 0.9  # share of the recordings in which a sensor moves, in which it moves all the time
-TELLS = 1e-3  # probability of Kruskal and Wallis, below which numbers differ between objects
+LIVELY_SHARE = 0.9  # of the recordings in which a sensor moves: there it moves all the time
+DIFFER_BELOW = 1e-3  # probability of Kruskal and Wallis, below which lengths differ by object
 # factor between recordings of two units, and an empty gap of that factor between them
 OTHER_UNIT = 4.0
 
 
 def remarks(recordings: Recordings, look: Look) -> list[Note]:
-    """The reader's notes, and warnings of what spoils a result.
+    """Return the reader's notes, and warnings of what spoils a result.
 
     Args:
+        recordings: the table of raw counts.
         look: of the same recordings, see `look_at`.
     """
-    found = [
+    return [
+        *recordings.notes,
+        *without_frames(recordings),
         *_copies(recordings, look),
         *_shared_frames(recordings, look),
         *_standing_still(recordings, look),
@@ -46,184 +50,226 @@ def remarks(recordings: Recordings, look: Look) -> list[Note]:
         *_spellings(recordings),
         *_times(recordings),
     ]
-    return [
-        *recordings.notes,
-        *without_frames(recordings),
-        *(Note(text, "warning", topic) for topic, text in found),
-    ]
 
 
 def without_frames(recordings: Recordings) -> list[Note]:
-    """A warning that names recordings without frames, and objects of which there is no frame."""
-    recorded = set(recordings.columns["recording"])
-    with_frames = set(recordings.columns["object"])
-    names = [name for number, name in enumerate(recordings.recordings) if number not in recorded]
-    objects = [name for number, name in enumerate(recordings.objects) if number not in with_frames]
+    """Return a warning that names recordings without frames, and objects without a frame.
+
+    Args:
+        recordings: the table of raw counts.
+    """
     text = ""
+    names = _not_in(recordings.columns["recording"], recordings.recordings)
     if names:
         text += f"{several(len(names), 'recording')} without frames: {listed(names)}. "
+    objects = _not_in(recordings.columns["object"], recordings.objects)
     if objects:
         text += f"No frame of the objects {listed(objects)}. "
     if not text:
         return []
-    return [Note(f"{text}Record them again, or remove them.", "warning", "no frames")]
+    return [_warning("no frames", f"{text}Record them again, or remove them.")]
 
 
-def _examples(places: list[str]) -> str:
-    """The first three places, which are long texts, and the number of the others."""
-    more = [f"and {len(places) - EXAMPLES} more"] if len(places) > EXAMPLES else []
-    return ", ".join([*places[:EXAMPLES], *more])
+def _not_in(index: np.ndarray, names: list[str]) -> list[str]:
+    """Return the names whose number is not in an index (T,) of frames."""
+    missing = np.setdiff1d(np.arange(len(names)), index)
+    return [names[number] for number in missing]
 
 
-def _copies(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
+def _warning(topic: str, text: str) -> Note:
+    return Note(text, "warning", topic)
+
+
+def _places(places: list[str]) -> str:
+    """Return the first three places, which are long texts, and the number of the others."""
+    first = places[:MOST_PLACES]
+    if len(places) > MOST_PLACES:
+        first.append(f"and {len(places) - MOST_PLACES} more")
+    return ", ".join(first)
+
+
+def _copies(recordings: Recordings, look: Look) -> Iterator[Note]:
+    """Warn of recordings with the counts of an earlier one."""
+    original = look.by_recording["original"]
     names = recordings.recordings
-    copies = look.each[look.each["original"] != look.each.index]
-    pairs = [f"{names[copy]} repeats {names[first]}" for copy, first in copies["original"].items()]
-    if pairs:
-        text = f"{several(len(pairs), 'recording')} with the counts of a different one: {listed(pairs)}. "
-        text += "A copy tests nothing, and as a different object it is wrong: remove it, or record it again."
-        yield "copies", text
+    pairs = list[str]()
+    for copy, first in original[original != original.index].items():
+        pairs.append(f"{names[copy]} repeats {names[first]}")
+    if not pairs:
+        return
+    text = f"{several(len(pairs), 'recording')} with the counts of a different one: "
+    text += f"{listed(pairs)}. A copy tests nothing, and as a different object it is wrong: "
+    text += "remove it, or record it again."
+    yield _warning("copies", text)
 
 
-def _shared_frames(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
-    """A warning of recordings that have frames in common with an earlier one, and are no copy of it.
+def _shared_frames(recordings: Recordings, look: Look) -> Iterator[Note]:
+    """Warn of recordings that have frames in common with an earlier one, and are no copy of it.
 
-    Recordings that the source holds together already, as overlapping windows, are none.
+    Recordings that the source already holds out together, as overlapping windows, do not count.
     """
-    names = recordings.recordings
-    each = look.each
-    takes = pd.Series(each.index, index=each.index)
-    if "take" in recordings.columns:
-        takes = (
-            pd.Series(recordings.columns["take"]).groupby(recordings.columns["recording"]).first()
-        )
-    of_partner = each.loc[each["partner"]]
-    is_together = takes.loc[each.index].to_numpy() == takes.loc[each["partner"]].to_numpy()
-    is_other_object = each["object"].to_numpy() != of_partner["object"].to_numpy()
-    is_piece = (each["shared"] > 0) & (each["original"] == each.index)
-    pieces = each[is_piece & (is_other_object | ~is_together)]
+    table = look.by_recording
+    partners = table.loc[table["partner"]]
+    is_other_object = table["object"].to_numpy() != partners["object"].to_numpy()
+    is_apart = np.ones(len(table), dtype=bool)
+    takes = takes_of_source(recordings)
+    if takes is not None:
+        is_apart = takes.loc[table.index].to_numpy() != takes.loc[partners.index].to_numpy()
+    is_piece = (table["shared"] > 0) & (table["original"] == table.index)
+    is_remarkable = is_piece & (is_other_object | is_apart)
+    pieces = table[is_remarkable]
     if pieces.empty:
         return
-    places = [
-        f"{names[number]} ({row.shared} of {several(row.frames, 'frame')}, as {names[row.partner]})"
-        for number, row in pieces.iterrows()
-    ]
-    text = (
-        f"{several(len(pieces), 'recording')} with frames of a different one: {_examples(places)}. "
-    )
-    text += (
-        "They are overlapping pieces or copies of one recording, and tell nothing of a new one. "
-    )
-    mixed = pieces[is_other_object[each.index.get_indexer(pieces.index)]]
-    if len(mixed):
-        text += f"{several(len(mixed), 'pair')} of different objects: are their labels right? "
-    text += "Those of an object are held out together here; where you deal them yourself, give their `groups`."
-    yield "shared frames", text
+    names = recordings.recordings
+    places = list[str]()
+    for number, piece in pieces.iterrows():
+        of_frames = f"{piece['shared']} of {several(piece['frames'], 'frame')}"
+        places.append(f"{names[number]} ({of_frames}, as {names[piece['partner']]})")
+    text = f"{several(len(pieces), 'recording')} with frames of a different one: "
+    text += f"{_places(places)}. They are overlapping pieces or copies of one recording, "
+    text += "and say nothing of a new one. "
+    mixed = int((is_remarkable & is_other_object).sum())
+    if mixed:
+        text += f"{several(mixed, 'pair')} of different objects: are their labels right? "
+    text += "Pieces of one object are held out together here. "
+    text += "If you split recordings yourself, pass their `groups`."
+    yield _warning("shared frames", text)
 
 
-def _standing_still(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
-    """A warning of recordings in which nothing changes, where others change nearly all the time."""
-    each = look.each[look.each["frames"] > 1]
-    moving = each[each["moves"] > 0]
-    still = each[each["moves"] == 0]
+def _standing_still(recordings: Recordings, look: Look) -> Iterator[Note]:
+    """Warn of recordings in which nothing changes, where others change nearly all the time."""
+    long_enough = look.by_recording[look.by_recording["frames"] > 1]
+    moving = long_enough[long_enough["moves"] > 0]
+    still = long_enough[long_enough["moves"] == 0]
     if still.empty or len(moving) < len(still):
         return
     usual = float((moving["moves"] / (moving["frames"] - 1)).median())
-    expected = len(each) * (1 - usual) ** (still["frames"] - 1)
-    still = still[expected < CHANCE]
-    if usual < MOSTLY_MOVES or still.empty:
+    expected = len(long_enough) * (1 - usual) ** (still["frames"] - 1)
+    still = still[expected < MOST_EXPECTED]
+    if usual < NOISY_MOVES or still.empty:
         return
     names = [recordings.recordings[number] for number in still.index]
     text = f"No sensor changes in {several(len(names), 'recording')}: {listed(names)}. "
-    yield "standing still", f"{text}Did the glove freeze? Record them again, or remove them."
+    text += "Did the glove freeze? Record them again, or remove them."
+    yield _warning("standing still", text)
 
 
-def _stuck_sensors(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
-    """A warning of sensors that never change in some recordings, and always do in most.
+def _stuck_sensors(recordings: Recordings, look: Look) -> Iterator[Note]:
+    """Warn of sensors that never change in some recordings, and always do in most.
 
-    Where many sensors are so, untouched sensors read a constant: nothing is wrong.
+    Where many sensors stand still, they are untouched and read a constant: nothing is wrong.
     """
     long_enough = look.lively.any(axis=1)
-    stuck, lively = look.stuck[long_enough], look.lively[long_enough]
-    objects = look.each["object"].to_numpy()[long_enough]
-    numbers = look.each.index.to_numpy()[long_enough]
+    stuck = look.stuck[long_enough]
+    lively = look.lively[long_enough]
+    of_recording = look.by_recording[long_enough]
     moving = ~stuck
-    is_lively = lively.sum(axis=0) >= LIVELY * moving.sum(axis=0)
-    is_odd = stuck.any(axis=0) & is_lively & (moving.sum(axis=0) > stuck.sum(axis=0))
-    sensors = np.flatnonzero(is_odd)
-    some = np.flatnonzero(stuck.any(axis=0))
-    if not len(sensors) or len(some) > max(1, MOST_STUCK * stuck.shape[1]):
+    is_stuck = stuck.any(axis=0)
+    is_lively = lively.sum(axis=0) >= LIVELY_SHARE * moving.sum(axis=0)
+    is_odd = is_stuck & is_lively & (moving.sum(axis=0) > stuck.sum(axis=0))
+    if not is_odd.any() or is_stuck.sum() > max(1, MOST_STUCK * stuck.shape[1]):
         return
     names = recordings.sensor_names(recordings.live)
-    places = []
-    for sensor in sensors:
-        rows = np.flatnonzero(stuck[:, sensor])
-        place = f"{names[sensor]} in {listed([recordings.recordings[number] for number in numbers[rows]])}"
-        touched = np.unique(objects[rows])
-        if len(touched) == 1 and len(rows) == np.sum(objects == touched[0]) > 1:
-            place = f"{names[sensor]} in all of {recordings.objects[touched[0]]}"
-        places.append(place)
-    text = f"{several(len(places), 'sensor')} that never change in some recordings, and always in others: "
-    if len(places) == 1:
-        text = "A sensor never changes in some recordings, and always in others: "
-    text += (
-        f"{listed(places, '; ')}. Is its cable loose? If nothing touches it there, this is right."
-    )
-    yield "standing still", text
+    places = list[str]()
+    for sensor in np.flatnonzero(is_odd):
+        place = _place_of_stuck(recordings, of_recording["object"], stuck[:, sensor])
+        places.append(f"{names[sensor]} in {place}")
+    text = "A sensor never changes in some recordings, and always in others: "
+    if len(places) > 1:
+        text = f"{several(len(places), 'sensor')} that never change in some recordings, "
+        text += "and always in others: "
+    text += f"{listed(places, '; ')}. Is its cable loose? "
+    text += "If nothing touches it there, this is right."
+    yield _warning("standing still", text)
 
 
-def _equal_ends(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
-    """A warning of recordings that begin or end with equal frames, where frames are hardly ever repeated inside.
+def _place_of_stuck(recordings: Recordings, objects: pd.Series, is_stuck: np.ndarray) -> str:
+    """Return the names of the recordings in which a sensor is stuck, or of their object.
 
-    Sensors without noise read the same while the hand rests: that is none. Readings far from all
-        others are padding.
+    Args:
+        recordings: the table of raw counts.
+        objects: of each of some recordings, by its number.
+        is_stuck: bool, in which of these recordings the sensor is stuck.
     """
-    each = look.each[look.each["moves"] > 0]
-    if each.empty:
+    of_stuck = objects[is_stuck]
+    first = of_stuck.iloc[0]
+    is_one_object = bool((of_stuck == first).all())
+    if is_one_object and len(of_stuck) == (objects == first).sum() > 1:
+        return f"all of {recordings.objects[first]}"
+    return listed([recordings.recordings[number] for number in of_stuck.index])
+
+
+def _equal_ends(recordings: Recordings, look: Look) -> Iterator[Note]:
+    """Warn of recordings that begin or end with equal frames, where frames hardly repeat inside.
+
+    Sensors without noise read the same while the hand rests, which is right. Readings far from all
+    others are padding.
+    """
+    moving = look.by_recording[look.by_recording["moves"] > 0]
+    if moving.empty:
         return
-    equal = each["head"] + each["tail"] - 2
-    steps = float((each["frames"] - 1 - equal).sum())
-    repeats = (steps - float(each["moves"].sum())) / max(steps, 1.0)
-    longest = each[["head", "tail"]].max(axis=1)
-    is_long = (longest >= FEWEST_EQUAL) & (longest >= PADDED * each["frames"])
-    by_chance = len(each) * max(repeats, FEWEST_REPEATS) ** (longest - 1)
-    stops = (repeats <= MOST_REPEATS) & (by_chance < CHANCE) & (each["end"] != "rest")
-    is_padded = is_long & (stops | (each["end"] == "outside"))
-    if is_padded.mean() < RARELY:
-        is_padded &= longest >= MUCH * each["frames"]
-    ends = each[is_padded]
-    if ends.empty:
+    is_padded = _is_padded(moving)
+    padded = moving[is_padded]
+    if padded.empty:
         return
-    places = []
-    for number, row in ends.iterrows():
-        place = "the first"
-        count = row["head"]
+    places = list[str]()
+    for number, row in padded.iterrows():
+        end = f"the first {row['head']}"
         if row["tail"] >= row["head"]:
-            place = "the last"
-            count = row["tail"]
-        places.append(f"{recordings.recordings[number]} ({place} {count} of {row['frames']})")
-    text = f"Equal frames at an end of {several(len(places), 'recording')}: {_examples(places)}. "
+            end = f"the last {row['tail']}"
+        places.append(f"{recordings.recordings[number]} ({end} of {row['frames']})")
+    text = f"Equal frames at an end of {several(len(places), 'recording')}: {_places(places)}. "
     text += "Is that padding, or did the glove freeze? "
-    if _differ_by_object(equal.where(is_padded, 0).to_numpy(), each["object"].to_numpy()):
+    of_ends = _equal_frames(moving).where(is_padded, 0)
+    if _differ_by_object(of_ends.to_numpy(), moving["object"].to_numpy()):
         text += "Their number differs between the objects, and a classifier may learn that. "
-    text += "Then cut these frames off: recordings may be of unlike length. If the hand rests there, this is right."
-    yield "equal ends", text
+    text += "If so, cut these frames off: recordings may be of unlike length. "
+    text += "If the hand rests there, this is right."
+    yield _warning("equal ends", text)
 
 
-def _differ_by_object(numbers: np.ndarray, objects: np.ndarray) -> bool:
-    """Whether numbers (R,) of recordings differ between their objects (R,), by the test of Kruskal and Wallis."""
+def _equal_frames(rows: pd.DataFrame) -> pd.Series:
+    """Return how many frames at both ends of recordings equal the first or the last frame."""
+    return rows["head"] + rows["tail"] - 2
+
+
+def _is_padded(rows: pd.DataFrame) -> pd.Series:
+    """Return the recordings that begin or end with equal frames which are no hand at rest.
+
+    Args:
+        rows: of `Look.by_recording`, of recordings that move.
+    """
+    steps = float((rows["frames"] - 1 - _equal_frames(rows)).sum())
+    repeats = (steps - float(rows["moves"].sum())) / max(steps, 1.0)
+    longest = rows[["head", "tail"]].max(axis=1)
+    is_long = (longest >= FEWEST_EQUAL) & (longest >= FEWEST_EQUAL_SHARE * rows["frames"])
+    expected = len(rows) * max(repeats, FEWEST_REPEATS) ** (longest - 1)
+    stands_out = (repeats <= MOST_REPEATS) & (expected < MOST_EXPECTED) & (rows["end"] != "rest")
+    is_padded = is_long & (stands_out | (rows["end"] == "outside"))
+    if is_padded.mean() < RARE_ENDS:
+        is_padded &= longest >= LONG_END * rows["frames"]
+    return is_padded
+
+
+def _differ_by_object(lengths: np.ndarray, objects: np.ndarray) -> bool:
+    """Return whether lengths differ between objects, by the test of Kruskal and Wallis.
+
+    Args:
+        lengths: (R,) of recordings.
+        objects: (R,) of the same recordings.
+    """
     from scipy.stats import kruskal
 
-    if len(np.unique(numbers)) < 2 or len(np.unique(objects)) < 2:
+    if len(np.unique(lengths)) < 2 or len(np.unique(objects)) < 2:
         return False
-    samples = [numbers[objects == label] for label in np.unique(objects)]
-    return bool(kruskal(*samples).pvalue < TELLS)
+    samples = [lengths[objects == label] for label in np.unique(objects)]
+    return bool(kruskal(*samples).pvalue < DIFFER_BELOW)
 
 
-def _units(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
-    """A warning of recordings whose readings and whose smallest changes are both weaker or stronger by a factor.
+def _units(recordings: Recordings, look: Look) -> Iterator[Note]:
+    """Warn of recordings whose readings and smallest changes are weaker or stronger by a factor.
 
-    A light grip reads less, but its noise is that of a firm one: in another unit the noise is
+    A light grip reads less, but its noise is that of a firm grip: in another unit the noise is
     different too. Between the recordings of two units there is a gap.
     """
     strength = _relative(look.strength)
@@ -231,38 +277,46 @@ def _units(recordings: Recordings, look: Look) -> Iterator[tuple[str, str]]:
     known = np.flatnonzero(np.isfinite(strength) & np.isfinite(step))
     if len(known) < 2:
         return
-    order = known[np.argsort(strength[known])]
-    cluster = np.cumsum(np.diff(strength[order], prepend=strength[order[0]]) >= np.log(OTHER_UNIT))
-    usual = order[cluster == np.bincount(cluster).argmax()]
+    usual = _largest_cluster(strength, known)
     strength -= np.median(strength[usual])
     step -= np.median(step[usual])
-    others = np.setdiff1d(order, usual)
-    is_scaled = (strength[others] * step[others] > 0) & (
-        np.abs(step[others]) >= np.abs(strength[others]) / 2
-    )
-    others = others[is_scaled]
-    if not len(others):
-        return
-    numbers = look.each.index.to_numpy()
+    others = np.setdiff1d(known, usual)
+    has_same_sign = strength[others] * step[others] > 0
+    has_other_noise = np.abs(step[others]) >= np.abs(strength[others]) / 2
+    others = others[has_same_sign & has_other_noise]
+    numbers = look.by_recording.index
     for word, sign in (("weaker", -1), ("stronger", 1)):
         rows = others[np.sign(strength[others]) == sign]
         if not len(rows):
             continue
         factor = float(np.exp(np.median(np.abs(strength[rows]))))
-        names = [recordings.recordings[number] for number in numbers[np.sort(rows)]]
-        text = (
-            f"{several(len(names), 'recording')} about {factor:.3g} times {word} than the others, "
-        )
-        text += (
-            f"noise included: {listed(names)}. Another unit or gain? Convert them, or remove them."
-        )
-        yield "unit", text
+        names = [recordings.recordings[number] for number in numbers[rows]]
+        text = f"{several(len(names), 'recording')} about {factor:.3g} times {word} than the "
+        text += f"others, noise included: {listed(names)}. "
+        text += "Another unit or gain? Convert them, or remove them."
+        yield _warning("unit", text)
+
+
+def _largest_cluster(strength: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Return the indices of the most recordings without a gap of a factor between them.
+
+    Args:
+        strength: (R,) logarithms of the strength of recordings.
+        known: indices of the recordings whose strength is known.
+    """
+    order = known[np.argsort(strength[known])]
+    gaps = np.diff(strength[order], prepend=strength[order[0]])
+    cluster = np.cumsum(gaps >= np.log(OTHER_UNIT))
+    return np.asarray(order[cluster == np.bincount(cluster).argmax()])
 
 
 def _relative(values: np.ndarray) -> np.ndarray:
-    """The logarithm (R,) of how much larger a recording's values (R, K) are than usual: the median over sensors.
+    """Return the logarithm (R,) of how much larger than usual a recording's values are.
 
-    NaN where no sensor has a value above 0.
+    It is the median over sensors, and NaN where no sensor has a value above 0.
+
+    Args:
+        values: (R, K), of each recording and sensor.
     """
     with np.errstate(divide="ignore"), warnings.catch_warnings():
         # of sensors, or recordings, without a value
@@ -272,28 +326,33 @@ def _relative(values: np.ndarray) -> np.ndarray:
         return np.asarray(np.nanmedian(logarithms - usual, axis=1))
 
 
-def _spellings(recordings: Recordings) -> Iterator[tuple[str, str]]:
-    """A warning of objects whose names differ in capitals, blanks, hyphens or underscores alone."""
-    labels = [recordings.columns["object"][index[0]] for index in frames_by_recording(recordings)]
-    counts, alike = np.bincount(labels, minlength=len(recordings.objects)), dict[str, list[str]]()
-    for name, count in zip(recordings.objects, counts.tolist(), strict=True):
-        key = re.sub(r"(?<=\w)[\s_-]+", "", unicodedata.normalize("NFKC", name)).casefold()
-        alike.setdefault(key, []).append(f"{name!r} ({several(count, 'recording')})")
-    if names := [" and ".join(spelt) for spelt in alike.values() if len(spelt) > 1]:
-        yield (
-            "spelling",
-            f"Objects whose names differ in spelling alone: {listed(names)}. If one is meant, rename it.",
-        )
+def _spellings(recordings: Recordings) -> Iterator[Note]:
+    """Warn of objects whose names differ only in capitals, blanks, hyphens or underscores."""
+    first_frames = [index[0] for index in frames_by_recording(recordings)]
+    labels = np.asarray(recordings.columns["object"])[first_frames]
+    counts = np.bincount(labels, minlength=len(recordings.objects)).tolist()
+    spellings = dict[str, list[str]]()
+    for name, count in zip(recordings.objects, counts, strict=True):
+        letters = unicodedata.normalize("NFKC", name)
+        key = re.sub(r"(?<=\w)[\s_-]+", "", letters).casefold()
+        spellings.setdefault(key, []).append(f"{name!r} ({several(count, 'recording')})")
+    names = [" and ".join(alike) for alike in spellings.values() if len(alike) > 1]
+    if names:
+        text = f"Objects whose names differ only in spelling: {listed(names)}. "
+        text += "If one is meant, rename it."
+        yield _warning("spelling", text)
 
 
-def _times(recordings: Recordings) -> Iterator[tuple[str, str]]:
-    """A warning of times that do not rise from frame to frame."""
+def _times(recordings: Recordings) -> Iterator[Note]:
+    """Warn of times that do not rise from frame to frame."""
     order = np.concatenate(frames_by_recording(recordings))
-    number, time = (recordings.columns[name][order] for name in ("recording", "time"))
-    steps, within = np.diff(time), number[1:] == number[:-1]
-    if (bad := within & (steps <= 0)).any():
-        places = f"{several(int(bad.sum()), 'place')}, first in {recordings.recordings[number[bad.argmax()]]}"
-        yield (
-            "time",
-            f"Times repeat or fall at {places}. Look at the clock of the program that records.",
-        )
+    recording = np.asarray(recordings.columns["recording"])[order]
+    time = np.asarray(recordings.columns["time"])[order]
+    is_in_one_recording = recording[1:] == recording[:-1]
+    falls = is_in_one_recording & (np.diff(time) <= 0)
+    if not falls.any():
+        return
+    first = recordings.recordings[recording[falls.argmax()]]
+    text = f"Times repeat or fall at {several(int(falls.sum()), 'place')}, first in {first}. "
+    text += "Look at the clock of the program that records."
+    yield _warning("time", text)

@@ -90,7 +90,7 @@ def test_objects_are_recognised_in_groups_that_are_held_out_and_labels_at_random
     label, group = np.repeat([0, 1, 2], 60), np.repeat(np.arange(18), 10)
     readings = rng.normal(0, 1, (180, 20)) + 2 * (np.arange(20) % 3 == label[:, None])
     usable = np.ones(180, dtype=bool)
-    apart = quick_error(lambda index: readings[index], usable, label, group)
+    apart = quick_error(lambda index: readings[index], usable, label=label, group=group)
     assert (apart.error, apart.groups, apart.frames, apart.chance) == (
         0,
         18,
@@ -98,25 +98,20 @@ def test_objects_are_recognised_in_groups_that_are_held_out_and_labels_at_random
         pytest.approx(2 / 3),
     )
     by_group = rng.normal(0, 1, (18, 20))[group]  # a group is alike, an object is not
-    alike = quick_error(lambda index: by_group[index], usable, label, group)
+    alike = quick_error(lambda index: by_group[index], usable, label=label, group=group)
     assert alike.error > 0.4 and not alike.beats_chance and apart.beats_chance
     once = np.where(label == 0, group, label)
-    assert quick_error(lambda index: readings[index], usable, label, once) is None
+    assert quick_error(lambda index: readings[index], usable, label=label, group=once) is None
     # alike in all groups: means over all of a group lose it
     trend = 100.0 * np.tile(np.arange(64), 12)[:, None] / 64
     label, group = np.repeat([0, 1], 384), np.repeat(np.arange(12), 64)
-    assert (
-        quick_error(
-            (trend + 20 * label[:, None]).__getitem__, np.ones(768, dtype=bool), label, group
-        ).error
-        == 0
-    )
+    rising = trend + 20 * label[:, None]
+    every = np.ones(768, dtype=bool)
+    assert quick_error(rising.__getitem__, every, label=label, group=group).error == 0
     # the eighth frames are in one mean each
     mostly = np.where(np.arange(768) % 8 < 6, 1.0, -1.0) * (2 * label - 1)
-    assert (
-        quick_error(mostly[:, None].__getitem__, np.ones(768, dtype=bool), label, group).error
-        == 0.25
-    )
+    of_mostly = quick_error(mostly[:, None].__getitem__, every, label=label, group=group)
+    assert of_mostly.error == 0.25
 
 
 def designs():
@@ -143,7 +138,7 @@ def test_readings_that_are_the_object_are_recognised_whatever_sessions_it_was_he
             0, 0.05, (len(label), 30)
         )
         for readings in (label[:, None].astype(np.float64), offset, pattern):
-            leak = quick_error(readings.__getitem__, everything, label, group)
+            leak = quick_error(readings.__getitem__, everything, label=label, group=group)
             if np.count_nonzero(sessions > 1) < 2:
                 assert leak is None
                 continue
@@ -159,8 +154,8 @@ def test_readings_at_random_are_no_leak_whatever_sessions_the_objects_were_held_
         quick_error(
             rng.normal(0, 1, (len(label), 30)).__getitem__,
             np.ones(len(label), dtype=bool),
-            label,
-            group,
+            label=label,
+            group=group,
         )
         for label, group, rng in designs()
     ]
@@ -182,7 +177,9 @@ def test_many_objects_of_two_recordings_each_are_told_by_a_number_without_a_word
     label = np.repeat(np.arange(30), 2)
     group = np.arange(60)
     usable = np.ones(60, dtype=bool)
-    error = quick_error(lambda index: label[index, None] * 1.0, usable, label, group, nearest=True)
+    error = quick_error(
+        lambda index: label[index, None] * 1.0, usable, label=label, group=group, nearest=True
+    )
     assert error.error == 0 and error.beats_chance
 
 
@@ -199,5 +196,7 @@ def test_a_weak_leak_is_found_among_many_groups():
     rng = np.random.default_rng(0)
     label = np.repeat(np.arange(40), 4)
     readings = rng.normal(size=(40, 6))[label] + rng.normal(0, 1.2, (160, 6))
-    error = quick_error(readings.__getitem__, np.ones(160, dtype=bool), label, np.arange(160))
+    error = quick_error(
+        readings.__getitem__, np.ones(160, dtype=bool), label=label, group=np.arange(160)
+    )
     assert error.chance / 2 < error.error < error.chance and error.beats_chance
