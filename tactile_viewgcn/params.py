@@ -112,7 +112,7 @@ class Data:
 
 @dataclass(frozen=True, config=SECTION)
 class PreprocessSection:
-    baseline: Literal["auto", "empty_hand", "grasp", "none"] = "auto"  # auto: see frames/auto.py
+    baseline: Literal["auto", "empty_hand", "grasp", "none"] = "auto"  # auto: see frames/decide.py
     zero: Annotated[StrictFloat, Interval(ge=-MAX_NUMBER, le=MAX_NUMBER)] = 500.0
     filter: Literal["auto", "flags", "contact", "none"] = "auto"
     contact_sensors: Literal["auto"] | Count = "auto"

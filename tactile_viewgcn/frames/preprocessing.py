@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from tactile_viewgcn.frames.auto import Choice, choose
+from tactile_viewgcn.frames.decide import Choice, choose
 from tactile_viewgcn.frames.baseline import (
     Baseline,
     measure_baseline,

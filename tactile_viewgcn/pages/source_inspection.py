@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tactile_viewgcn.frames.auto import choose
+from tactile_viewgcn.frames.decide import choose
 from tactile_viewgcn.frames.folds import complete_folds
 from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.split import SPLIT_SEED, published_test, split_groups

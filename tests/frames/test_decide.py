@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames import auto as module
-from tactile_viewgcn.frames.auto import contact_readings, smallest_reading
+from tactile_viewgcn.frames import decide as module
+from tactile_viewgcn.frames.decide import contact_readings, smallest_reading
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline
 from tactile_viewgcn.frames.filter import sensors_in_contact
 from tactile_viewgcn.frames.open_hand import HandStates
