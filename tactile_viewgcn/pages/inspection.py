@@ -107,7 +107,7 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
     objects = several(len(np.unique(overview.label)), "object")
     sessions = several(len(np.unique(overview.session)), "session")
     lengths = f"{low} to {high} frames" if low < high else f"{several(int(low), 'frame')} each"
-    pressed = f"{overview.choice.params.contact_sensors} or more sensors are pressed"
+    pressed = f"{overview.choice.plan.params.contact_sensors} or more sensors are pressed"
     pressed = "recordings are taken as they are" if states.all_contact else pressed
     rows = [
         (f"{frames.sum():,}", f"frames of {height} x {width}, kept as {table.counts.dtype}"),
@@ -290,7 +290,7 @@ def command_lines(overview: Overview, *, new_sessions: bool = False) -> list[str
 def _kept(overview: Overview) -> list[str]:
     """Names of the objects of which `preprocess` keeps frames; it keeps those of the empty hand too."""
     kind = {"flags": "flagged", "contact": "in contact"}.get(
-        overview.choice.params.filter, "frames"
+        overview.choice.plan.params.filter, "frames"
     )
     kept, objects = overview.label[overview.counts[kind] > 0], overview.recordings.objects
     return [

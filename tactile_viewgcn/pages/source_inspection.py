@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tactile_viewgcn.frames.decide import choose
+from tactile_viewgcn.frames.decide import decide
 from tactile_viewgcn.frames.folds import complete_folds
 from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.split import SPLIT_SEED, published_test, split_groups
@@ -68,7 +68,7 @@ class Overview:
         self.groups = _groups(recordings)
         split, everything = split_settings(self.groups), np.arange(len(recordings))
         self._group = split_groups(columns, str(split[0].value))
-        self.asked, self.choice = asked, choose(recordings, everything, asked, self._group)
+        self.asked, self.choice = asked, decide(recordings, everything, asked, self._group)
         self.states = self.choice.states
         self.in_contact = self.states.contact & ~recordings.empty_hand
         self.rates = frame_rates(columns["time"], columns["recording"])

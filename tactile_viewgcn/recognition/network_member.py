@@ -37,7 +37,8 @@ class NetworkMember:
         self, table: Frames, views: Views, recordings: list[np.ndarray], seed: int, compute: Compute
     ):
         self.params = default_params((*preset_changes(NETWORK), f"seed={seed}"))
-        self.table = replace(table, transform=self.params.preprocess.transform)
+        settings = replace(table.plan.params, transform=self.params.preprocess.transform)
+        self.table = replace(table, plan=replace(table.plan, params=settings))
         self.views, self.recordings, self.compute = views.unclustered(), recordings, compute
 
     @property

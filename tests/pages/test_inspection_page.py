@@ -258,7 +258,7 @@ def test_the_line_for_a_new_session_has_five_folds_at_most(overview, sessions, f
 
 def test_a_setting_that_is_asked_for_is_taken_and_named_in_the_line(overview):
     asked = inspect_source(overview.recordings.path, asked=PreprocessSection(contact_sensors=7))
-    assert asked.choice.params.contact_sensors == 7 and "preprocess.contact_sensors=7" in " ".join(
+    assert asked.choice.plan.params.contact_sensors == 7 and "preprocess.contact_sensors=7" in " ".join(
         command_lines(asked)
     )
 
@@ -286,7 +286,7 @@ def test_where_one_object_alone_is_touched_no_command_is_printed(overview):
         counts=counts | {"in contact": np.where(overview.label == mug, counts["in contact"], 0)},
     )
     assert (
-        overview.choice.params.filter == "contact"
+        overview.choice.plan.params.filter == "contact"
         and command_lines(overview)
         and command_lines(alone) == []
     )
