@@ -26,7 +26,7 @@ def read_trained(
             raise UserError(f"{path}: no such file; run `dvc repro`, which makes it")
     table = load_table(frames, Frames)
     trained, content = load_classifier(classifier)
-    if (content.classes, content.preprocessing.live.shape) != (table.classes, table.live.shape):
+    if (content.classes, content.plan.live.shape) != (table.classes, table.live.shape):
         raise UserError(
             f"{classifier}: of other classes or sensors than {frames}; train it on these frames"
         )

@@ -29,7 +29,9 @@ def ingest(job: Job, source: Path, out: Path) -> str:
     has_time = ~np.isnan(table.columns["time"])
     timed = np.unique(table.columns["recording"][has_time])
     job.record.counts |= counts
-    job.record.counts["recordings.with_shared_frames"] = int((look.by_recording["shared"] > 0).sum())
+    job.record.counts["recordings.with_shared_frames"] = int(
+        (look.by_recording["shared"] > 0).sum()
+    )
     job.record.counts["recordings.with_times"] = len(timed)
     sizes = [
         several(counts["sensors"], "sensor"),

@@ -128,9 +128,10 @@ class Data:
 
 @dataclass(frozen=True, config=SECTION)
 class PreprocessSection:
-    """How readings become frames, see `frames/auto.py`."""
+    """How readings become frames, see `frames/decide.py`."""
 
-    baseline: Literal["auto", "empty_hand", "grasp", "none"] = "auto"  # auto: see frames/auto.py
+    # auto: see frames/decide.py
+    baseline: Literal["auto", "empty_hand", "grasp", "none"] = "auto"
     zero: Annotated[StrictFloat, Interval(ge=-MAX_NUMBER, le=MAX_NUMBER)] = 500.0
     filter: Literal["auto", "flags", "contact", "none"] = "auto"
     contact_sensors: Literal["auto"] | Count = "auto"

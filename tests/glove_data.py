@@ -417,6 +417,12 @@ def views_of(frames: Frames, params: Params) -> Views:
     return cluster_frames(frames, places, params.cluster, np.random.default_rng(params.seed))
 
 
+def with_settings(frames: Frames, **settings: object) -> Frames:
+    """The same table with other settings of `preprocess` in its plan, such as the transform."""
+    params = replace(frames.plan.params, **settings)
+    return replace(frames, plan=replace(frames.plan, params=params))
+
+
 def fewer_anchors(frames: Frames, every: int) -> Frames:
     """The same table with each `every`-th anchor only, for trainings whose result does not matter."""
     anchor = np.zeros_like(frames.anchor)

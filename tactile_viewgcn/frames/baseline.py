@@ -1,10 +1,10 @@
-"""The baseline of each frame, by `preprocess.baseline`, and the moments of the empty hand that it is made of.
+"""The baseline of each frame, by `preprocess.baseline`, and the empty hand's moments that it rests on.
 
-It is the same for a training's recordings and for new ones.
+It is measured alike on the training, validation and test set and on new recordings.
 """
 
 from dataclasses import dataclass, field
-from functools import cache, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,18 +18,16 @@ ROUNDING_SD = 12**-0.5  # standard deviation of rounding to whole steps, in step
 # standard deviations; frames further away are left out, since the empty hand bumps into objects
 OUTLIER_SD = 3.0
 MAX_PASSES = 5  # over the frames, to leave out outliers
-MOST_FRAMES = 10_000  # for a mean, which then is exact to a hundredth of the noise
+MEAN_FRAMES = 10_000  # most for a mean, which then is exact to a hundredth of the noise
+NOISE_FRAMES = 2000  # most that show the noise
 # share of the frames in which a sensor reads the smallest count, if its noise is cut off there
 CUT_OFF = 0.25
 # standard deviation of a normal distribution cut off at its mean, relative to that of the whole
 HALF_SD = 0.584
-SAMPLE = 2000  # frames that show the noise
-#: What gives the baseline of a recording in which the hand does not open.
-EMPTY, OPEN, TRAINED = (
-    "their session's empty hand",
-    "their session's open hand",
-    "the training's baseline",
-)
+#: Fallbacks for the baseline of a recording in which the hand never opens, as notes name them.
+EMPTY = "their session's empty hand"
+OPEN = "their session's open hand"
+TRAINED = "the training's baseline"
 QUIETEST = "their five quietest frames"
 
 
@@ -51,117 +49,198 @@ class Baseline:
     notes: list[Note] = field(default_factory=list)
 
 
+class _OpenHand(NamedTuple):
+    """What stands for the open hand: its name in notes, and its mean (S,) and noise (S,) in counts."""
+
+    kind: str
+    mean: np.ndarray
+    noise: np.ndarray
+
+
+class _Measured:
+    """Baselines of recordings, as they are measured one after another."""
+
+    def __init__(self, recordings: Recordings):
+        self.recordings = recordings
+        self.of_frame = np.empty(len(recordings), dtype=np.int32)
+        self.means = list[np.ndarray]()
+        self.noises = list[np.ndarray]()
+        self.replaced = dict[str, list[str]]()  # by fallback: names of recordings
+
+    def add(self, mean: np.ndarray, noise: np.ndarray) -> int:
+        """Add a baseline of mean (S,) and noise (S,), and return its index."""
+        self.means.append(mean)
+        self.noises.append(noise)
+        return len(self.means) - 1
+
+    def replace(self, kind: str, frame: int) -> None:
+        """Note that the recording of a frame has a fallback."""
+        recording = self.recordings.columns["recording"][frame]
+        self.replaced.setdefault(kind, []).append(self.recordings.recordings[recording])
+
+    def baseline(self) -> Baseline:
+        """Return all baselines as maps of the sensors, and a note on each fallback."""
+        recordings = self.recordings
+        shape = (len(self.means), *recordings.shape)
+        # cells without a sensor never change
+        mean = np.empty(shape, _dtype(recordings))
+        mean[:] = recordings.counts[np.zeros(1, dtype=int)]
+        mean[:, recordings.live] = self.means
+        noise = np.ones_like(mean)
+        noise[:, recordings.live] = self.noises
+        total = several(len(np.unique(recordings.columns["recording"])), "recording")
+        notes = [
+            Note(f"{len(names)} of {total}: it is from {kind}: {listed(names)}", topic="baseline")
+            for kind, names in self.replaced.items()
+        ]
+        return Baseline(mean, noise, self.of_frame, notes)
+
+
+def _dtype(recordings: Recordings) -> np.dtype:
+    """Return the type of a baseline, which holds the recordings' counts exactly."""
+    return np.result_type(recordings.counts.dtype, np.float32)
+
+
 def measure_baseline(
     recordings: Recordings,
-    preprocess: PreprocessSection,
+    params: PreprocessSection,
     moments: list[Moments],
     states: HandStates | None = None,
 ) -> Baseline:
-    """Measure the baseline that `preprocess.baseline` names.
+    """Return the baseline that `preprocess.baseline` names.
 
-    - `empty_hand`: of each session over its frames of the empty hand, as the paper subtracts it;
-    - `grasp`: of each grasp over the open hand before it; a recording without any has its
-      session's, see `_open_hand_of_session`, else its five quietest frames;
+    - `empty_hand`: the mean of each session's frames of the empty hand, as the paper subtracts it.
+    - `grasp`: the mean of the open hand before each grasp. A recording without an open hand has a
+      fallback: its session's open hand, see `_open_hand_of_session`, else its five quietest frames.
     - `none`: the constant `preprocess.zero` for every sensor, as the released code subtracts it,
       with unknown noise.
 
-    Frames of the test side's empty hand count too: it calibrates the glove, and a user records it
+    Frames of the test set's empty hand count too: it calibrates the glove, and a user records it
     anew in each session. The accuracy of the class empty hand is too high because of that.
 
     Args:
+        recordings: T frames.
+        params: the settings of a plan.
         moments: of each session, see `session_moments`.
-        states: of these recordings; needed by `grasp`, and where a session lacks an empty hand.
+        states: of these recordings. They are needed by `grasp`, and where a session lacks an empty
+            hand.
     """
-    dtype = np.result_type(recordings.counts.dtype, np.float32)
-    if preprocess.baseline == "none":
-        zero = np.full((1, *recordings.shape), preprocess.zero, dtype)
-        return Baseline(zero, np.full_like(zero, np.nan), np.zeros(len(recordings), dtype=np.int16))
-    session, recording = recordings.columns["session"], recordings.columns["recording"]
-    by_grasp = preprocess.baseline == "grasp"
-    parts = [np.flatnonzero(session == number) for number in np.unique(session)]
-    if by_grasp:
-        parts = frames_by_recording(recordings)
-    of_session = cache(partial(_open_hand_of_session, recordings, moments, states))
-    of_frame, means, noises = (
-        np.empty(len(session), dtype=np.int32),
-        list[np.ndarray](),
-        list[np.ndarray](),
-    )
-    shared: dict[int, int] = {}  # by session: the baseline that its recordings share
-    # by what is used instead of the baseline that was asked for: recordings
-    replaced: dict[str, list[str]] = {}
-    for at, index in enumerate(parts):
-        number = session[index[0]]
-        if by_grasp and states and (own := _of_grasps(states, index)):
-            of_frame[index] = len(means) + own[0]
-            means += own[1]
-            noises += [moments[number][1]] * len(own[1])
+    if params.baseline == "none":
+        zero = np.full((1, *recordings.shape), params.zero, _dtype(recordings))
+        of_frame = np.zeros(len(recordings), dtype=np.int16)
+        return Baseline(zero, np.full_like(zero, np.nan), of_frame)
+    if params.baseline == "empty_hand":
+        return _of_sessions(recordings, moments, states)
+    assert states
+    return _of_grasps(recordings, moments, states)
+
+
+def _of_sessions(
+    recordings: Recordings, moments: list[Moments], states: HandStates | None
+) -> Baseline:
+    """Return a baseline for each session: its empty hand, or what stands in for it."""
+    measured = _Measured(recordings)
+    session = recordings.columns["session"]
+    for number in np.unique(session):
+        index = np.flatnonzero(session == number)
+        hand = _open_hand_of_session(recordings, moments, states, number)
+        assert hand
+        measured.of_frame[index] = measured.add(hand.mean, hand.noise)
+        if hand.kind == TRAINED:
+            measured.replace(TRAINED, index[0])
+    return measured.baseline()
+
+
+def _of_grasps(recordings: Recordings, moments: list[Moments], states: HandStates) -> Baseline:
+    """Return a baseline for each grasp, and fallbacks for recordings without an open hand."""
+    measured = _Measured(recordings)
+    hands = dict[int, _OpenHand | None]()
+    shared = dict[int, int]()  # by session: the baseline that its recordings share
+    for row, index in enumerate(frames_by_recording(recordings)):
+        number = recordings.columns["session"][index[0]]
+        _, noise = moments[number]
+        grasp, means = _open_hand_of_grasps(states, index)
+        if means:
+            measured.of_frame[index] = len(measured.means) + grasp
+            for mean in means:
+                measured.add(mean, noise)
             continue
-        hand = of_session(number)
-        if not hand:
-            assert states
-            hand = QUIETEST, states.quiet[at], moments[number][1]
-        kind, mean, noise = hand
-        if kind == QUIETEST or number not in shared:
-            shared[number] = len(means)
-            means.append(mean)
-            noises.append(moments[number][1] if by_grasp else noise)
-        of_frame[index] = shared[number]
-        if by_grasp or kind == TRAINED:
-            replaced.setdefault(kind, []).append(recordings.recordings[recording[index[0]]])
-    maps = np.empty((2, len(means), *recordings.shape), dtype)
-    # cells without a sensor never change
-    maps[0], maps[1] = recordings.counts[np.zeros(1, dtype=int)], 1.0
-    maps[..., recordings.live] = means, noises
-    total = several(len(np.unique(recording)), "recording")
-    texts = (
-        f"{len(names)} of {total}: it is from {kind}: {listed(names)}"
-        for kind, names in replaced.items()
-    )
-    return Baseline(maps[0], maps[1], of_frame, [Note(text, topic="baseline") for text in texts])
+        if number not in hands:
+            hands[number] = _open_hand_of_session(recordings, moments, states, number)
+        hand = hands[number]
+        if hand is None:
+            measured.of_frame[index] = measured.add(states.quiet[row], noise)
+            measured.replace(QUIETEST, index[0])
+            continue
+        if number not in shared:
+            shared[number] = measured.add(hand.mean, noise)
+        measured.of_frame[index] = shared[number]
+        measured.replace(hand.kind, index[0])
+    return measured.baseline()
 
 
-def _of_grasps(states: HandStates, index: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]] | None:
-    """The baseline (n,) of each frame of a recording, counted from 0, and the mean (S,) of each baseline.
+def _open_hand_of_grasps(
+    states: HandStates, index: np.ndarray
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return the open hand before each grasp of a recording.
 
-    It is that of the open-hand frames since the grasp before, five at least. A grasp with fewer has
-    the baseline of the nearest earlier grasp, or else of the nearest later one; None if all have
-    fewer.
+    Uses the open-hand frames since the previous grasp, at least five. A grasp with fewer has the
+    baseline of the nearest earlier grasp, or else of the nearest later one.
+
+    Args:
+        states: of the recordings.
+        index: (n,) the recording's frames.
+
+    Returns:
+        The index (n,) of each frame's baseline, and the mean (S,) of each baseline in counts. There
+        are no means if every grasp has too few open-hand frames.
     """
     opened = states.open[index]
     grasp = grasps(opened, states.contact[index])
-    numbers, count = np.unique(grasp[opened], return_counts=True)
-    numbers = numbers[count >= MIN_FRAMES]
-    if not len(numbers):
-        return None
-    frames = [evenly(index[opened & (grasp == one)], MOST_FRAMES) for one in numbers]
+    numbers, frames = np.unique(grasp[opened], return_counts=True)
+    numbers = numbers[frames >= MIN_FRAMES]
+    means = []
+    for number in numbers:
+        open_frames = evenly(index[opened & (grasp == number)], MEAN_FRAMES)
+        mean, _ = trimmed_moments(states.counts[open_frames])
+        means.append(mean)
     nearest = np.maximum(np.searchsorted(numbers, grasp, side="right") - 1, 0)
-    return nearest, [trimmed_moments(states.counts[one])[0] for one in frames]
+    return nearest, means
 
 
 def _open_hand_of_session(
     recordings: Recordings, moments: list[Moments], states: HandStates | None, number: int
-) -> tuple[str, np.ndarray, np.ndarray] | None:
-    """What stands for the open hand in all of session `number`, its mean (S,) and noise (S,); None without any.
+) -> _OpenHand | None:
+    """Return what stands for the open hand in all of a session; None without anything.
 
-    It is the empty hand, else the open hand of the session's recordings, else what was measured in
-    the training.
+    It is the empty hand, else the open hand of the session's recordings, else what the training set
+    measured.
     """
     mean, noise = moments[number]
     if mean is not None and sessions_with_empty_hand(recordings)[number]:
-        return EMPTY, mean, noise
+        return _OpenHand(EMPTY, mean, noise)
     of_session = recordings.columns["session"] == number
-    if states and len(index := np.flatnonzero(of_session & states.open)) >= MIN_FRAMES:
-        visible = visible_noise(states.counts[evenly(np.flatnonzero(of_session), SAMPLE)])
-        return OPEN, *trimmed_moments(states.counts[evenly(index, MOST_FRAMES)], visible)
-    return None if mean is None else (TRAINED, mean, noise)
+    if states:
+        index = np.flatnonzero(of_session & states.open)
+        if len(index) >= MIN_FRAMES:
+            sample = evenly(np.flatnonzero(of_session), NOISE_FRAMES)
+            visible = visible_noise(states.counts[sample])
+            counts = states.counts[evenly(index, MEAN_FRAMES)]
+            return _OpenHand(OPEN, *trimmed_moments(counts, visible))
+    if mean is None:
+        return None
+    return _OpenHand(TRAINED, mean, noise)
 
 
 def grasps(opened: np.ndarray, contact: np.ndarray) -> np.ndarray:
-    """Number (n,) of the grasp of each frame of a recording, from 1: the next begins when the hand opens after contact.
+    """Return the number (n,) of the grasp of each frame of a recording, from 1.
 
-    Frames that are neither `opened` nor in `contact`, both bool (n,), belong to the grasp before
-    them.
+    The next grasp begins when the hand opens after contact. Frames that are neither open nor in
+    contact belong to the grasp before them.
+
+    Args:
+        opened: bool (n,), frames of the open hand.
+        contact: bool (n,), frames in contact.
     """
     certain = np.flatnonzero(opened | contact)
     begins = np.zeros(len(opened), dtype=np.int64)
@@ -170,70 +249,78 @@ def grasps(opened: np.ndarray, contact: np.ndarray) -> np.ndarray:
 
 
 def with_empty_hand(recordings: Recordings, frames: np.ndarray) -> np.ndarray:
-    """Rising indices of `frames` bool (T,) and of the empty hand in their sessions, on whichever side that is."""
+    """Return rising indices of frames bool (T,) and of the empty hand in their sessions.
+
+    The empty hand is taken from whichever set it is in.
+    """
     session = recordings.columns["session"]
     return np.flatnonzero(frames | (recordings.empty_hand & np.isin(session, session[frames])))
 
 
 def sessions_with_empty_hand(recordings: Recordings) -> np.ndarray:
-    """bool (sessions,): sessions with enough frames of the empty hand for a baseline."""
+    """Return bool (sessions,): sessions with enough frames of the empty hand for a baseline."""
     frames = recordings.columns["session"][recordings.empty_hand]
     return np.bincount(frames, minlength=len(recordings.sessions)) >= MIN_FRAMES
 
 
 def without_empty_hand(recordings: Recordings) -> list[str]:
-    """Names of the sessions that have frames, but too few of the empty hand for a baseline."""
-    enough, recorded = (
-        sessions_with_empty_hand(recordings),
-        np.unique(recordings.columns["session"]),
-    )
-    return [recordings.sessions[number] for number in recorded if not enough[number]]
+    """Return the names of the sessions with frames, but too few of the empty hand for a baseline."""
+    is_enough = sessions_with_empty_hand(recordings)
+    recorded = np.unique(recordings.columns["session"])
+    return [recordings.sessions[number] for number in recorded if not is_enough[number]]
 
 
-def session_moments(
-    recordings: Recordings, trained: list[tuple[np.ndarray, np.ndarray]] | None = None
-) -> list[Moments]:
-    """Of each session the mean (S,) of the empty hand and the noise (S,), of the live sensors.
+def session_moments(recordings: Recordings, trained: list[Moments] | None = None) -> list[Moments]:
+    """Return for each session the mean (S,) of the empty hand and the noise (S,), of the live sensors.
 
-    Without enough frames of the empty hand they are those of `trained`, mean and noise (H, W) of
-    each session from a model's training. Without both, the mean is None, and the noise that of
-    differences of successive frames: drift adds little to them, and contact changes in few of them.
+    Without enough frames of the empty hand they are the session's of `trained`. Without both, the
+    mean is None, and the noise is measured on differences of successive frames: drift adds little
+    to them, and contact changes in few of them.
+
+    Args:
+        recordings: T frames.
+        trained: what the training set measured in each of these sessions.
     """
-    session, live = recordings.columns["session"], recordings.live
-    moments = [
-        _moments(recordings, np.flatnonzero(session == number))
-        for number in range(len(recordings.sessions))
-    ]
-    if not trained:
-        return moments
-    return [
-        (mean[live], noise[live]) if own[0] is None else own
-        for own, (mean, noise) in zip(moments, trained, strict=True)
-    ]
+    session = recordings.columns["session"]
+    moments = []
+    for number in range(len(recordings.sessions)):
+        measured = _moments(recordings, np.flatnonzero(session == number))
+        mean, _ = measured
+        if mean is None and trained:
+            measured = trained[number]
+        moments.append(measured)
+    return moments
 
 
 def _moments(recordings: Recordings, index: np.ndarray) -> Moments:
-    """The same of one session, whose frames are `index` (n,)."""
-    counts, empty = recordings.live_counts(), index[recordings.empty_hand[index]]
+    """Return the same for one session, whose frames are `index` (n,)."""
+    counts = recordings.live_counts()
     if len(index) < 2:
         return None, np.ones(counts.shape[1])
-    visible = visible_noise(counts[evenly(index, SAMPLE)])
+    visible = visible_noise(counts[evenly(index, NOISE_FRAMES)])
+    empty = index[recordings.empty_hand[index]]
     if len(empty) >= MIN_FRAMES:
-        return trimmed_moments(counts[evenly(empty, MOST_FRAMES)], visible)
-    sample = evenly(np.arange(len(index) - 1), SAMPLE)
+        return trimmed_moments(counts[evenly(empty, MEAN_FRAMES)], visible)
+    sample = evenly(np.arange(len(index) - 1), NOISE_FRAMES)
     changes = counts[index[sample + 1]].astype(np.float64) - counts[index[sample]]
-    return None, trimmed_moments(changes, visible)[1] / np.sqrt(2)
+    _, noise = trimmed_moments(changes, visible)
+    return None, noise / np.sqrt(2)
 
 
 def trimmed_moments(counts: np.ndarray, visible: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and standard deviation (...) of each sensor over counts (T, ...), without outliers.
+    """Return the mean and the standard deviation (...) of each sensor, without outliers.
 
     Frames further than three standard deviations from the mean are left out. A median would be no
-    finer than whole counts, and the signal's median is one count. The standard deviation is divided
-    by `visible`, see `visible_noise`, and at least that of rounding, see `_step`. Differences from
-    the first frame are summed, so that an offset costs no digits.
+    finer than whole counts, and the signal's median is one count. Differences from the first frame
+    are summed, so that an offset costs no digits.
+
+    Args:
+        counts: (T, ...).
+        visible: see `visible_noise`; the standard deviation is divided by it, and is at least that
+            of rounding, see `_step`.
     """
-    dtype, first = np.result_type(counts.dtype, np.float32), counts[0].astype(np.float64)
+    dtype = np.result_type(counts.dtype, np.float32)
+    first = counts[0].astype(np.float64)
     rounding = ROUNDING_SD * _step(counts)
     values = counts - first
     inside = np.ones(values.shape, dtype=bool)
@@ -248,19 +335,22 @@ def trimmed_moments(counts: np.ndarray, visible: float = 1.0) -> tuple[np.ndarra
 
 
 def visible_noise(counts: np.ndarray) -> float:
-    """Share of the noise's standard deviation that counts (n, S) of live sensors show.
+    """Return the share of the noise's standard deviation that counts (n, S) of live sensors show.
 
     It is 1, or 0.584 where most sensors often read the smallest of all counts: half of their noise
     is cut off there.
     """
-    return HALF_SD if np.median((counts == counts.min()).mean(axis=0)) > CUT_OFF else 1.0
+    is_smallest = counts == counts.min()
+    if np.median(is_smallest.mean(axis=0)) > CUT_OFF:
+        return HALF_SD
+    return 1.0
 
 
 def _step(counts: np.ndarray) -> float:
-    """Step that counts (T, ...) are rounded to: 1 for integers, the smallest gap between real numbers.
+    """Return the step that counts (T, ...) are rounded to.
 
-    Gaps below eight units of the last digit are rounding errors. If all counts are equal, the step
-    is that unit.
+    It is 1 for integers, and the smallest gap between real numbers. Gaps below eight units of the
+    last digit are rounding errors. If all counts are equal, the step is that unit.
     """
     if counts.dtype.kind in "iu":
         return 1.0

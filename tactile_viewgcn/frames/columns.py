@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 
 from tactile_viewgcn.frames.leak import QuickError, quick_error
-from tactile_viewgcn.sensor_array import is_array
 from tactile_viewgcn.messages import Note, listed
 from tactile_viewgcn.readers.source import LEAVE_OUT
 from tactile_viewgcn.schema import as_change
+from tactile_viewgcn.sensor_array import is_array
 from tactile_viewgcn.tables.common_frames import CLOCK_SHARE
 from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording

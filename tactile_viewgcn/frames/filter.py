@@ -1,6 +1,7 @@
 """Which frames pass `preprocess.filter`: those in contact, or those with a flag of the source."""
 
 import math
+from typing import Literal
 
 import numpy as np
 
@@ -15,75 +16,112 @@ FEW_SENSORS = 16  # fewer are one or a few a finger
 
 
 def sensors_in_contact(live: int) -> int:
-    """Fewest sensors that are pressed in a frame of contact: 14 of STAG's 548, a fortieth of a smaller array's.
+    """Return the fewest sensors that are pressed in a frame of contact.
 
-    They are two at least, since one may be faulty. Of few sensors an object may press a single one:
-    one is enough.
+    They are 14 of STAG's 548 and a fortieth of a smaller array, but at least two, since one may be
+    faulty. Of few sensors an object may press a single one: then one is enough.
+
+    Args:
+        live: number of sensors that vary.
     """
     if live < FEW_SENSORS:
         return 1
     return min(SENSORS_IN_CONTACT, max(2, math.ceil(CONTACT_SHARE * live)))
 
 
-def passing(
-    recordings: Recordings, baseline: Baseline, preprocess: PreprocessSection
-) -> tuple[np.ndarray, list[Note]]:
-    """Frames bool (T,) that pass `preprocess.filter`, and notes on the others; `contact` passes all of the empty hand.
+def require_filter(recordings: Recordings, params: PreprocessSection) -> None:
+    """Raise a UserError if recordings cannot be filtered as a plan says.
+
+    Args:
+        recordings: a table of the training set's source.
+        params: the settings of the plan.
 
     Raises:
-        UserError: flags that the recordings do not have, or a baseline without noise.
+        UserError: there are no flags, or contact shall be found above an unknown baseline.
     """
-    if preprocess.filter == "none":
-        return np.ones(len(recordings), dtype=bool), []
-    if preprocess.filter == "flags":
-        passed, condition = flagged(recordings), "a flag"
-    else:
-        sensors = int(preprocess.contact_sensors)
-        passed = pressed_frames(recordings, baseline, sensors) | recordings.empty_hand
-        condition = f"{several(sensors, 'sensor')} above {CONTACT_SIGMAS:g} sd"
-    dropped = f"{(~passed).sum():,} of {several(len(passed), 'frame')} dropped, without {condition}"
-    notes = [Note(f"{preprocess.filter}: {dropped}", topic="filter")]
-    for column, names in (("recording", recordings.recordings), ("object", recordings.objects)):
-        of_frame = recordings.columns[column]
-        if len(emptied := np.setdiff1d(of_frame, of_frame[passed])):
-            count = f"{len(emptied)} of {several(len(np.unique(of_frame)), column)}"
-            text = (
-                f"{count} dropped, no frame has {condition}: {listed([names[i] for i in emptied])}"
-            )
-            notes.append(Note(text, "warning" if column == "object" else "info", "filter"))
-    return passed, notes
-
-
-def flagged(recordings: Recordings) -> np.ndarray:
-    """bool (T,): the column `grasp_valid` if the recordings have it, as STAG's set of weights does, else `valid`.
-
-    Raises:
-        UserError: they have neither.
-    """
-    for column in ("grasp_valid", "valid"):
-        if column in recordings.columns:
-            return recordings.columns[column].copy()
-    raise UserError(
-        f"{recordings.path}: no validity flags (grasp_valid or valid), which preprocess.filter flags needs: "
-        "set it to auto"
-    )
-
-
-def pressed_frames(recordings: Recordings, baseline: Baseline, sensors: int) -> np.ndarray:
-    """bool (T,): at least `sensors` live sensors read more than five standard deviations above their baseline.
-
-    Raises:
-        UserError: a baseline without noise.
-    """
-    if np.isnan(baseline.noise).any():
+    if params.filter == "flags" and flags_of(recordings) is None:
+        raise UserError(
+            f"{recordings.path}: no validity flags (grasp_valid or valid), which preprocess.filter "
+            "flags needs: set it to auto"
+        )
+    if params.filter == "contact" and params.baseline == "none":
         raise UserError(
             "preprocess.filter is contact, which needs the baseline's noise: "
             "expected preprocess.filter auto, or preprocess.baseline empty_hand or grasp"
         )
+
+
+def passing(
+    recordings: Recordings, contact: np.ndarray, params: PreprocessSection
+) -> tuple[np.ndarray, list[Note]]:
+    """Return the frames that pass `preprocess.filter`, and notes on the others.
+
+    Every frame of the empty hand passes the filter `contact`.
+
+    Args:
+        recordings: T frames.
+        contact: bool (T,), see `apply`.
+        params: the settings of the plan.
+
+    Returns:
+        bool (T,), and notes on dropped frames, recordings and objects.
+    """
+    if params.filter == "none":
+        return contact, []
+    passed = contact
+    condition = "a flag"
+    if params.filter == "contact":
+        passed = contact | recordings.empty_hand
+        sensors = several(int(params.contact_sensors), "sensor")
+        condition = f"{sensors} above {CONTACT_SIGMAS:g} sd"
+    dropped = f"{(~passed).sum():,} of {several(len(passed), 'frame')} dropped, without {condition}"
+    notes = [Note(f"{params.filter}: {dropped}", topic="filter")]
+    notes += _dropped(recordings, "recording", passed, condition)
+    notes += _dropped(recordings, "object", passed, condition)
+    return passed, notes
+
+
+def _dropped(recordings: Recordings, column: str, passed: np.ndarray, condition: str) -> list[Note]:
+    """Return a note on the recordings, or the objects, of which no frame passed, if there are any."""
+    names = recordings.recordings
+    level: Literal["info", "warning"] = "info"
+    if column == "object":
+        names = recordings.objects
+        level = "warning"
+    of_frame = recordings.columns[column]
+    emptied = np.setdiff1d(of_frame, of_frame[passed])
+    if not len(emptied):
+        return []
+    count = f"{len(emptied)} of {several(len(np.unique(of_frame)), column)}"
+    text = f"{count} dropped, no frame has {condition}: {listed([names[i] for i in emptied])}"
+    return [Note(text, level, "filter")]
+
+
+def flags_of(recordings: Recordings) -> np.ndarray | None:
+    """Return a copy of the source's flags that an object is held, bool (T,); None without any.
+
+    They are the column `grasp_valid` if there is one, as in STAG's set of weights, else `valid`.
+    """
+    for column in ("grasp_valid", "valid"):
+        if column in recordings.columns:
+            return np.array(recordings.columns[column])
+    return None
+
+
+def pressed_frames(recordings: Recordings, baseline: Baseline, sensors: int) -> np.ndarray:
+    """Return bool (T,): in which frames enough live sensors are pressed.
+
+    A pressed sensor reads more than five standard deviations above its baseline.
+
+    Args:
+        recordings: T frames.
+        baseline: of these frames; its noise is known.
+        sensors: fewest sensors in a frame of contact.
+    """
     contact = np.zeros(len(recordings), dtype=bool)
     threshold = baseline.mean + CONTACT_SIGMAS * baseline.noise  # (R, H, W)
     for start, counts in recordings.blocks():
-        at = slice(start, start + len(counts))
-        above = (counts > threshold[baseline.of_frame[at]]) & recordings.live
-        contact[at] = above.sum(axis=(1, 2)) >= sensors
+        block = slice(start, start + len(counts))
+        above = (counts > threshold[baseline.of_frame[block]]) & recordings.live
+        contact[block] = above.sum(axis=(1, 2)) >= sensors
     return contact

@@ -16,7 +16,7 @@ It fails, and nothing says so,
 A flag of the source that an object is held always counts as contact.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import minimum_filter1d
@@ -68,6 +68,11 @@ class HandStates:
     def all_contact(self) -> bool:
         """Whether even the quietest frames are contact, so that no open hand gives a baseline."""
         return bool(self.contact.all())
+
+    def as_all_contact(self) -> "HandStates":
+        """Return the same states, but every frame is in contact and none of the open hand."""
+        contact = np.ones_like(self.contact)
+        return replace(self, contact=contact, open=np.zeros_like(self.open))
 
 
 def hand_states(

@@ -1,19 +1,16 @@
-"""From the table of raw counts to the frames that a system learns from, and an account of those that were dropped."""
+"""From the table of raw counts to the frames that a system learns from, and an account of the rest."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactile_viewgcn.frames.auto import Choice, choose
-from tactile_viewgcn.frames.baseline import (
-    Baseline,
-    measure_baseline,
-    session_moments,
-    with_empty_hand,
-)
-from tactile_viewgcn.frames.filter import passing
-from tactile_viewgcn.frames.open_hand import hand_states
+from tactile_viewgcn.frames.apply import apply
+from tactile_viewgcn.frames.baseline import Baseline, with_empty_hand
+from tactile_viewgcn.frames.decide import Choice, decide
+from tactile_viewgcn.frames.filter import passing, require_filter
+from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.frames.split import SPLIT_SEED, Sides, deal, draw_anchors, keep_testable
+from tactile_viewgcn.frames.training_readings import measured_on
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import PreprocessSection, Split
 from tactile_viewgcn.randomness import stream
@@ -26,6 +23,9 @@ class Preprocessed:
     """The table of frames, and how it came about.
 
     Attributes:
+        frames: the kept frames, with the plan.
+        choice: what was decided on the training set.
+        sides: the set of every frame.
         passed: bool (T,), frames that passed the filter.
         keep: bool (T,), frames that are in the table: they passed, and their class and their
             training group are used.
@@ -48,37 +48,49 @@ def preprocess_recordings(
     *,
     groups: np.ndarray | None = None,
 ) -> Preprocessed:
-    """Deal the sides, measure the baseline, filter the frames, draw the anchors, and make the table.
+    """Split the recordings, decide the plan, apply it to each set, draw the anchors, make the table.
 
-    What is `auto` is decided on the training side. Each side's baseline comes from that side's
-    frames and the empty hand of its sessions, whichever side those frames are on. A trained model
-    does the same with new recordings.
+    Each set's baseline comes from the set's frames and the empty hand of its sessions, in whichever
+    set that is.
 
     Args:
+        recordings: T frames.
+        asked: the settings of params.yaml; what is `auto` is decided on the training set.
+        split: how the sets are split.
         groups: see `deal`.
 
     Raises:
-        UserError: no sensor that varies; a baseline, flags or groups that the recordings cannot
-            give; fewer than two classes left; an empty side.
+        UserError: no sensor varies; the recordings cannot give the baseline, flags or groups that
+            are asked for; fewer than two classes are left; a set is empty.
     """
     rng = stream(SPLIT_SEED, "preprocess")
     sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class, groups=groups)
-    # the sensors that vary on the training side; every side uses the same
+    # the sensors that vary in the training set; every set uses the same
     recordings = replace(recordings, live=recordings.varying(np.flatnonzero(sides.training)))
 
-    choice, baseline = _measure(recordings, asked, sides)
+    rows = with_empty_hand(recordings, sides.training)
+    choice = decide(recordings, rows, asked, sides.group)
+    plan = choice.plan
+    require_filter(recordings, plan.params)
+    baseline, contact = _apply_to_sets(recordings, choice, sides)
 
-    passed, notes = passing(recordings, baseline, choice.params)
+    passed, filter_notes = passing(recordings, contact, plan.params)
     # the empty hand stays only as a class
     keep = passed & (asked.empty_hand_class | ~recordings.empty_hand)
-    keep, of_classes = keep_testable(recordings, sides, keep, split)
+    keep, class_notes = keep_testable(recordings, sides, keep, split)
 
-    published = groups is None and split.by == "source" and choice.params.filter == "flags"
+    published = groups is None and split.by == "source" and plan.params.filter == "flags"
     anchor = draw_anchors(recordings.columns, sides.side, keep, rng, published=published)
     # surplus: frames beyond split.train_groups and train_grasps. They go after the draw, so that
-    # the anchors of the test side do not depend on how much is trained on
+    # the anchors of the test set do not depend on how much is trained on
     keep &= ~sides.surplus
 
+    of_training = np.unique(baseline.of_frame[sides.training])
+    plan = replace(
+        plan,
+        kept_share=float(passed[sides.training].mean()),
+        noise=baseline.noise[of_training].mean(axis=0),
+    )
     index = np.flatnonzero(keep)
     # baselines of kept frames, from 0
     used, number = np.unique(baseline.of_frame[index], return_inverse=True)
@@ -97,67 +109,54 @@ def preprocess_recordings(
         baseline=number.astype(np.int32),
         time=columns["time"],
         baseline_mean=baseline.mean[used],
-        live=recordings.live,
         classes=[recordings.objects[i] for i in objects],
         recordings=recordings.recordings,
         sessions=recordings.sessions,
-        transform=choice.params.transform,
-        scale=float(choice.params.scale),
-        noise=baseline.noise[np.unique(baseline.of_frame[sides.training])].mean(axis=0),
-        preprocess=asdict(choice.params),
-        kept_share=float(passed[sides.training].mean()),
-        channel_names=recordings.channel_names or None,
+        plan=plan,
     )
-    return Preprocessed(
-        frames, choice, sides, passed, keep, [*choice.notes, *baseline.notes, *notes, *of_classes]
-    )
+    frames = replace(frames, plan=measured_on(frames))
+    notes = [*choice.notes, *baseline.notes, *filter_notes, *class_notes]
+    return Preprocessed(frames, choice, sides, passed, keep, notes)
 
 
-def _measure(
-    recordings: Recordings, asked: PreprocessSection, sides: Sides
-) -> tuple[Choice, Baseline]:
-    """What is decided on the training side, and the baselines of all sides, one after another.
+def _apply_to_sets(
+    recordings: Recordings, choice: Choice, sides: Sides
+) -> tuple[Baseline, np.ndarray]:
+    """Apply the plan to one set after another.
 
-    Those of a side are measured on its frames and the empty hand of their sessions.
+    A set is measured on its frames and the empty hand of their sessions.
+
+    Returns:
+        The baselines of all T frames, and bool (T,): the frames in contact.
     """
-    rows = with_empty_hand(recordings, sides.training)
-    choice = choose(recordings, rows, asked, sides.group)
-    baseline, measured, of_frame = (
-        choice.baseline,
-        list[Baseline](),
-        np.zeros(len(recordings), dtype=np.int32),
-    )
-    for frames in (sides.training, sides.side == VALIDATION, sides.side == TEST, sides.surplus):
-        if not frames.any():
+    of_frame = np.zeros(len(recordings), dtype=np.int32)
+    contact = np.zeros(len(recordings), dtype=bool)
+    means = list[np.ndarray]()
+    noises = list[np.ndarray]()
+    notes = list[Note]()
+    sets = [sides.training, sides.side == VALIDATION, sides.side == TEST, sides.surplus]
+    states: HandStates | None = choice.states
+    for in_set in sets:
+        if not in_set.any():
             continue
-        if measured:
-            rows = with_empty_hand(recordings, frames)
-            part, states = recordings.part(rows), None
-            moments = session_moments(part)
-            if choice.params.baseline == "grasp":
-                states = hand_states(part, int(choice.params.contact_sensors), moments)
-            baseline = measure_baseline(part, choice.params, moments, states)
-        of_frame[frames] = (
-            sum(len(each.mean) for each in measured) + baseline.of_frame[frames[rows]]
-        )
-        measured.append(baseline)
-    mean, noise = (
-        np.concatenate([getattr(each, name) for each in measured]) for name in ("mean", "noise")
-    )
-    return choice, Baseline(
-        mean, noise, of_frame, [note for each in measured for note in each.notes]
-    )
+        rows = with_empty_hand(recordings, in_set)
+        baseline, of_set = apply(choice.plan, recordings.part(rows), states=states)
+        states = None  # known for the training set only
+        of_frame[in_set] = sum(map(len, means)) + baseline.of_frame[in_set[rows]]
+        contact[in_set] = of_set[in_set[rows]]
+        means.append(baseline.mean)
+        noises.append(baseline.noise)
+        notes += baseline.notes
+    return Baseline(np.concatenate(means), np.concatenate(noises), of_frame, notes), contact
 
 
 def frame_counts(frames: Frames) -> dict[str, int]:
-    """Numbers of frames, anchors, groups and recordings on each side."""
+    """Return the numbers of frames, anchors, groups and recordings in each set."""
     counts: dict[str, int] = {}
     for code, name in enumerate(SIDES):
-        on = frames.side == code
-        counts |= {
-            f"frames.{name}": int(on.sum()),
-            f"anchors.{name}": int((on & frames.anchor).sum()),
-        }
-        for each in ("group", "recording"):
-            counts[f"{each}s.{name}"] = len(np.unique(getattr(frames, each)[on]))
+        in_set = frames.side == code
+        counts[f"frames.{name}"] = int(in_set.sum())
+        counts[f"anchors.{name}"] = int((in_set & frames.anchor).sum())
+        counts[f"groups.{name}"] = len(np.unique(frames.group[in_set]))
+        counts[f"recordings.{name}"] = len(np.unique(frames.recording[in_set]))
     return counts

@@ -176,7 +176,7 @@ def _lengths(frames: np.ndarray) -> str:
 def _contact_rule(overview: Overview) -> str:
     if overview.states.all_contact:
         return "recordings are taken as they are"
-    return f"{overview.choice.params.contact_sensors} or more sensors are pressed"
+    return f"{overview.choice.plan.params.contact_sensors} or more sensors are pressed"
 
 
 def _varying_sensors(overview: Overview) -> str:
@@ -406,7 +406,7 @@ def _line_of(key: str) -> str:
 def _usable_objects(overview: Overview) -> list[str]:
     """Return the names of the objects of which `preprocess` keeps frames, and of the empty hand."""
     kinds = {"flags": "flagged", "contact": "in contact"}
-    kind = kinds.get(overview.choice.params.filter, "frames")
+    kind = kinds.get(overview.choice.plan.params.filter, "frames")
     with_frames = overview.label[overview.counts[kind] > 0]
     names = list[str]()
     for label, name in enumerate(overview.recordings.objects):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tactile_viewgcn.frames.auto import choose
+from tactile_viewgcn.frames.decide import decide
 from tactile_viewgcn.frames.folds import complete_folds
 from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.split import SPLIT_SEED, published_test, split_groups
@@ -75,7 +75,7 @@ class Overview:
         split = split_settings(self.groups)
         self._group = split_groups(columns, str(split[0].value))
         every_frame = np.arange(len(recordings))
-        self.choice = choose(recordings, every_frame, preprocess, self._group)
+        self.choice = decide(recordings, every_frame, preprocess, self._group)
         self.states = self.choice.states
         self.in_contact = self.states.contact & ~recordings.empty_hand
         self.rates = frame_rates(columns["time"], columns["recording"])

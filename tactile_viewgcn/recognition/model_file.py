@@ -15,11 +15,11 @@ import io
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import numpy as np
 import torch
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 from scipy.special import softmax
 from torch import Tensor
@@ -27,12 +27,10 @@ from torch import Tensor
 from tactile_viewgcn.device import select_device
 from tactile_viewgcn.files import readable, write_file
 from tactile_viewgcn.members.network import NETWORK
-from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.nn.network import ViewNetwork, spread_frames
 from tactile_viewgcn.params import (
     Cluster,
     Model,
-    PreprocessSection,
     default_params,
     on_sensors,
     preset_changes,
@@ -40,8 +38,8 @@ from tactile_viewgcn.params import (
 from tactile_viewgcn.recognition.calibration import Classifier, recording_answer
 from tactile_viewgcn.recognition.model_format import FORMAT, package_version, upgraded
 from tactile_viewgcn.systems import load_system, system_class
-from tactile_viewgcn.tables.counts import evenly
-from tactile_viewgcn.tables.frames import TRAIN, Frames, frame_rates, network_input
+from tactile_viewgcn.tables.frames import TRAIN, Frames, network_input
+from tactile_viewgcn.tables.plan import ARRAYS, Plan
 from tactile_viewgcn.views.recording_clusters import RecordingClusters
 from tactile_viewgcn.views.sampling import powers_of_two
 
@@ -55,10 +53,7 @@ UNFIT = (
 EXAMPLES, EXAMPLE_FRAMES = 3, 8  # stored recordings, and frames of each
 # by precision, difference of probabilities between two processors
 CLOSE = {"float32": 1e-3, "bfloat16": 0.1}
-STRONG_SHARE = 0.01  # of the readings are above a recording's strong reading
-STRONG_FRAMES = 2000  # that are used for the strong readings
 DIGEST = hashlib.sha256().digest_size
-ARRAYS = ConfigDict(arbitrary_types_allowed=True, extra="forbid", hide_input_in_errors=True)
 
 
 def build_classifier(
@@ -73,80 +68,6 @@ def build_classifier(
         shape: (H, W) of a frame.
     """
     return ViewNetwork(system_class(model.system), viewpoints, classes, model, shape)
-
-
-@dataclass(frozen=True, config=ARRAYS)
-class FittedPreprocessing:
-    """The preprocessing of the training, and what its recordings read.
-
-    Attributes:
-        params: of the training's frames, without `auto`.
-        kept_share: share of the training's frames that the filter keeps.
-        dtype: of the counts.
-        strong_readings: see the function of this name.
-        least_change: the smallest `change_between_frames` above 0 of the training's recordings; 0:
-            not known.
-        rates: lowest and highest frame rate of the training's recordings in Hz; 0 and infinity
-            without times.
-        channel_names: names of the sensors, row after row, or none.
-        live: bool (H, W) sensors.
-        noise: (H, W) standard deviation of the baseline in counts, 0 where it was not measured.
-        baselines: (H, W) mean of each session that has training frames, by the session's name.
-    """
-
-    params: PreprocessSection
-    kept_share: float
-    dtype: Literal["int16", "int32", "float32", "float64"]
-    strong_readings: list[list[float]]
-    rates: list[float]
-    channel_names: list[str]
-    live: np.ndarray
-    noise: np.ndarray
-    baselines: dict[str, np.ndarray]
-    least_change: Annotated[float, Field(ge=0)] = 0.0
-
-    @classmethod
-    def of(cls, frames: Frames) -> Self:
-        """The preprocessing that made the frames; a session of several baselines has their mean."""
-        train, dtype = frames.on(TRAIN), cast(Any, str(frames.counts.dtype))
-        pairs = np.unique(np.stack([frames.session[train], frames.baseline[train]], axis=1), axis=0)
-        baselines = {
-            frames.sessions[session]: frames.baseline_mean[pairs[pairs[:, 0] == session, 1]].mean(
-                axis=0
-            )
-            for session in np.unique(pairs[:, 0])
-        }
-        params, noise = PreprocessSection(**frames.preprocess), np.nan_to_num(frames.noise)
-        rates = sorted(frame_rates(frames.time[train], frames.recording[train]).values()) or [
-            0.0,
-            np.inf,
-        ]
-        names, readings, rates = (
-            frames.channel_names or [],
-            strong_readings(frames),
-            [rates[0], rates[-1]],
-        )
-        changes = [
-            change_between_frames(frames.counts[index], frames.live)
-            for index in _by_recording(frames, train)
-        ]
-        least = min((change for change in changes if change > 0), default=0.0)
-        return cls(
-            params,
-            frames.kept_share,
-            dtype,
-            readings,
-            rates,
-            names,
-            frames.live,
-            noise,
-            baselines,
-            least,
-        )
-
-    def mean_baseline(self) -> np.ndarray:
-        """Mean (H, W) of the baselines of the training's sessions."""
-        return np.mean(list(self.baselines.values()), axis=0)
 
 
 @dataclass(config=ARRAYS)
@@ -175,7 +96,7 @@ class Content:
     scale: float
     precision: Literal["float32", "bfloat16"]
     temperature: Annotated[float, Field(ge=1e-3, le=1e3)] | None
-    preprocessing: FittedPreprocessing
+    plan: Plan
     examples: np.ndarray
     answers: np.ndarray
     set_answers: np.ndarray | None = None
@@ -188,7 +109,7 @@ class Content:
         with np.errstate(all="ignore"):  # whether it is finite is for the caller to check
             inputs = network_input(excess, self.transform, self.scale)
             values = classifier.frame_values(inputs)
-            points = inputs[:, self.preprocessing.live]
+            points = inputs[:, self.plan.live]
             return recording_answer(classifier, self.temperature, values, points)
 
     def answers_now(self, classifier: Classifier) -> np.ndarray:
@@ -198,7 +119,7 @@ class Content:
             spread_frames(EXAMPLE_FRAMES, size)
             for size in (*powers_of_two(classifier.views), count)
         ]
-        excess = self.examples - self.preprocessing.mean_baseline()
+        excess = self.examples - self.plan.mean_baseline()
         return np.exp([[self.answer(classifier, each[part]) for part in parts] for each in excess])
 
     def set_answers_now(self, classifier: Classifier) -> np.ndarray | None:
@@ -208,7 +129,7 @@ class Content:
         sets = [
             spread_frames(EXAMPLE_FRAMES, size)[None] for size in powers_of_two(classifier.views)
         ]
-        excess = self.examples - self.preprocessing.mean_baseline()
+        excess = self.examples - self.plan.mean_baseline()
         answers = list[list[np.ndarray]]()
         with np.errstate(all="ignore"):
             for frames in excess:
@@ -261,7 +182,7 @@ class Content:
         classifier: SensorClassifier = load_system(self.model.system).SensorClassifier.loaded(
             self.learnt,
             self.model.members,
-            live=self.preprocessing.live,
+            live=self.plan.live,
             viewpoints=self.viewpoints,
             classes=len(self.classes),
             network=network,
@@ -271,7 +192,7 @@ class Content:
     def _empty_network(self, model: Model) -> ViewNetwork:
         """A network whose weights take no memory and no random numbers, to be loaded into."""
         viewpoints = torch.from_numpy(self.viewpoints)
-        shape = self.preprocessing.live.shape
+        shape = self.plan.live.shape
         with torch.device("meta"):
             return build_classifier(viewpoints, len(self.classes), model, shape)
 
@@ -309,7 +230,7 @@ def save_classifier(
         precision=cast(Any, precision),
         temperature=temperature,
         clusters=clusters.params if clusters is not None else None,
-        preprocessing=FittedPreprocessing.of(frames),
+        plan=frames.plan,
         examples=_examples(frames),
         answers=np.zeros(0),
         version=package_version(),
@@ -334,59 +255,11 @@ def _converted(state: Any, kind: type, convert: Callable[[Any], Any]) -> Any:
 
 def _examples(frames: Frames) -> np.ndarray:
     """Counts (3, 8, H, W) of recordings that are evenly spread over the training side, and of frames over each."""
-    recordings = _by_recording(frames, frames.on(TRAIN))
+    recordings = frames.by_recording(frames.on(TRAIN))
     chosen = [recordings[number] for number in spread_frames(len(recordings), EXAMPLES)]
     return np.stack(
         [frames.counts[index[spread_frames(len(index), EXAMPLE_FRAMES)]] for index in chosen]
     )
-
-
-def _by_recording(frames: Frames, index: np.ndarray) -> list[np.ndarray]:
-    """The frames of each recording among rising indices (n,), one array of rising indices for each."""
-    order = index[np.argsort(frames.recording[index], kind="stable")]
-    parts = np.split(order, 1 + np.flatnonzero(np.diff(frames.recording[order])))
-    return [part for part in parts if len(part)]
-
-
-def strong_readings(frames: Frames) -> list[list[float]]:
-    """The strong readings of the weakest recording of an object and of the strongest recording, above baseline and raw.
-
-    The empty hand counts for the strongest, since a new recording may be of it; it is no object.
-    Up to 2,000 anchors of the training side are used.
-    """
-    empty = frames.classes.index(EMPTY_HAND) if EMPTY_HAND in frames.classes else -1
-    anchors = np.flatnonzero(frames.anchor & (frames.side == TRAIN))
-    is_empty = frames.label[anchors] == empty
-    of_objects = _strong_by_recording(frames, evenly(anchors[~is_empty], STRONG_FRAMES))
-    of_empty_hand = _strong_by_recording(frames, evenly(anchors[is_empty], STRONG_FRAMES))
-    of_all = np.concatenate([of_objects, of_empty_hand])
-    return np.stack([of_objects.min(axis=0), of_all.max(axis=0)], axis=1).tolist()
-
-
-def _strong_by_recording(frames: Frames, index: np.ndarray) -> np.ndarray:
-    """The strong readings (R, 2), above baseline and raw, of each recording among rising frames (n,)."""
-    strong = [
-        (
-            strong_reading(frames.inputs(of_recording, "counts")[:, frames.live]),
-            strong_reading(frames.counts[of_recording][:, frames.live]),
-        )
-        for of_recording in _by_recording(frames, index)
-    ]
-    return np.reshape(strong, (-1, 2))
-
-
-def strong_reading(readings: np.ndarray) -> float:
-    """The strong reading of a recording: what one in a hundred absolute readings (n, S) of its live sensors exceeds."""
-    return float(np.quantile(np.abs(readings), 1 - STRONG_SHARE))
-
-
-def change_between_frames(counts: np.ndarray, live: np.ndarray) -> float:
-    """How much frames (T, H, W) of a recording differ: the median sensor's standard deviation over a few of them.
-
-    It is 0 for a single frame, and where most sensors stand still.
-    """
-    few = counts[spread_frames(len(counts), EXAMPLE_FRAMES)]
-    return float(np.median(few[:, live].std(axis=0, dtype=np.float64)))
 
 
 def load_classifier(path: str | Path) -> tuple[Classifier, Content]:
@@ -402,9 +275,7 @@ def load_classifier(path: str | Path) -> tuple[Classifier, Content]:
             raise ValueError("its bytes and its digest differ")
         values = torch.load(io.BytesIO(stored), map_location="cpu", weights_only=True)
         content = Content(**upgraded(_converted(values, Tensor, Tensor.numpy), path))
+        content.plan.check()
         classifier = content.classifier()
         content.check_answers(classifier)
-        noise = content.preprocessing.noise
-        if (noise < 0).any() or np.isinf(noise).any():  # NaN: not measured
-            raise ValueError("the noise of a sensor is below 0 or infinite")
         return classifier, content

@@ -50,7 +50,8 @@ class PresetTraining:
         compute: Compute,
     ):
         self.params = default_params((*preset_changes(NETWORK), f"seed={seed}"))
-        self.table = replace(table, transform=self.params.preprocess.transform)
+        settings = replace(table.plan.params, transform=self.params.preprocess.transform)
+        self.table = replace(table, plan=replace(table.plan, params=settings))
         self.views = views.unclustered()
         self.recordings = recordings
         self.compute = compute

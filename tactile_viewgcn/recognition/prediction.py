@@ -45,7 +45,7 @@ def predict(
     )
     is_whole = form.shape == "auto" and "PART" not in form.layout  # a file alone has fewer sensors
     shape = recogniser.shape if is_whole else form.shape
-    sensors = recogniser.preprocessing.channel_names
+    sensors = recogniser.plan.channel_names
     form = replace(form, shape=shape, sensors=sensors, labelled=False)
     with recordings_of(source, form) as recordings:
         left_out = [note for note in recordings.notes if note.topic == MODEL_TOPIC]

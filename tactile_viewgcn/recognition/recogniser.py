@@ -1,14 +1,13 @@
 """The trained recogniser: the object in the hand, from the raw counts of one recording or of a table of recordings."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.files import readable
+from tactile_viewgcn.frames.apply import apply
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.readers.source import (
@@ -20,12 +19,11 @@ from tactile_viewgcn.readers.source import (
     storage_type,
 )
 from tactile_viewgcn.readers.text import table_of
-from tactile_viewgcn.recognition.model_file import UNFIT, load_classifier
+from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.raw_counts import (
     check_layout,
     check_layouts,
     fault_of,
-    find_contact,
     is_untouched,
     rate_notes,
     untouched_note,
@@ -38,10 +36,12 @@ class Answer:
     """The object in a recording.
 
     Attributes:
-        probabilities: float32 (classes,). Without a frame in contact it is the class `empty_hand`,
-            or where there is none, all are equally probable.
-        contact: number of frames in contact; frames: number of all frames.
-        recording: its name; object: its label, UNLABELLED without one.
+        probabilities: float32 (classes,). Without a frame in contact the class `empty_hand` is
+            certain; if there is no such class, all classes are equally probable.
+        contact: number of frames in contact.
+        frames: number of all frames.
+        recording: name of the recording.
+        object: its label, UNLABELLED without one.
     """
 
     probabilities: np.ndarray
@@ -58,94 +58,123 @@ class Recogniser:
         path: a file that `save_classifier` wrote.
 
     Attributes:
+        classifier: the classifier, ready for answers.
+        content: all that the file holds.
+        plan: how readings become frames.
         classes: names.
         shape: (H, W) of a frame.
         system: name of the system, or of the members of `sensors`.
         calibrated: whether the probabilities are.
-        preprocessing: that of the training.
+
+    Raises:
+        UserError: the file is something else, damaged, altered, or of an earlier version.
+        OSError: it cannot be opened.
     """
 
     def __init__(self, path: str | Path):
         self.classifier, self.content = load_classifier(path)
-        model, self.preprocessing = self.content.model, self.content.preprocessing
-        self.classes, self.calibrated = self.content.classes, self.content.temperature is not None
-        self.system = " + ".join(model.members) if on_sensors(model.system) else model.system
-        self.shape = self.preprocessing.live.shape
-        self._layout = self.shape, self.preprocessing.channel_names
-        # few frames: maybe off scale
-        with readable(path, *UNFIT), suppress(UserError), np.errstate(all="ignore"):
-            self.answer_recordings(
-                [recording_of(each, "example") for each in self.content.examples]
-            )
+        self.plan = self.content.plan
+        self.classes = self.content.classes
+        self.shape = self.plan.live.shape
+        self.calibrated = self.content.temperature is not None
+        model = self.content.model
+        self.system = model.system
+        if on_sensors(model.system):
+            self.system = " + ".join(model.members)
+        self._layout = (self.shape, self.plan.channel_names)
 
     def answer_recordings(self, recordings: Sequence[Recording]) -> tuple[list[Answer], list[Note]]:
-        """The answers to recordings of `recording_of`, each from its frames alone; see `answer_table`."""
+        """Return the answers to recordings of `recording_of`, each by its own frames; see `answer_table`."""
         if not recordings:
             return [], []
         check_layouts(recordings, self._layout)
-        table = in_memory(recordings, [UNLABELLED], np.zeros(len(recordings), dtype=np.int64))
-        return self.answer_table(replace(table, path=Path()))
+        return self.answer_table(_unlabelled(recordings))
 
     def answer_table(self, recordings: Recordings) -> tuple[list[Answer], list[Note]]:
-        """The answers to the recordings of a table; and notes.
+        """Return the answers to the recordings of a table, and notes.
 
-        They are on baselines that could not be measured, on rates, and on recordings that read as
-        untouched.
+        The notes are on baselines that could not be measured, on frame rates, and on recordings
+        that read as untouched.
 
         Raises:
-            UserError: recordings unlike the training's in layout, sensors or scale; it names the
-                first.
+            UserError: recordings unlike the training set's in layout, sensors or scale; it names
+                the first.
         """
-        fitted, columns, path = self.preprocessing, recordings.columns, recordings.path
-        check_layout(str(path), (recordings.shape, recordings.channel_names), self._layout)
-        notes = rate_notes(fitted, recordings)
-        recordings = replace(recordings, live=fitted.live)
-        baseline, contact = find_contact(fitted, recordings)
-        empty = np.array([name == EMPTY_HAND for name in self.classes], dtype=np.float32)
-        answers, faults, index_of = (
-            list[Answer](),
-            dict[str, str](),
-            frames_by_recording(recordings),
+        check_layout(
+            str(recordings.path), (recordings.shape, recordings.channel_names), self._layout
         )
+        baseline, contact = apply(self.plan, recordings, new=True)
+        answers = list[Answer]()
+        faults = dict[str, str]()
         untouched = list[str]()
+        index_of = frames_by_recording(recordings)
         for index in index_of:
-            name = recordings.recordings[columns["recording"][index[0]]]
-            pressed = index[contact[index]]
-            excess = recordings.counts[pressed] - baseline.mean[baseline.of_frame[pressed]]
-            if len(pressed) and is_untouched(
-                fitted, recordings.counts[index], contact[index], excess
-            ):
+            name = recordings.recordings[recordings.columns["recording"][index[0]]]
+            counts = recordings.counts[index]
+            in_contact = contact[index]
+            pressed = index[in_contact]
+            excess = counts[in_contact] - baseline.mean[baseline.of_frame[pressed]]
+            if len(pressed) and is_untouched(self.plan, counts, in_contact, excess):
                 untouched.append(name)
-                contact[index] = False
+                in_contact = np.zeros_like(in_contact)
                 excess = excess[:0]
-            names = {recordings.objects[number] for number in columns["object"][index]}
-            label = names.pop() if len(names) == 1 else UNLABELLED
-            in_contact = contact[index] & (label != EMPTY_HAND)
-            fault = fault_of(fitted, recordings.counts[index], in_contact, excess)
-            shares = empty if empty.any() else np.full(len(empty), 1 / len(empty), dtype=np.float32)
-            if len(excess):
-                shares = np.exp(self.content.answer(self.classifier, excess), dtype=np.float32)
-            if not np.isfinite(shares).all():
-                fault = (
-                    fault
-                    or "the model's answer is not finite; expected probabilities: train it again"
-                )
+            label = _label(recordings, index)
+            with_object = in_contact & (label != EMPTY_HAND)
+            fault = fault_of(self.plan, counts, with_object, excess)
+            probabilities = self._probabilities(excess)
+            if not fault and not np.isfinite(probabilities).all():
+                fault = "the model's answer is not finite; expected probabilities: train it again"
             if fault:
-                faults[str(path if path.is_file() and len(index_of) == 1 else path / name)] = fault
-            answers.append(Answer(shares, len(excess), len(index), name, label))
-        if faults:
-            place, fault = next(iter(faults.items()))
-            more = (
-                f" and {len(faults) - 1} more of {several(len(index_of), 'recording')}"
-                if len(faults) > 1
-                else ""
-            )
-            raise UserError(f"{place}{more}: {fault}")
+                faults[_place(recordings, name, len(index_of))] = fault
+            answers.append(Answer(probabilities, len(excess), len(index), name, label))
+        _raise_first(faults, len(index_of))
+        notes = [*baseline.notes, *rate_notes(self.plan, recordings)]
         if untouched:
-            notes.append(
-                untouched_note(fitted, untouched, len(index_of), is_class=bool(empty.any()))
-            )
-        return answers, baseline.notes + notes
+            is_class = EMPTY_HAND in self.classes
+            notes.append(untouched_note(self.plan, untouched, len(index_of), is_class=is_class))
+        return answers, notes
+
+    def _probabilities(self, excess: np.ndarray) -> np.ndarray:
+        """Return class probabilities float32 (classes,) by frames in contact (n, H, W) above baseline."""
+        if len(excess):
+            return np.exp(self.content.answer(self.classifier, excess), dtype=np.float32)
+        if EMPTY_HAND in self.classes:
+            is_empty = [name == EMPTY_HAND for name in self.classes]
+            return np.array(is_empty, dtype=np.float32)
+        count = len(self.classes)
+        return np.full(count, 1 / count, dtype=np.float32)
+
+
+def _unlabelled(recordings: Sequence[Recording]) -> Recordings:
+    """Return a table of recordings without labels."""
+    table = in_memory(recordings, [UNLABELLED], np.zeros(len(recordings), dtype=np.int64))
+    return replace(table, path=Path())
+
+
+def _label(recordings: Recordings, index: np.ndarray) -> str:
+    """Return the label of a recording's frames (n,), UNLABELLED if they have several."""
+    labels = np.unique(recordings.columns["object"][index])
+    if len(labels) > 1:
+        return UNLABELLED
+    return recordings.objects[labels[0]]
+
+
+def _place(recordings: Recordings, name: str, total: int) -> str:
+    """Return where a recording is, for an error: a file of one recording, or a place in the source."""
+    if recordings.path.is_file() and total == 1:
+        return str(recordings.path)
+    return str(recordings.path / name)
+
+
+def _raise_first(faults: dict[str, str], total: int) -> None:
+    """Raise a UserError of the first of the faults, by place, among `total` recordings."""
+    if not faults:
+        return
+    place, fault = next(iter(faults.items()))
+    more = ""
+    if len(faults) > 1:
+        more = f" and {len(faults) - 1} more of {several(total, 'recording')}"
+    raise UserError(f"{place}{more}: {fault}")
 
 
 def recording_of(

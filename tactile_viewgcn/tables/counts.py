@@ -59,6 +59,11 @@ def evenly(index: np.ndarray, most: int) -> np.ndarray:
     )
 
 
+def middles(total: int, parts: int) -> np.ndarray:
+    """Return the index int64 (parts,) in the middle of each of equal parts of `total` rows."""
+    return ((np.arange(parts) + 0.5) * total / parts).astype(np.int64)
+
+
 class Gathered:
     """An array (n, ...) whose rows are computed when they are indexed: by a slice, by indices or by a mask.
 

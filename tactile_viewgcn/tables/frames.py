@@ -1,7 +1,7 @@
 """The tables of kept frames, data/frames: counts, class, side and group of each; and of views, data/views."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -21,8 +21,10 @@ from tactile_viewgcn.tables.counts import (
     write_columns,
     write_counts,
 )
+from tactile_viewgcn.tables.plan import Plan
 
 NO_CLUSTER = -1
+PLAN = "plan."  # beginning of the names of a plan's values in a table's folder
 BLOCK_FRAMES = 4096  # read or written at once
 INPUT_BLOCK = 512  # frames whose network input is computed at once
 Table = TypeVar("Table")
@@ -44,14 +46,8 @@ class Frames:
         baseline: (n,) index into `baseline_mean`.
         time: (n,) seconds since the recording's first frame.
         baseline_mean: (R, H, W) counts, in a type that holds `counts` exactly.
-        live: bool (H, W) sensors whose counts vary on the training side.
         classes, recordings, sessions: names, by index.
-        transform, scale: of counts above baseline to network input, see `network_input`.
-        noise: (H, W) mean standard deviation of the training side's baselines in counts, NaN where
-            it was not measured.
-        preprocess: the section of params.yaml behind this table, every `auto` decided; new
-            recordings get the same.
-        kept_share: share of the training side's frames that pass the filter.
+        plan: how readings became these frames; new recordings become frames in the same way.
     """
 
     counts: Counts
@@ -65,19 +61,28 @@ class Frames:
     baseline: np.ndarray
     time: np.ndarray
     baseline_mean: np.ndarray
-    live: np.ndarray
     classes: list[str]
     recordings: list[str]
     sessions: list[str]
-    transform: str
-    scale: float
-    noise: np.ndarray
-    preprocess: dict[str, Any]
-    kept_share: float
-    channel_names: list[str] | None = None
+    plan: Plan
 
     def __len__(self) -> int:
         return len(self.label)
+
+    @property
+    def live(self) -> np.ndarray:
+        """bool (H, W): the sensors whose counts vary in the training set."""
+        return self.plan.live
+
+    @property
+    def transform(self) -> str:
+        """How counts above baseline become network input, see `network_input`."""
+        return self.plan.params.transform
+
+    @property
+    def scale(self) -> float:
+        """Counts at full scale, see `network_input`."""
+        return float(self.plan.params.scale)
 
     def inputs(self, index: np.ndarray, transform: str | None = None) -> np.ndarray:
         """Network input float32 (k, H, W) of the frames in `index` (k,), by the table's or the given transform."""
@@ -94,6 +99,13 @@ class Frames:
     def points(self, index: np.ndarray) -> Gathered:
         """Network input float32 (k, S) of the frames in `index` (k,) at the live sensors, computed when indexed."""
         return Gathered(lambda at: self.inputs(at)[:, self.live], index)
+
+    def by_recording(self, index: np.ndarray) -> list[np.ndarray]:
+        """Return the frames of each recording among rising indices (n,), as arrays of rising indices."""
+        from pandas import Series  # here, since it loads slowly
+
+        parts = Series(index).groupby(self.recording[index])
+        return [part.to_numpy() for _, part in parts]
 
     def on(self, *sides: int) -> np.ndarray:
         """Rising indices of the frames on the given sides."""
@@ -157,6 +169,9 @@ def save_table(path: str | Path, table: Any) -> None:
     """Write a table, an object of a dataclass, as a folder, see `tables.counts`."""
     values = {field.name: getattr(table, field.name) for field in fields(table)}
     counts = values.pop("counts", None)
+    plan = values.pop("plan", None)
+    if plan is not None:
+        values |= {f"{PLAN}{name}": value for name, value in asdict(plan).items()}
     with new_files(path) as part:
         if counts is not None:
             starts = steps(range(0, len(counts), BLOCK_FRAMES), "writing", "blocks of frames")
@@ -175,4 +190,6 @@ def load_table(path: str | Path, kind: Callable[..., Table]) -> Table:
         values = read_columns(Path(path))
         if "counts" in {field.name for field in fields(cast(Any, kind))}:
             values["counts"] = read_counts(Path(path))
+            names = [name for name in values if name.startswith(PLAN)]
+            values["plan"] = Plan(**{name.removeprefix(PLAN): values.pop(name) for name in names})
         return kind(**values)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactile_viewgcn.frames.baseline import Baseline
-from tactile_viewgcn.frames.filter import flagged, passing, pressed_frames, sensors_in_contact
+from tactile_viewgcn.frames.filter import flags_of, passing, pressed_frames, sensors_in_contact
 from tactile_viewgcn.params import CONTACT_SIGMAS, load
 from tactile_viewgcn.tables import recordings as module
 from tests.glove_data import FILE, written
@@ -65,13 +65,13 @@ def test_the_steady_part_of_a_grasp_counts_before_the_valid_label(tmp_path):
         "valid": np.array([1, 1, 1, 0], dtype=bool),
         "grasp_valid": np.array([0, 1, 0, 1], dtype=bool),
     }
-    assert flagged(written(tmp_path / "a", COUNTS[:4], **flags)).tolist() == [
+    assert flags_of(written(tmp_path / "a", COUNTS[:4], **flags)).tolist() == [
         False,
         True,
         False,
         True,
     ]
-    assert flagged(written(tmp_path / "b", COUNTS[:4], valid=flags["valid"])).tolist() == [
+    assert flags_of(written(tmp_path / "b", COUNTS[:4], valid=flags["valid"])).tolist() == [
         True,
         True,
         True,
@@ -84,7 +84,12 @@ def test_notes_count_the_frames_that_a_filter_drops(recordings, kind):
     preprocess = load(
         FILE, (f"preprocess.filter={kind}", "preprocess.contact_sensors=12")
     ).preprocess
-    passed, notes = passing(recordings, BASELINE, preprocess)
+    contact = {
+        "none": OBJECTS >= 0,
+        "flags": flags_of(recordings),
+        "contact": pressed_frames(recordings, BASELINE, 12),
+    }
+    passed, notes = passing(recordings, contact[kind], preprocess)
     # all of the empty hand
     flags = {"none": OBJECTS >= 0, "flags": OBJECTS == 1, "contact": OBJECTS == 0}
     np.testing.assert_array_equal(passed, flags[kind])

@@ -79,7 +79,7 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(
     assert params.data.source == str(Path("my glöve").absolute())  # the same in a temporary folder
     assert params.preprocess.baseline == "auto"  # the test side must not choose it: preprocess does
     made = preprocessed(page.recordings, *changes)
-    assert warnings_of(made.notes) == [] and made.choice.params == page.choice.params
+    assert warnings_of(made.notes) == [] and made.choice.plan.params == page.choice.plan.params
     chosen = {note.key.removeprefix("preprocess.") for note in made.notes if note.level == "choice"}
     assert chosen == {"baseline", "filter", "contact_sensors", "scale"} | (
         {"zero"} & settings.keys()

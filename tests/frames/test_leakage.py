@@ -1,5 +1,6 @@
 """The training side is the same to the last byte, whatever the frames of the other sides read."""
 
+from dataclasses import fields
 from itertools import product
 
 import numpy as np
@@ -7,7 +8,6 @@ import pytest
 
 from tactile_viewgcn.frames import filter, split
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
-from tactile_viewgcn.recognition.model_file import FittedPreprocessing
 from tactile_viewgcn.tables.frames import TRAIN
 from tests.glove_data import drifting, recipe, views_of, written
 
@@ -42,25 +42,22 @@ def training_side(recordings, params):
     """
     made = preprocess_recordings(recordings, params.preprocess, params.split)
     frames, choice, train = made.frames, made.choice, made.frames.on(TRAIN)
-    values = {
-        name: getattr(frames, name)
-        for name in ("live", "noise", "scale", "transform", "classes", "kept_share")
-    }
+    values = {name: getattr(frames, name) for name in ("live", "scale", "transform", "classes")}
     values |= {
         name: getattr(frames, name)[train] for name in ("label", "group", "anchor", "recording")
     }
     values |= {"rows": np.flatnonzero(made.keep)[train], "passed": made.passed[made.sides.training]}
     values |= {"above baseline": frames.inputs(train, "counts"), "input": frames.inputs(train)}
     values |= {
-        "choice": choice.params,
+        "choice": choice.plan.params,
         "notes": [note for note in choice.notes if note.level == "choice"],
     }
     if params.preprocess.filter == "auto":  # clustering takes longest
         views = views_of(frames, params)
         values |= {"cluster": views.cluster[train], "pool": views.pool[train]}
     values |= {"leak": choice.leak.error} if choice.leak else {}
-    fitted = dict(vars(FittedPreprocessing.of(frames)))
-    values |= fitted.pop("baselines") | {f"fitted {name}": value for name, value in fitted.items()}
+    plan = {field.name: getattr(frames.plan, field.name) for field in fields(frames.plan)}
+    values |= {f"plan {name}": value for name, value in plan.items()}
     return values, ~made.sides.training
 
 
@@ -131,4 +128,4 @@ def test_the_empty_hand_of_another_side_gives_baseline_and_noise_alone(tmp_path,
     )
     assert other.any() and not made.frames.live[0, 0]
     np.testing.assert_array_equal(again.frames.live, made.frames.live)
-    assert again.choice.params == made.choice.params
+    assert again.choice.plan.params == made.choice.plan.params

@@ -171,18 +171,19 @@ def test_a_recording_without_open_hand_is_named_and_has(tmp_path, case):
     states = replace(
         states, open=states.open & ~np.isin(recording, [4, 5] if has_open else range(8))
     )
-    trained = [(np.full((5, 8), 500.0 + number), np.ones((5, 8))) for number in range(2)]
+    trained = [(np.full(40, 500.0 + number), np.ones(40)) for number in range(2)]
     baseline = of_grasps(recordings, states, trained if has_trained else None)
     for number in (4, 5):
         of_session = session == number % 2
         used = (
             of_session & (glove.columns["object"] == 0) if has_empty else of_session & states.open
         )
-        expected = trained[number % 2][0] if has_trained else states.quiet[number].reshape(5, 8)
+        expected = trained[number % 2][0] if has_trained else states.quiet[number]
         if has_open:
             expected = trimmed_moments(glove.counts[used])[0]
         (row,) = np.unique(baseline.of_frame[recording == number])
-        np.testing.assert_array_equal(baseline.mean[row], expected.astype(np.float32))
+        expected = expected.reshape(5, 8).astype(np.float32)
+        np.testing.assert_array_equal(baseline.mean[row], expected)
         assert any(
             f"recording{number}" in note.text and note.topic == "baseline"
             for note in baseline.notes

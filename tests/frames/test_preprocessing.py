@@ -30,8 +30,8 @@ def test_the_baseline_of_the_frame_s_session_is_subtracted(tmp_path):
     np.testing.assert_allclose(
         frames.baseline_mean.mean(axis=(1, 2)), [514, 516, 514, 516], atol=0.1
     )
-    np.testing.assert_allclose(frames.noise, np.hypot(0.95, 12**-0.5), rtol=0.3)
-    assert frames.kept_share == VALID.mean() == made.passed.mean()
+    np.testing.assert_allclose(frames.plan.noise, np.hypot(0.95, 12**-0.5), rtol=0.3)
+    assert frames.plan.kept_share == VALID.mean() == made.passed.mean()
     inputs = frames.inputs(np.arange(len(frames)))
     for label, pressed in enumerate([range(0), range(5), range(7, 12)]):
         mean = inputs[frames.label == label].mean(axis=0).ravel() * 150
@@ -221,7 +221,7 @@ def test_the_real_blindfolded_file_is_split_by_recording(tmp_path, stag_data):
     write_recordings(tmp_path / "t", read_metadata(stag_data / "blindfolded_lite" / "metadata.mat"))
     auto = load(FILE, ("split.by=recording", "split.folds=4"))
     made = preprocess_recordings(Recordings.read(tmp_path / "t"), auto.preprocess, auto.split)
-    assert (made.choice.params.baseline, made.choice.params.filter) == ("grasp", "flags")
+    assert (made.frames.plan.params.baseline, made.frames.plan.params.filter) == ("grasp", "flags")
     assert (made.passed.sum(), len(made.frames)) == (525, 520)
     assert "empty_hand" not in made.frames.classes and notes_on(made, "objects", "empty_hand")
     assert [len(made.frames.on(side)) for side in (TRAIN, TEST)] == [26 * 3 * 5, 26 * 5]

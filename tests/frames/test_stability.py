@@ -18,7 +18,7 @@ from tactile_viewgcn.frames.baseline import (
 )
 from tactile_viewgcn.frames.filter import pressed_frames
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
-from tests.glove_data import recipe, table, written
+from tests.glove_data import recipe, table, with_settings, written
 from tests.trained_network import unusual_counts
 
 ROUNDING = 2.0**-22  # of single precision, twice over
@@ -37,9 +37,8 @@ def input_error(counts, baseline=None, transform="clip"):
     """
     mean = table().baseline_mean[:1] if baseline is None else baseline
     of_frame = np.zeros(len(counts), dtype=int)
-    frames = replace(
-        table(), counts=counts, baseline=of_frame, baseline_mean=mean, transform=transform
-    )
+    frames = replace(table(), counts=counts, baseline=of_frame, baseline_mean=mean)
+    frames = with_settings(frames, transform=transform)
     excess = counts.astype(np.float64) - mean.astype(np.float64)
     exact = (
         np.clip(excess / frames.scale, 0, 1)

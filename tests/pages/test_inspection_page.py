@@ -260,8 +260,9 @@ def test_a_setting_that_the_user_has_fixed_is_taken_and_named_in_the_line(overvi
     fixed = inspect_source(
         overview.recordings.path, preprocess=PreprocessSection(contact_sensors=7)
     )
-    assert fixed.choice.params.contact_sensors == 7 and "preprocess.contact_sensors=7" in " ".join(
-        command_lines(fixed)
+    assert (
+        fixed.choice.plan.params.contact_sensors == 7
+        and "preprocess.contact_sensors=7" in " ".join(command_lines(fixed))
     )
 
 
@@ -288,7 +289,7 @@ def test_where_one_object_alone_is_touched_no_command_is_printed(overview):
         counts=counts | {"in contact": np.where(overview.label == mug, counts["in contact"], 0)},
     )
     assert (
-        overview.choice.params.filter == "contact"
+        overview.choice.plan.params.filter == "contact"
         and command_lines(overview)
         and command_lines(alone) == []
     )

@@ -39,8 +39,8 @@ CASES = {
     "a different member": ("kernel", "model/members", ["trees"], "altered"),
     "a baseline that no count reaches": (
         "trees",
-        "preprocessing/baselines",
-        {"": torch.full(SHAPE, -1e30)},
+        "plan/baselines",
+        torch.full((1, *SHAPE), -1e30),
         "again",
     ),
     "a temperature of nearly 0": ("trees", "temperature", 1e-300, "temperature"),
@@ -48,7 +48,7 @@ CASES = {
     "a width that would fill the memory": ("mvcnn", "model/backbone/width", 1_000_000, "1000000"),
 }
 for noise in (np.inf, -1.0):
-    CASES[f"noise {noise}"] = "trees", "preprocessing/noise", torch.full(SHAPE, noise), "noise"
+    CASES[f"noise {noise}"] = "trees", "plan/noise", torch.full(SHAPE, noise), "noise"
 
 
 def altered(path: Path, system: str, place: str, value) -> Path:
@@ -160,8 +160,7 @@ def of_view_sets(model):
     """
     content, classifier = model.content, model.classifier
     read = [
-        classifier.frame_values(each)
-        for each in content.examples - content.preprocessing.mean_baseline()
+        classifier.frame_values(each) for each in content.examples - content.plan.mean_baseline()
     ]
     sets = [spread_frames(8, size)[None] for size in (1, 2, 4, 8)]
     return softmax(
@@ -213,7 +212,7 @@ def test_a_file_with_a_single_stored_answer_altered_is_refused(tmp_path, system)
     ("system", "field"),
     [
         ("trees", "set_answers"),
-        ("trees", "preprocessing/least_change"),
+        ("trees", "plan/least_change"),
         ("trees", "clusters"),
         ("mvcnn", "clusters"),
     ],

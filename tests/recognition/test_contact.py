@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tactile_viewgcn.frames.apply import apply
 from tactile_viewgcn.frames.baseline import MIN_FRAMES
-from tactile_viewgcn.recognition.raw_counts import find_contact
 from tests.glove_data import (
     BEFORE,
     HELD,
@@ -41,9 +41,9 @@ def test_contact_is_found_as_in_the_training(filtered, baseline, kept, flags, ex
     """The open hand of 30 frames, a grasp of 20, the open hand of 10; the flags are of frames 33 to
     39 alone.
     """
-    fitted = recogniser().preprocessing
-    params = replace(fitted.params, filter=filtered, baseline=baseline, zero=123.0)
-    fitted = replace(fitted, params=params, kept_share=kept)
+    plan = recogniser().plan
+    params = replace(plan.params, filter=filtered, baseline=baseline, zero=123.0)
+    plan = replace(plan, params=params, kept_share=kept)
     new, frame = one_session(recording("pen", 90)), np.arange(60)
     masks = {
         "flags": (frame >= 33) & (frame < 40),
@@ -51,30 +51,32 @@ def test_contact_is_found_as_in_the_training(filtered, baseline, kept, flags, ex
         "all": frame >= 0,
     }
     new.columns |= dict.fromkeys(flags, masks["flags"])
-    estimate, contact = find_contact(fitted, new)
+    estimate, contact = apply(plan, new, new=True)
     np.testing.assert_array_equal(contact, masks[expected])
     assert (estimate.mean == 123).all() == (baseline == "none")
 
 
 def test_recordings_without_an_open_hand_have_the_baseline_of_their_session_in_the_training():
     """A third session is none of the training's: it has the mean of all."""
-    fitted, held = recogniser().preprocessing, recording("pen", 91, before=0, after=0)
-    mean = fitted.mean_baseline()
-    fitted = replace(fitted, baselines={"session 0": mean + 4, "session 1": mean - 1})
+    plan, held = recogniser().plan, recording("pen", 91, before=0, after=0)
+    mean = plan.mean_baseline()
+    plan = replace(
+        plan, sessions=["session 0", "session 1"], baselines=np.stack([mean + 4, mean - 1])
+    )
     new = of_arrays([held] * 4, ["pen"], np.zeros(4, int), np.array([1, 0, 2, 1]))
-    estimate, _ = find_contact(fitted, new)
+    estimate, _ = apply(plan, new, new=True)
     shifts = (estimate.mean - mean)[estimate.of_frame[:: len(held)]]
     np.testing.assert_allclose(shifts.mean(axis=(1, 2)), [-1, 4, 1.5, -1], atol=1e-6)
 
 
 def test_a_session_without_a_name_is_none_of_the_training_s():
     """Such recordings have the mean of all, even if the training had some without a name too."""
-    fitted, held = recogniser().preprocessing, recording("pen", 91, before=0, after=0)
-    mean = fitted.mean_baseline()
-    fitted = replace(fitted, baselines={"": mean + 4, "monday": mean - 1})
+    plan, held = recogniser().plan, recording("pen", 91, before=0, after=0)
+    mean = plan.mean_baseline()
+    plan = replace(plan, sessions=["", "monday"], baselines=np.stack([mean + 4, mean - 1]))
     new = of_arrays([held] * 2, ["pen"], np.zeros(2, int), np.arange(2))
     new.sessions = ["", "monday"]
-    estimate, _ = find_contact(fitted, new)
+    estimate, _ = apply(plan, new, new=True)
     shifts = (estimate.mean - mean)[estimate.of_frame[:: len(held)]]
     np.testing.assert_allclose(shifts.mean(axis=(1, 2)), [1.5, -1], atol=1e-6)
 
@@ -82,11 +84,11 @@ def test_a_session_without_a_name_is_none_of_the_training_s():
 @pytest.mark.parametrize("frames", [MIN_FRAMES - 1, MIN_FRAMES])
 def test_five_frames_of_the_empty_hand_are_enough_for_a_baseline(frames):
     """The glove reads 20 counts more than in the training, and no recording has an open hand."""
-    fitted, held = recogniser().preprocessing, recording("pen", 91, before=0, after=0)
+    plan, held = recogniser().plan, recording("pen", 91, before=0, after=0)
     new = one_session(empty_hand(92)[:frames] + np.int16(20), held + np.int16(20))
-    estimate, _ = find_contact(fitted, new)
+    estimate, _ = apply(plan, new, new=True)
     assert len(estimate.notes) == (frames < MIN_FRAMES)
-    shift = np.median(estimate.mean - fitted.mean_baseline())
+    shift = np.median(estimate.mean - plan.mean_baseline())
     assert shift == pytest.approx(0 if frames < MIN_FRAMES else 20, abs=1)
 
 

@@ -195,16 +195,14 @@ def test_columns_called_time_index_or_label_or_left_out_by_name_are_not_read_and
 
     X = [table(number, name) for number, name in enumerate(label)]
     model = TactileClassifier(system="svm", params={"data.columns": ["leave_out:no"]}).fit(X, label)
-    assert (
-        model.recogniser_.preprocessing.channel_names == ["f1", "f2"] and model.score(X, label) == 1
-    )
+    assert model.recogniser_.plan.channel_names == ["f1", "f2"] and model.score(X, label) == 1
     expected = TactileClassifier(system="svm").fit([each[["f1", "f2"]] for each in X], label)
     np.testing.assert_array_equal(
         model.predict_proba(X), expected.predict_proba([each[["f1", "f2"]] for each in X])
     )
     texts = [note.text for note in model.notes_ if note.topic == "columns"]
     assert len(texts) == 4 and "'Timestamp'" in texts[0] and "'object'" in texts[2]
-    np.testing.assert_allclose(model.recogniser_.preprocessing.rates, 20)
+    np.testing.assert_allclose(model.recogniser_.plan.rates, 20)
     alike = [each.drop(columns=["Timestamp", "f1"]).assign(f1=0.0) for each in X]
     with pytest.raises(UserError, match="f2; expected f1"):
         model.predict(alike)

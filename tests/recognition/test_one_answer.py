@@ -125,7 +125,7 @@ def test_one_recording_has_one_probability_by_all_interfaces(
     )
     frames = preprocess_recordings(
         table,
-        recogniser.preprocessing.params,
+        recogniser.plan.params,
         classifier.params_.split,
         groups=table.columns["recording"],
     ).frames

@@ -223,7 +223,7 @@ def test_channels_and_arrays_are_weighed_and_the_test_side_changes_nothing():
         one.classifier.weights == other.classifier.weights and one.temperature == other.temperature
     )
     assert set(one.model.members) <= {*ARRAY} and len(set(one.classifier.weights.values())) > 1
-    channels = fitted(replace(frames, live=few), "model.members=auto")
+    channels = fitted(replace(frames, plan=replace(frames.plan, live=few)), "model.members=auto")
     assert set(channels.model.members) <= {*CHANNELS} and channels.temperature > 0
     one_group = replace(frames, group=frames.label.astype(np.int64))
     alone = fitted(one_group, "model.members=auto")

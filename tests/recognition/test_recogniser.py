@@ -10,14 +10,11 @@ import pytest
 import torch
 from scipy.special import softmax
 
+from tactile_viewgcn.frames.training_readings import measured_on
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.recognition.estimator import train
-from tactile_viewgcn.recognition.model_file import (
-    FittedPreprocessing,
-    build_classifier,
-    save_classifier,
-)
+from tactile_viewgcn.recognition.model_file import build_classifier, save_classifier
 from tactile_viewgcn.recognition.raw_counts import fault_of
 from tactile_viewgcn.recognition.recogniser import Recogniser, recording_of
 from tactile_viewgcn.tables.frames import TEST
@@ -33,6 +30,7 @@ from tests.glove_data import (
     recogniser,
     recording,
     table,
+    with_settings,
     write,
 )
 
@@ -95,14 +93,14 @@ def test_readings_may_be_four_times_weaker_or_stronger_than_in_the_training_and_
     kind, edge, times, outside, sign
 ):
     """Above the baseline, kind 0, and raw; a shear force has both signs."""
-    fitted = replace(recogniser().preprocessing, dtype="float64")
-    limit = fitted.strong_readings[kind][edge] * times
+    plan = replace(recogniser().plan, dtype="float64")
+    limit = plan.strong_readings[kind][edge] * times
     for reading, fault in (limit, False), (np.nextafter(limit, outside), True):
-        readings = [np.full((3, *SHAPE), weakest) for weakest, _ in fitted.strong_readings]
+        readings = [np.full((3, *SHAPE), weakest) for weakest, _ in plan.strong_readings]
         readings[kind] = np.full((3, *SHAPE), sign * reading)
         # without contact they may read anything
         counts = np.concatenate([readings[1], np.full((2, *SHAPE), 1e6)])
-        assert bool(fault_of(fitted, counts, np.arange(5) < 3, readings[0])) == fault
+        assert bool(fault_of(plan, counts, np.arange(5) < 3, readings[0])) == fault
 
 
 @pytest.mark.parametrize("name", ["empty_hand", "pen"])
@@ -214,14 +212,12 @@ def test_the_weakest_readings_are_of_objects_and_the_rates_the_lowest_and_the_hi
     changed = replace(
         frames, counts=np.where(empty[:, None, None], 0, frames.counts).astype(np.int16)
     )
-    fitted = FittedPreprocessing.of(replace(changed, time=frame / (10 + frames.label)))
-    weakest, strongest = np.transpose(fitted.strong_readings)
-    expected_weakest, expected_strongest = np.transpose(
-        FittedPreprocessing.of(frames).strong_readings
-    )
+    plan = measured_on(replace(changed, time=frame / (10 + frames.label)))
+    weakest, strongest = np.transpose(plan.strong_readings)
+    expected_weakest, expected_strongest = np.transpose(measured_on(frames).strong_readings)
     np.testing.assert_array_equal(weakest, expected_weakest)
     assert strongest[0] == pytest.approx(514, abs=1) and strongest[1] == expected_strongest[1]
-    assert fitted.rates == pytest.approx([10, 13])
+    assert plan.rates == pytest.approx([10, 13])
 
 
 def test_times_count_from_a_recording_s_first_frame_wherever_its_clock_begins():
@@ -250,9 +246,10 @@ def test_a_session_with_many_baselines_has_their_mean():
     many = replace(
         table(), session=(number == 2).astype(int), sessions=["one", "two", "none"], baseline=number
     )
-    fitted = FittedPreprocessing.of(replace(many, baseline_mean=means))
-    assert (fitted.baselines["one"] == 512).all() and (fitted.baselines["two"] == 520).all()
-    assert (fitted.mean_baseline() == 516).all()  # the session without frames does not count
+    plan = measured_on(replace(many, baseline_mean=means))
+    assert plan.sessions == ["one", "two"]
+    assert (plan.baselines[0] == 512).all() and (plan.baselines[1] == 520).all()
+    assert (plan.mean_baseline() == 516).all()  # the session without frames does not count
 
 
 @pytest.mark.parametrize("system", ["view_gcn", "stag", "cnn_lstm", "conv_lstm", "gvcnn"])
@@ -261,7 +258,7 @@ def test_a_saved_network_answers_as_in_the_evaluation(tmp_path, system, transfor
     torch.manual_seed(0)
     params, frames = (
         recipe(f"model.system={system}", "model.backbone.width=8"),
-        replace(table(), transform=transform),
+        with_settings(table(), transform=transform),
     )
     classifier = build_classifier(torch.from_numpy(viewpoints(4)), 4, params.model, (12, 12)).eval()
     save_classifier(tmp_path / "classifier.pt", classifier, params.model, frames)

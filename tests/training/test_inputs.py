@@ -10,7 +10,7 @@ import torch
 
 from tactile_viewgcn.tables.frames import TRAIN, Frames, load_table, save_table
 from tactile_viewgcn.training.inputs import FrameInputs
-from tests.glove_data import CPU, table
+from tests.glove_data import CPU, table, with_settings
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def test_a_batch_is_the_network_input_of_its_frames_in_the_order_that_convolutio
 def test_noise_is_white_of_the_stated_share_of_full_scale(share, transform, full_scale):
     """Full scale of the logarithm is log(1 + e² - 1)."""
     index, everyone = np.arange(200), torch.arange(200)
-    read, noise = replace(table(), transform=transform, scale=np.e**2 - 1), share * full_scale
+    read, noise = with_settings(table(), transform=transform, scale=np.e**2 - 1), share * full_scale
     frames = FrameInputs(read, index, CPU, noise=share, rng=torch.Generator().manual_seed(1))
     added = frames.noisy(everyone) - frames[everyone]
     assert float(added.std()) == pytest.approx(noise, rel=0.02)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames import auto as module
-from tactile_viewgcn.frames.auto import contact_readings, smallest_reading
+from tactile_viewgcn.frames import decide as module
 from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline
+from tactile_viewgcn.frames.decide import contact_readings, smallest_reading
 from tactile_viewgcn.frames.filter import sensors_in_contact
 from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
@@ -56,8 +56,10 @@ def test_the_baseline_is_of_what_was_recorded_and_few_sensors_are_taken_as_they_
     kept = (made.columns["object"] > 0) | (np.cumsum(made.columns["object"] == 0) <= empty)
     split = {"split": (made.columns["recording"] % 2).astype(np.int8)} if published else {}
     choice = chosen(made.table(tmp_path / "t", kept, **split), *BY_RECORDING)
-    assert choice.params.baseline == baseline and ("zero" in values(choice)) == (baseline == "none")
-    assert choice.params.filter == ("none" if baseline == "none" else "contact")
+    assert choice.plan.params.baseline == baseline and ("zero" in values(choice)) == (
+        baseline == "none"
+    )
+    assert choice.plan.params.filter == ("none" if baseline == "none" else "contact")
     assert choice.states.all_contact == (baseline == "none")
 
 
@@ -65,8 +67,8 @@ def test_the_baseline_is_of_what_was_recorded_and_few_sensors_are_taken_as_they_
 def test_what_is_set_is_kept(glove, baseline, kept):
     asked = f"preprocess.baseline={baseline}", "preprocess.scale=100", f"preprocess.filter={kept}"
     choice = chosen(glove, *asked, *BY_RECORDING)
-    assert values(choice) == {} and choice.params.contact_sensors == 5
-    assert (choice.params.baseline, choice.params.filter, choice.params.scale) == (
+    assert values(choice) == {} and choice.plan.params.contact_sensors == 5
+    assert (choice.plan.params.baseline, choice.plan.params.filter, choice.plan.params.scale) == (
         baseline,
         kept,
         100.0,
@@ -142,7 +144,7 @@ def test_the_released_scale_is_kept_at_one_to_ten_times_the_readings_and_none_is
     readings = np.repeat([reading / 10, reading, 10 * reading], [900, 99, 1])
     monkeypatch.setattr(module, "contact_readings", lambda *_: readings[readings > 0])
     if scale:
-        assert chosen(glove, *BY_RECORDING).params.scale == scale
+        assert chosen(glove, *BY_RECORDING).plan.params.scale == scale
     else:
         with pytest.raises(UserError, match="rescale"):
             chosen(glove, *BY_RECORDING)
@@ -179,7 +181,8 @@ def test_the_fewest_sensors_in_contact_are_a_fortieth_of_the_array(glove):
     ]
     # of 40
     assert (
-        chosen(glove, "preprocess.contact_sensors=auto", *BY_RECORDING).params.contact_sensors == 2
+        chosen(glove, "preprocess.contact_sensors=auto", *BY_RECORDING).plan.params.contact_sensors
+        == 2
     )
 
 

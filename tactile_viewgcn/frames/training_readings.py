@@ -1,0 +1,108 @@
+"""What the training frames read: fallbacks for new recordings, and the bounds they are checked by."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from tactile_viewgcn.messages import EMPTY_HAND
+from tactile_viewgcn.tables.counts import evenly, middles
+from tactile_viewgcn.tables.frames import TRAIN, Frames, frame_rates
+from tactile_viewgcn.tables.plan import Plan
+
+STRONG_SHARE = 0.01  # of the readings are above a recording's strong reading
+STRONG_FRAMES = 2000  # that are used for the strong readings
+CHANGING_FRAMES = 8  # of a recording, that are compared with each other
+
+
+def measured_on(frames: Frames) -> Plan:
+    """Return the plan of a table of frames with what its training frames read.
+
+    The attributes from `sessions` on are measured. A session of several baselines has their mean.
+
+    Args:
+        frames: the table; its plan has `noise` and `kept_share`.
+    """
+    train = frames.on(TRAIN)
+    sessions, baselines = _session_baselines(frames, train)
+    changes = [
+        change_between_frames(frames.counts[index], frames.live)
+        for index in frames.by_recording(train)
+    ]
+    rates = sorted(frame_rates(frames.time[train], frames.recording[train]).values())
+    if not rates:
+        rates = [0.0, np.inf]
+    return replace(
+        frames.plan,
+        sessions=sessions,
+        baselines=baselines,
+        strong_readings=strong_readings(frames),
+        least_change=min((change for change in changes if change > 0), default=0.0),
+        rates=[rates[0], rates[-1]],
+    )
+
+
+def strong_readings(frames: Frames) -> list[list[float]]:
+    """Return the strong readings of the weakest recording of an object and of the strongest recording.
+
+    The empty hand counts for the strongest, since a new recording may be of it; it is no object.
+    Up to 2,000 anchors of the training set are used.
+
+    Returns:
+        Two pairs of lowest and highest reading in counts: above the baseline, and raw.
+    """
+    empty = -1
+    if EMPTY_HAND in frames.classes:
+        empty = frames.classes.index(EMPTY_HAND)
+    anchors = np.flatnonzero(frames.anchor & (frames.side == TRAIN))
+    is_empty = frames.label[anchors] == empty
+    of_objects = _strong_by_recording(frames, evenly(anchors[~is_empty], STRONG_FRAMES))
+    of_empty_hand = _strong_by_recording(frames, evenly(anchors[is_empty], STRONG_FRAMES))
+    of_all = np.concatenate([of_objects, of_empty_hand])
+    bounds: list[list[float]] = np.stack(
+        [of_objects.min(axis=0), of_all.max(axis=0)], axis=1
+    ).tolist()
+    return bounds
+
+
+def _strong_by_recording(frames: Frames, index: np.ndarray) -> np.ndarray:
+    """Return the strong readings (R, 2), above baseline and raw, of each recording among frames (n,)."""
+    strong = []
+    for of_recording in frames.by_recording(index):
+        excess = frames.inputs(of_recording, "counts")[:, frames.live]
+        raw = frames.counts[of_recording][:, frames.live]
+        strong.append([strong_reading(excess), strong_reading(raw)])
+    return np.reshape(strong, (-1, 2))
+
+
+def strong_reading(readings: np.ndarray) -> float:
+    """Return the strong reading of a recording: one in a hundred of its absolute readings exceeds it.
+
+    Args:
+        readings: (n, S) of its live sensors in counts.
+    """
+    return float(np.quantile(np.abs(readings), 1 - STRONG_SHARE))
+
+
+def change_between_frames(counts: np.ndarray, live: np.ndarray) -> float:
+    """Return how much a recording's frames differ: the median sensor's standard deviation in counts.
+
+    It is 0 for a single frame, and where most sensors stand still.
+
+    Args:
+        counts: (T, H, W) of the recording; a few frames are used.
+        live: bool (H, W), the sensors that vary.
+    """
+    few = counts[middles(len(counts), CHANGING_FRAMES)]
+    return float(np.median(few[:, live].std(axis=0, dtype=np.float64)))
+
+
+def _session_baselines(frames: Frames, index: np.ndarray) -> tuple[list[str], np.ndarray]:
+    """Return the S sessions of frames (n,) by name, and the mean (S, H, W) of each one's baselines."""
+    keys = pd.DataFrame({"session": frames.session[index], "baseline": frames.baseline[index]})
+    sessions = list[str]()
+    means = list[np.ndarray]()
+    for session, numbers in keys.groupby("session")["baseline"]:
+        sessions.append(frames.sessions[int(session)])
+        means.append(frames.baseline_mean[np.unique(numbers)].mean(axis=0))
+    return sessions, np.stack(means)

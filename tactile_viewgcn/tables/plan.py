@@ -1,0 +1,84 @@
+"""The plan: how readings become frames, decided on the training set and applied to every recording.
+
+`frames/decide.py` makes it, `frames/apply.py` applies it, and the table of frames and the model file
+store it.
+"""
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass
+
+from tactile_viewgcn.params import PreprocessSection
+
+#: of pydantic's dataclasses that hold arrays
+ARRAYS = ConfigDict(arbitrary_types_allowed=True, extra="forbid", hide_input_in_errors=True)
+
+
+@dataclass(frozen=True, eq=False, config=ARRAYS)
+class Plan:
+    """How readings become frames, and what the training frames read.
+
+    What is decided stands first, and suffices for the training, validation and test set. New
+    recordings need the rest too: `measured_on` adds it.
+
+    Attributes:
+        params: the settings of `preprocess`, every `auto` decided.
+        live: bool (H, W), the sensors whose counts vary in the training set.
+        dtype: type of the raw counts.
+        channel_names: names of the sensors, row after row, or none.
+        shows_open_hand: whether the training recordings show an open hand. If not, every frame
+            counts as contact.
+        kept_share: share of the training frames that pass the filter.
+        noise: (H, W) mean standard deviation of the training set's baselines in counts; NaN where
+            it was not measured, and (0, 0) before `measured_on`.
+        sessions: names of the S sessions that have training frames.
+        baselines: (S, H, W) mean baseline of each of these sessions in counts.
+        strong_readings: lowest and highest strong reading of the training recordings in counts,
+            above the baseline and then raw, see `frames/training_readings.py`.
+        least_change: smallest `change_between_frames` above 0 of the training recordings in counts;
+            0 if it is not known.
+        rates: lowest and highest frame rate of the training recordings in Hz; 0 and infinity
+            without times.
+    """
+
+    params: PreprocessSection
+    live: np.ndarray
+    dtype: Literal["int16", "int32", "float32", "float64"]
+    channel_names: list[str]
+    shows_open_hand: bool = True
+    kept_share: float = 1.0
+    noise: np.ndarray = Field(default_factory=lambda: np.zeros((0, 0)))
+    sessions: list[str] = Field(default_factory=list)
+    baselines: np.ndarray = Field(default_factory=lambda: np.zeros((0, 0, 0)))
+    strong_readings: list[list[float]] = Field(default_factory=list)
+    least_change: Annotated[float, Field(ge=0)] = 0.0
+    rates: list[float] = Field(default_factory=lambda: [0.0, np.inf])
+
+    def check(self) -> None:
+        """Raise a ValueError unless a plan of `measured_on` can be applied to new recordings.
+
+        Its types are checked when it is made.
+
+        Raises:
+            ValueError: an array or a list has another size or type than it should have, or the
+                noise of a sensor is below 0 or infinite.
+        """
+        if self.live.dtype != bool or self.live.ndim != 2 or not self.live.any():
+            raise ValueError("no sensor is live")
+        if self.noise.shape != self.live.shape:
+            raise ValueError(f"noise of {self.noise.shape}; expected {self.live.shape}")
+        if (self.noise < 0).any() or np.isinf(self.noise).any():  # NaN: not measured
+            raise ValueError("the noise of a sensor is below 0 or infinite")
+        expected = (len(self.sessions), *self.live.shape)
+        if self.baselines.shape != expected or not self.sessions:
+            raise ValueError(f"baselines of {self.baselines.shape}; expected {expected}")
+        if len(self.channel_names) not in (0, self.live.size):
+            raise ValueError(f"{len(self.channel_names)} names of {self.live.size} sensors")
+        if [len(pair) for pair in (*self.strong_readings, self.rates)] != [2, 2, 2]:
+            raise ValueError("strong readings or rates that are no pairs")
+
+    def mean_baseline(self) -> np.ndarray:
+        """Return the mean (H, W) of the baselines of the training set's sessions, in counts."""
+        return np.asarray(np.mean(self.baselines, axis=0))

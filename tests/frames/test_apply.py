@@ -1,0 +1,109 @@
+"""A plan gives the same numbers whenever it is applied: in preprocessing, again, and to new
+recordings.
+"""
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.frames.apply import apply
+from tactile_viewgcn.frames.baseline import with_empty_hand
+from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.params import load
+from tactile_viewgcn.tables.frames import TEST, TRAIN
+from tests.glove_data import FILE, drifting, of_arrays, recogniser, recording
+
+SPLIT = ("split.by=recording", "split.folds=2", "preprocess.contact_sensors=5")
+#: Baseline, filter, and whether there is an empty hand.
+CASES = [
+    ("empty_hand", "contact", True),
+    ("grasp", "contact", True),
+    ("grasp", "contact", False),
+    ("none", "none", False),
+]
+
+
+def made_of(path, glove, baseline, filtered, *, has_empty_hand):
+    """The recordings of a drifting glove, and what preprocessing makes of them."""
+    names = ["empty_hand" if has_empty_hand else "cloth", "mug", "pen", "ball"]
+    asked = (f"preprocess.baseline={baseline}", f"preprocess.filter={filtered}")
+    params = load(FILE, (*SPLIT, *asked))
+    recordings = glove.table(path, objects=names)
+    return recordings, preprocess_recordings(recordings, params.preprocess, params.split)
+
+
+@pytest.fixture(scope="module")
+def glove():
+    """Four objects of two recordings, which drift."""
+    return drifting(objects=3, recordings=2, grasps=2, between=3.0, within=4.0)
+
+
+@pytest.mark.parametrize("code", [TRAIN, TEST])
+@pytest.mark.parametrize(("baseline", "filtered", "has_empty_hand"), CASES)
+def test_a_set_has_the_baseline_and_the_contact_that_preprocessing_gave_it(
+    tmp_path, glove, baseline, filtered, has_empty_hand, code
+):
+    recordings, made = made_of(
+        tmp_path / "t", glove, baseline, filtered, has_empty_hand=has_empty_hand
+    )
+    compare(recordings, made, code)
+
+
+def test_so_it_is_where_a_baseline_of_each_grasp_is_asked_for_and_no_hand_opens(tmp_path, glove):
+    """Every frame of both sets counts as contact, above the five quietest frames of its recording."""
+    held = drifting(objects=3, recordings=2, grasps=2)
+    held.counts[:] = held.baseline + 30 + np.random.default_rng(0).normal(0, 9, held.counts.shape)
+    recordings, made = made_of(tmp_path / "t", held, "grasp", "none", has_empty_hand=False)
+    assert not made.frames.plan.shows_open_hand
+    assert len(made.frames.baseline_mean) == 8  # one for each recording
+    for code in (TRAIN, TEST):
+        compare(recordings, made, code)
+
+
+def compare(recordings, made, code):
+    """Compare a set's baseline and contact, applied again, with the table of frames."""
+    in_set = made.sides.side == code
+    rows = with_empty_hand(recordings, in_set)
+    baseline, contact = apply(made.frames.plan, recordings.part(rows))
+    passed = contact | (recordings.empty_hand[rows] & (made.frames.plan.params.filter == "contact"))
+    np.testing.assert_array_equal(passed[in_set[rows]], made.passed[in_set])
+    kept = made.keep[rows] & in_set[rows]
+    frames = made.frames
+    expected = frames.baseline_mean[frames.baseline[frames.side == code]]
+    np.testing.assert_array_equal(baseline.mean[baseline.of_frame[kept]], expected)
+
+
+@pytest.mark.parametrize("baseline", ["empty_hand", "grasp"])
+def test_in_a_session_with_an_empty_hand_a_new_recording_is_measured_like_a_set(
+    tmp_path, glove, baseline
+):
+    recordings, made = made_of(tmp_path / "t", glove, baseline, "contact", has_empty_hand=True)
+    plan = made.frames.plan
+    known, contact = apply(plan, recordings)
+    new, contact_of_new = apply(plan, recordings, new=True)
+    np.testing.assert_array_equal(contact_of_new, contact)
+    np.testing.assert_array_equal(new.mean[new.of_frame], known.mean[known.of_frame])
+
+
+@pytest.mark.parametrize("baseline", ["empty_hand", "grasp"])
+def test_a_new_recording_depends_on_no_other_one(baseline):
+    """One of them never opens the hand; the glove reads 20 more than in the training."""
+    plan = recogniser(f"preprocess.baseline={baseline}").plan
+    arrays = [
+        recording("pen", 60) + np.int16(20),
+        recording("cup", 61, before=0, after=0),
+        recording("ball", 62, held=40),
+    ]
+    labels = np.zeros(3, dtype=int)
+    together, contact = apply(plan, of_arrays(arrays, ["unknown"], labels, labels), new=True)
+    start = 0
+    for counts in arrays:
+        alone, contact_alone = apply(
+            plan, of_arrays([counts], ["unknown"], labels[:1], labels[:1]), new=True
+        )
+        frames = slice(start, start + len(counts))
+        np.testing.assert_array_equal(contact[frames], contact_alone)
+        np.testing.assert_array_equal(
+            together.mean[together.of_frame[frames]], alone.mean[alone.of_frame]
+        )
+        start += len(counts)
+    assert contact.any()
