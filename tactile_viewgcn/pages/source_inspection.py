@@ -22,6 +22,7 @@ from tactile_viewgcn.params import PreprocessSection
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.layout import other_order
 from tactile_viewgcn.readers.source import AUTO, Form, setting
+from tactile_viewgcn.sensor_array import is_array
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.look import held_together, look_at
