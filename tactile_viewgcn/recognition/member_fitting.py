@@ -18,8 +18,8 @@ from tactile_viewgcn.recognition.calibration import calibration_warning
 from tactile_viewgcn.recognition.network_training import PresetTraining
 from tactile_viewgcn.recognition.new_sessions import (
     NOT_MEASURED,
+    is_test_of_known_sessions,
     new_session_note,
-    tests_known_sessions,
 )
 from tactile_viewgcn.recognition.out_of_fold import OutOfFold
 from tactile_viewgcn.recognition.training_recordings import examples_of, training_recordings
@@ -269,7 +269,7 @@ def _new_session_notes(
         seed: of the fits.
     """
     by_session = OutOfFold.of(examples.labels, sessions)
-    if not tests_known_sessions(table) or not by_session.folds:
+    if not is_test_of_known_sessions(table) or not by_session.folds:
         return []
     if NETWORK in weights:
         return [NOT_MEASURED]
