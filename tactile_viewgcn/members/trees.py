@@ -18,7 +18,6 @@ class TreesMember(MemberOfReadings):
     """Answers whole recordings only: its statistics of channels need the order of time."""
 
     name = "trees"
-    answers_sets = False
 
     def estimator(self, *, quick: bool = False) -> "Forest":
         """See `MemberOfReadings.estimator`."""
