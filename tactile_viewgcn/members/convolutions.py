@@ -38,7 +38,6 @@ class ConvolutionsMember(MemberOfReadings):
     """
 
     name = "convolutions"
-    answers_sets = False
 
     def __init__(self, representation: Representation, classes: int):
         super().__init__(representation, classes)
@@ -145,7 +144,8 @@ def _convolved(readings: np.ndarray, dilation: int, channels: np.ndarray) -> np.
     moved = np.stack([padded[:, place * dilation :][:, :frames] for place in range(LENGTH)])
     # the weights are 3 at three places, less 1 everywhere
     at_places = moved[PLACES.T, np.arange(len(PLACES))].sum(axis=0)
-    return (3 * at_places - moved.sum(axis=0)).astype(np.float32)
+    values: np.ndarray = 3 * at_places - moved.sum(axis=0)
+    return values.astype(np.float32)
 
 
 class Ridge(Estimator):
@@ -174,4 +174,6 @@ class Ridge(Estimator):
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
         """See `Estimator.predict_proba`."""
-        return softmax(RIDGE_SHARPNESS * (points @ self.weights + self.offsets), axis=1)
+        values = points @ self.weights + self.offsets
+        answers: np.ndarray = softmax(RIDGE_SHARPNESS * values, axis=1)
+        return answers

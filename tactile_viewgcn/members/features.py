@@ -19,7 +19,9 @@ LIVE_SHARE = 0.5  # of a block's cells that are live, at least
 
 def pressed(readings: np.ndarray) -> np.ndarray:
     """Return sign(x) log(1 + max(|x| - 2, 0)) of readings x in units."""
-    return np.copysign(np.log1p(np.maximum(np.abs(readings) - DEAD_ZONE, 0)), readings)
+    beyond = np.maximum(np.abs(readings) - DEAD_ZONE, 0)
+    values: np.ndarray = np.copysign(np.log1p(beyond), readings)
+    return values
 
 
 def block_weights(live: np.ndarray) -> np.ndarray:
@@ -151,10 +153,13 @@ def in_windows(readings: np.ndarray) -> np.ndarray:
 
 
 def _spread(readings: np.ndarray) -> np.ndarray:
-    return np.log(readings.std(axis=1) + LEAST_SPREAD)
+    spread: np.ndarray = np.log(readings.std(axis=1) + LEAST_SPREAD)
+    return spread
 
 
 def _change(readings: np.ndarray) -> np.ndarray:
     if readings.shape[1] == 1:
         return np.full((len(readings), readings.shape[2]), np.log(LEAST_SPREAD))
-    return np.log(np.abs(np.diff(readings, axis=1)).mean(axis=1) + LEAST_SPREAD)
+    change = np.abs(np.diff(readings, axis=1)).mean(axis=1)
+    logarithm: np.ndarray = np.log(change + LEAST_SPREAD)
+    return logarithm

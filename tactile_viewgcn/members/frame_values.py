@@ -41,8 +41,10 @@ class FrameValues:
     @property
     def width(self) -> int:
         """The number of values that a frame has."""
-        answered = sum(answer.shape[-1] for answer in self.answers.values())
-        return self.readings.shape[-1] + answered
+        width: int = self.readings.shape[-1]
+        for answer in self.answers.values():
+            width += answer.shape[-1]
+        return width
 
 
 def every_few(frames: Any) -> Any:

@@ -25,6 +25,7 @@ class KernelMember(Member):
 
     name = "kernel"
     answers_frames = True
+    answers_sets = True
     of_frames: KernelRidge
 
     def fit(
@@ -56,11 +57,11 @@ class KernelMember(Member):
 
     def answer_recordings(self, frames: FrameValues) -> np.ndarray:
         """See `Member.answer_recordings`."""
-        return frames.answers[self.name].mean(axis=1)
+        return self._mean(frames)
 
     def answer_sets(self, frames: FrameValues) -> np.ndarray:
         """See `Member.answer_sets`."""
-        return frames.answers[self.name].mean(axis=1)
+        return self._mean(frames)
 
     def state_dict(self) -> dict[str, Any]:
         """See `Member.state_dict`."""
@@ -75,3 +76,8 @@ class KernelMember(Member):
         if self.representation.blocks is None:
             return readings
         return features.with_blocks(features.pressed(readings), self.representation.blocks)
+
+    def _mean(self, frames: FrameValues) -> np.ndarray:
+        """The mean (B, classes) of the frames' probabilities."""
+        mean: np.ndarray = frames.answers[self.name].mean(axis=1)
+        return mean

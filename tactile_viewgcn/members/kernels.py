@@ -38,10 +38,12 @@ class Kernel(Estimator):
         exponent -= (points**2).sum(axis=1)[:, None] / 2
         exponent -= self.half_squares
         np.minimum(exponent, 0, out=exponent)
-        return np.exp(exponent, out=exponent)
+        kernel: np.ndarray = np.exp(exponent, out=exponent)
+        return kernel
 
     def _scaled(self, points: np.ndarray) -> np.ndarray:
-        return (np.asarray(points, dtype=np.float32) - self.centre) * self.scale
+        scaled: np.ndarray = (np.asarray(points, dtype=np.float32) - self.centre) * self.scale
+        return scaled
 
 
 class KernelRidge(Kernel):
@@ -78,4 +80,6 @@ class KernelRidge(Kernel):
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
         """See `Estimator.predict_proba`."""
-        return softmax(KERNEL_SHARPNESS * (self.kernel(points) @ self.weights), axis=1)
+        values = self.kernel(points) @ self.weights
+        answers: np.ndarray = softmax(KERNEL_SHARPNESS * values, axis=1)
+        return answers

@@ -36,7 +36,7 @@ class Member(ABC):
 
     name: ClassVar[str]
     answers_frames: ClassVar[bool] = False
-    answers_sets: ClassVar[bool] = True
+    answers_sets: ClassVar[bool] = False
 
     def __init__(self, representation: Representation, classes: int):
         self.representation = representation

@@ -4,7 +4,7 @@ How it is trained is for the caller: members know neither tables of frames nor t
 """
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 from scipy.special import softmax
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from tactile_viewgcn.device import Compute
     from tactile_viewgcn.nn.network import ViewNetwork
 
-NETWORK = "network"  # the member, and the preset by which it is trained
+NETWORK: Final = "network"  # the member, and the preset by which it is trained
 
 
 class NetworkTraining(Protocol):
@@ -43,6 +43,7 @@ class NetworkMember(Member):
 
     name = NETWORK
     answers_frames = True
+    answers_sets = True
 
     def __init__(
         self,
@@ -79,11 +80,11 @@ class NetworkMember(Member):
 
     def answer_recordings(self, frames: FrameValues) -> np.ndarray:
         """See `Member.answer_recordings`."""
-        return softmax(frames.answers[self.name].mean(axis=1), axis=1)
+        return self._mean(frames)
 
     def answer_sets(self, frames: FrameValues) -> np.ndarray:
         """See `Member.answer_sets`."""
-        return softmax(frames.answers[self.name].mean(axis=1), axis=1)
+        return self._mean(frames)
 
     def prepare(self, compute: "Compute") -> None:
         """See `Member.prepare`."""
@@ -100,6 +101,11 @@ class NetworkMember(Member):
 
         weights = {name: torch.from_numpy(array) for name, array in state.items()}
         self._network().load_state_dict(weights, assign=True)
+
+    def _mean(self, frames: FrameValues) -> np.ndarray:
+        """The probabilities (B, classes) by the mean of the frames' log-probabilities."""
+        answers: np.ndarray = softmax(frames.answers[self.name].mean(axis=1), axis=1)
+        return answers
 
     def _network(self) -> "ViewNetwork":
         if self.network is None:

@@ -15,20 +15,15 @@ from tactile_viewgcn.progress import steps
 
 
 class MemberOfReadings(Member):
-    """Base of the members with an estimator of points: one point for a recording or a view set.
-
-    View sets have estimators of their own, one for each fitted number of frames. A set of k frames
-    has the estimator of the largest fitted number up to k.
+    """Base of the members that answer one point for a whole recording.
 
     Attributes:
-        whole: the estimator of whole recordings; None of a member that answers view sets only.
-        sets: the estimators of view sets, by number of frames.
+        whole: the fitted estimator of whole recordings; None before `fit`.
     """
 
     def __init__(self, representation: Representation, classes: int):
         super().__init__(representation, classes)
         self.whole: Estimator | None = None
-        self.sets: dict[int, Estimator] = {}
 
     @abstractmethod
     def estimator(self, *, quick: bool = False) -> Estimator:
@@ -40,15 +35,11 @@ class MemberOfReadings(Member):
 
     @abstractmethod
     def recording_points(self, readings: np.ndarray) -> np.ndarray:
-        """Return points (B, F) of whole recordings' readings (B, T, S) in the order of time."""
+        """Return the points (B, F) of whole recordings.
 
-    def set_points(self, readings: np.ndarray) -> np.ndarray:
-        """Return points (B, F) of view sets' readings (B, k, S), which no order of frames changes.
-
-        Raises:
-            NotImplementedError: the member does not answer view sets.
+        Args:
+            readings: (B, T, S) in the order of time.
         """
-        raise NotImplementedError(f"{self.name} does not answer view sets")
 
     def fit(
         self, examples: Examples, recordings: np.ndarray, *, seed: int, quick: bool = False
@@ -58,42 +49,77 @@ class MemberOfReadings(Member):
         labels = examples.labels[recordings]
         self.whole = self.estimator(quick=quick).fit(points[recordings], labels, seed)
 
+    def answer_examples(self, examples: Examples, recordings: np.ndarray) -> np.ndarray:
+        """See `Member.answer_examples`."""
+        points = examples.recording_points(self.name, self.recording_points)
+        return self._answer_whole(points[recordings])
+
+    def answer_recordings(self, frames: FrameValues) -> np.ndarray:
+        """See `Member.answer_recordings`."""
+        return self._answer_whole(self.recording_points(frames.readings))
+
+    def state_dict(self) -> dict[str, Any]:
+        """See `Member.state_dict`."""
+        if self.whole is None:
+            return {}
+        return {"whole": self.whole.state_dict()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """See `Member.load_state_dict`."""
+        self.whole = self.estimator().load_state_dict(state["whole"])
+
+    def _answer_whole(self, points: np.ndarray) -> np.ndarray:
+        """The probabilities (B, classes) of whole recordings' points (B, F)."""
+        if self.whole is None:
+            raise ValueError(f"{self.name} is not fitted to whole recordings")
+        return probabilities(self.whole, points, self.classes)
+
+
+class MemberOfSets(MemberOfReadings):
+    """Base of the members of readings that answer view sets too.
+
+    View sets have estimators of their own, one for each fitted number of frames. A set of k frames
+    has the estimator of the largest fitted number up to k. A member may be fitted to view sets only.
+
+    Attributes:
+        sets: the fitted estimators of view sets, by number of frames.
+    """
+
+    answers_sets = True
+
+    def __init__(self, representation: Representation, classes: int):
+        super().__init__(representation, classes)
+        self.sets: dict[int, Estimator] = {}
+
+    @abstractmethod
+    def set_points(self, readings: np.ndarray) -> np.ndarray:
+        """Return the points (B, F) of view sets, which no order of their frames changes.
+
+        Args:
+            readings: (B, k, S).
+        """
+
     def fit_sets(self, examples: Examples, *, seed: int) -> None:
         """See `Member.fit_sets`."""
-        if not self.answers_sets:
-            return
         for size in steps(examples.sets, f"{self.name}, fits of view sets", "sizes"):
             readings, recording = examples.set_readings(size)
             points = self.set_points(readings)
             self.sets[size] = self.estimator().fit(points, examples.labels[recording], seed)
 
-    def answer_examples(self, examples: Examples, recordings: np.ndarray) -> np.ndarray:
-        """See `Member.answer_examples`."""
-        points = examples.recording_points(self.name, self.recording_points)
-        return self._probabilities(self.whole, points[recordings])
-
-    def answer_recordings(self, frames: FrameValues) -> np.ndarray:
-        """See `Member.answer_recordings`."""
-        return self._probabilities(self.whole, self.recording_points(frames.readings))
-
     def answer_sets(self, frames: FrameValues) -> np.ndarray:
         """See `Member.answer_sets`."""
         estimator = self.sets[self._fitted_size(frames.readings.shape[1])]
-        return self._probabilities(estimator, self.set_points(frames.readings))
+        return probabilities(estimator, self.set_points(frames.readings), self.classes)
 
     def state_dict(self) -> dict[str, Any]:
         """See `Member.state_dict`."""
-        state: dict[str, Any] = {}
-        if self.whole is not None:
-            state["whole"] = self.whole.state_dict()
-        state["sets"] = {str(size): fitted.state_dict() for size, fitted in self.sets.items()}
-        return state
+        sets = {str(size): estimator.state_dict() for size, estimator in self.sets.items()}
+        return {**super().state_dict(), "sets": sets}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """See `Member.load_state_dict`."""
         if "whole" in state:
-            self.whole = self.estimator().load_state_dict(state["whole"])
-        self.sets = {}
+            super().load_state_dict(state)
         for size, arrays in state["sets"].items():
             self.sets[int(size)] = self.estimator().load_state_dict(arrays)
 
@@ -101,8 +127,3 @@ class MemberOfReadings(Member):
         """The largest fitted number of frames up to that many; the smallest one if there is none."""
         up_to = [size for size in self.sets if size <= frames]
         return max(up_to, default=min(self.sets))
-
-    def _probabilities(self, estimator: Estimator | None, points: np.ndarray) -> np.ndarray:
-        if estimator is None:
-            raise ValueError(f"{self.name} is not fitted to whole recordings")
-        return probabilities(estimator, points, self.classes)

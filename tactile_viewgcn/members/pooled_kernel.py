@@ -7,10 +7,10 @@ import numpy as np
 
 from tactile_viewgcn.members import features
 from tactile_viewgcn.members.kernels import KernelRidge
-from tactile_viewgcn.members.of_readings import MemberOfReadings
+from tactile_viewgcn.members.of_readings import MemberOfSets
 
 
-class PooledKernelMember(MemberOfReadings):
+class PooledKernelMember(MemberOfSets):
     """Answers one point for a recording or a view set."""
 
     name = "pooled_kernel"
@@ -26,7 +26,7 @@ class PooledKernelMember(MemberOfReadings):
         return features.array_maps(readings, self.representation.blocks)
 
     def set_points(self, readings: np.ndarray) -> np.ndarray:
-        """See `MemberOfReadings.set_points`."""
+        """See `MemberOfSets.set_points`."""
         if self.representation.blocks is None:
             return features.unordered(readings.astype(np.float64))
         return features.array_maps(readings, self.representation.blocks)

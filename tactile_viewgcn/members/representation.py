@@ -63,7 +63,8 @@ class Representation:
     def scaled(self, counts: np.ndarray) -> np.ndarray:
         """Return the readings float32 (..., S) of counts (..., S) above baseline."""
         readings = np.divide(counts - self.centre, self.spread, dtype=np.float64)
-        return np.clip(readings, -FARTHEST, FARTHEST).astype(np.float32)
+        scaled: np.ndarray = np.clip(readings, -FARTHEST, FARTHEST).astype(np.float32)
+        return scaled
 
 
 def contact_unit(frames: np.ndarray, noise: float = np.inf) -> float:

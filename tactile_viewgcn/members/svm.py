@@ -9,14 +9,14 @@ from scipy.special import softmax
 from tactile_viewgcn.members import features
 from tactile_viewgcn.members.estimators import sampled
 from tactile_viewgcn.members.kernels import Kernel
-from tactile_viewgcn.members.of_readings import MemberOfReadings
+from tactile_viewgcn.members.of_readings import MemberOfSets
 
 C = 10.0
 LEAST_WITHIN = 0.05  # of a standardised feature's spread within classes
 ROUNDING = 1e-9  # of a feature's size: a smaller spread is rounding
 
 
-class SvmMember(MemberOfReadings):
+class SvmMember(MemberOfSets):
     """Answers one point for a recording or a view set; of an array in the finer unit."""
 
     name = "svm"
@@ -34,7 +34,7 @@ class SvmMember(MemberOfReadings):
         return features.finer_array_maps(readings, self.representation.blocks)
 
     def set_points(self, readings: np.ndarray) -> np.ndarray:
-        """See `MemberOfReadings.set_points`."""
+        """See `MemberOfSets.set_points`."""
         if self.representation.blocks is None:
             return features.unordered(readings.astype(np.float64))
         return features.finer_array_maps(readings, self.representation.blocks)
@@ -86,7 +86,8 @@ class SupportVectors(Kernel):
             np.add.at(confidence, winner, margin_of_winner)
         # below a third: it only decides between equal votes
         votes += confidence / (3 * (np.abs(confidence) + 1))
-        return softmax(votes.T, axis=1)
+        answers: np.ndarray = softmax(votes.T, axis=1)
+        return answers
 
     def _margins(self, kernel: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
         """The margins (pairs, n) between the classes of each pair; above 0: the first class wins.
@@ -102,7 +103,8 @@ class SupportVectors(Kernel):
             vectors = np.flatnonzero(self.class_of == label)
             others = np.delete(np.arange(classes), label)
             parts[label][:, others] = kernel[:, vectors] @ self.weights[vectors]
-        margin = parts[first, :, second] + parts[second, :, first] + self.offsets[:, None]
+        margin: np.ndarray = parts[first, :, second] + parts[second, :, first]
+        margin = margin + self.offsets[:, None]
         if classes > 2:
             return margin
         return -margin  # SVC stores the weights of two classes the other way round
@@ -144,4 +146,5 @@ class NormalisedVectors(SupportVectors):
 
     def _normalised(self, points: np.ndarray) -> np.ndarray:
         standard = (points - self.mean) / self.spread
-        return np.copysign(np.log1p(np.abs(standard)), standard) / self.within
+        squashed: np.ndarray = np.copysign(np.log1p(np.abs(standard)), standard)
+        return squashed / self.within

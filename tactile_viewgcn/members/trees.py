@@ -18,7 +18,6 @@ class TreesMember(MemberOfReadings):
     """Answers whole recordings only: its statistics of channels need the order of time."""
 
     name = "trees"
-    answers_sets = False
 
     def estimator(self, *, quick: bool = False) -> "Forest":
         """See `MemberOfReadings.estimator`."""
@@ -85,7 +84,7 @@ class Forest(Estimator):
         return self
 
     def predict_proba(self, points: np.ndarray) -> np.ndarray:
-        """See `Estimator.predict_proba`; a few trees are evaluated at once, in parts that fit memory."""
+        """See `Estimator.predict_proba`; the trees are evaluated in parts that fit memory."""
         points = np.ascontiguousarray(points, dtype=np.float32)
         total = np.zeros((len(points), len(self.classes)))
         parts = max(1, -(-len(self.roots) * len(points) // MOST_PATHS))
@@ -98,14 +97,14 @@ class Forest(Estimator):
         """The leaves (t, n) that points (n, F) reach from roots (t,); all walk down at once."""
         ends = np.repeat(roots, len(points))
         path = np.arange(len(ends))
-        node = ends
+        node = ends.copy()
         first_feature = path % len(points) * points.shape[1]  # place of the point's first feature
         values = points.ravel()
         while len(path):
             is_above = values[first_feature + self.feature[node]] > self.threshold[node]
             child = np.where(is_above, self.right[node], self.left[node])
-            ends[path] = child
             has_moved = child > node  # so that no altered file makes a circle
+            ends[path] = child
             path = path[has_moved]
             node = child[has_moved]
             first_feature = first_feature[has_moved]

@@ -10,7 +10,8 @@ TINY = np.finfo(np.float32).tiny
 
 def log_probabilities(probabilities: Sequence[np.ndarray]) -> np.ndarray:
     """Return the logarithms (M, n, classes) of several members' probabilities, a little above 0."""
-    return np.log(np.stack(probabilities) + FLOOR)
+    logarithms: np.ndarray = np.log(np.stack(probabilities) + FLOOR)
+    return logarithms
 
 
 def weighted_sum(probabilities: Sequence[np.ndarray], weights: Sequence[float]) -> np.ndarray:
@@ -23,6 +24,8 @@ def weighted_sum(probabilities: Sequence[np.ndarray], weights: Sequence[float]) 
         weights: of each member.
     """
     if len(probabilities) == 1:
-        return np.log(np.maximum(probabilities[0], TINY))
+        only: np.ndarray = np.log(np.maximum(probabilities[0], TINY))
+        return only
     logarithms = log_probabilities(probabilities)
-    return np.tensordot(np.array(weights, dtype=np.float32), logarithms, 1)
+    logits: np.ndarray = np.tensordot(np.array(weights, dtype=np.float32), logarithms, 1)
+    return logits

@@ -16,7 +16,7 @@ from tactile_viewgcn.recognition.calibration import (
     network_temperature,
 )
 from tactile_viewgcn.recognition.member_fitting import fit_members, member_names
-from tactile_viewgcn.recognition.new_sessions import NOT_MEASURED, tests_known_sessions
+from tactile_viewgcn.recognition.new_sessions import NOT_MEASURED, is_test_of_known_sessions
 from tactile_viewgcn.systems import load_system
 from tactile_viewgcn.tables.frames import VALIDATION, Frames, Views
 from tactile_viewgcn.training.finetuning import finetune_classifier
@@ -80,7 +80,7 @@ def fit_classifier(
         temperature = network_temperature(network, table, compute)
     remedy = "record objects more often, or raise finetune.epochs"
     notes = calibration_warning(temperature, "validation groups", remedy)
-    if tests_known_sessions(table):
+    if is_test_of_known_sessions(table):
         notes.append(NOT_MEASURED)
     return Fitted(network, params.model, temperature, progress, notes)
 

@@ -18,8 +18,8 @@ from tactile_viewgcn.recognition.calibration import calibration_warning
 from tactile_viewgcn.recognition.network_training import PresetTraining
 from tactile_viewgcn.recognition.new_sessions import (
     NOT_MEASURED,
+    is_test_of_known_sessions,
     new_session_note,
-    tests_known_sessions,
 )
 from tactile_viewgcn.recognition.out_of_fold import OutOfFold
 from tactile_viewgcn.recognition.training_recordings import examples_of, training_recordings
@@ -98,24 +98,20 @@ def fit_members(
             training, out_of_fold, examples, seed=seed, is_only=not members
         )
         notes.append(outcome)
-        if network is not None:
-            members.append(network)
-            members.sort(key=lambda member: names.index(member.name))
+        members = _in_order(names, [*members, *network])
 
+    weights = {member.name: 1.0 for member in members}
     if is_auto:
-        weights, choice = _weigh(out_of_fold, members)
+        weights, choice = _weigh(out_of_fold, list(weights))
         notes += choice
-    else:
-        weights = dict.fromkeys([member.name for member in members], 1.0)
     members = [member for member in members if member.name in weights]
     temperature = out_of_fold.temperature(weights)
     remedy = "record each object more often"
     notes += calibration_warning(temperature, "held-out training groups", remedy)
     for_sets = answering_sets(members, examples.representation, examples.classes)
     _fit(members, for_sets, examples, seed)
-    notes += _new_session_notes(
-        table, table.session[first_frames], members, weights, examples, seed
-    )
+    sessions = table.session[first_frames]
+    notes += _new_session_notes(table, sessions, members, weights, examples, seed)
     return FittedMembers(members, for_sets, weights, temperature, examples, notes)
 
 
@@ -140,9 +136,16 @@ def _without_twins(
     has_both = {"kernel", "pooled_kernel"} <= set(names)
     if not has_both or (examples.lengths > 1).any():
         return names, []
-    text = "pooled_kernel: not used, since on recordings of one frame it is the same classifier as kernel"
-    others = [name for name in names if name != "pooled_kernel"]
+    text = "pooled_kernel: not used, since it is the same classifier as kernel "
+    text += "on recordings of one frame"
+    others: list[MemberName] = [name for name in names if name != "pooled_kernel"]
     return others, [Note(text, topic=TOPIC)]
+
+
+def _in_order(names: Sequence[str], members: Sequence[Member]) -> list[Member]:
+    """The members in the order of these names."""
+    of_name = {member.name: member for member in members}
+    return [of_name[name] for name in names if name in of_name]
 
 
 def _wants_network(out_of_fold: OutOfFold, *, allowed: bool) -> tuple[bool, list[Note]]:
@@ -170,7 +173,7 @@ def _try_network(
     *,
     seed: int,
     is_only: bool,
-) -> tuple[NetworkMember | None, OutOfFold, Note]:
+) -> tuple[list[NetworkMember], OutOfFold, Note]:
     """Train the network without each fold, then on all training recordings.
 
     It is skipped as a whole if its training runs would pass more readings than are allowed, which
@@ -184,8 +187,8 @@ def _try_network(
         is_only: whether there is no other member. The network is then trained whatever it takes.
 
     Returns:
-        The fitted network, or None where it is skipped; the out-of-fold answers with those of the
-        network; a note on this.
+        The fitted network, none where it is skipped; the out-of-fold answers with those of the
+            network; a note on this.
 
     Raises:
         UserError: it is the only member, and a training run diverges.
@@ -195,7 +198,7 @@ def _try_network(
     if readings > training.most_readings and not is_only:
         text = f"{NETWORK}: skipped, since its {runs} would read {readings:.2g} sensor readings, "
         text += f"and the limit is {training.most_readings:.2g}; {ONLY_NETWORK}"
-        return None, out_of_fold, Note(text, topic=TOPIC)
+        return [], out_of_fold, Note(text, topic=TOPIC)
     network = NetworkMember(examples.representation, examples.classes, training=training)
     try:
         answers = out_of_fold.with_member(network, examples, seed=seed)
@@ -203,24 +206,23 @@ def _try_network(
     except UserError as error:
         if is_only:
             raise
-        return None, out_of_fold, Note(f"{NETWORK}: skipped: {error}; {ONLY_NETWORK}", topic=TOPIC)
+        text = f"{NETWORK}: skipped: {error}; {ONLY_NETWORK}"
+        return [], out_of_fold, Note(text, topic=TOPIC)
     parts = several(len(out_of_fold.folds), "part")
     text = f"{NETWORK}: trained without each of {parts} of the training groups, then with all; "
     text += f"its {runs} read {readings:.2g} sensor readings"
-    return network, answers, Note(text, topic=TOPIC)
+    return [network], answers, Note(text, topic=TOPIC)
 
 
-def _weigh(
-    out_of_fold: OutOfFold, members: Sequence[Member]
-) -> tuple[dict[str, float], list[Note]]:
+def _weigh(out_of_fold: OutOfFold, names: list[str]) -> tuple[dict[str, float], list[Note]]:
     """The weights of the members by their out-of-fold answers; a member of no weight is missing.
 
     The notes are the choice, then the weight and the error of each member as the only one.
     """
-    names = [member.name for member in members]
     if not out_of_fold.folds:
         names = [name for name in names if name in UNWEIGHED] or names
-        text = "no object has two groups to train on, so that none can be held out: taken without a comparison"
+        text = "no object has two groups to train on, so that none can be held out: "
+        text += "taken without a comparison"
         return dict.fromkeys(names, 1.0), [Note(text, "choice", TOPIC, KEY, names)]
     weights = out_of_fold.member_weights(names)
     held_out_groups = np.unique(out_of_fold.groups[out_of_fold.held_out])
@@ -269,7 +271,7 @@ def _new_session_notes(
         seed: of the fits.
     """
     by_session = OutOfFold.of(examples.labels, sessions)
-    if not tests_known_sessions(table) or not by_session.folds:
+    if not is_test_of_known_sessions(table) or not by_session.folds:
         return []
     if NETWORK in weights:
         return [NOT_MEASURED]

@@ -56,10 +56,10 @@ def _with_a_state_of_each_member(values: Mapping[str, Any]) -> dict[str, Any]:
         if name == "kernel":
             members[name] = {"of_frames": estimator}
         else:
-            members[name] = {"whole": estimator, "sets": {}}
+            members[name] = {"whole": estimator}
     for size, estimators in learnt["sets"].items():
         for name, estimator in estimators.items():
-            members.setdefault(name, {"sets": {}})["sets"][size] = estimator
+            members.setdefault(name, {}).setdefault("sets", {})[size] = estimator
     if "convolutions" in members:
         members["convolutions"]["convolutions"] = learnt["convolutions"]
     if learnt["network"]:

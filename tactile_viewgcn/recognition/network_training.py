@@ -88,7 +88,7 @@ class PresetTraining:
             UserError: the training diverges.
         """
         side = self.table.side.copy()
-        for recording in np.flatnonzero(~recordings):
+        for recording in np.flatnonzero(~recordings).tolist():
             side[self.recordings[recording]] = TEST
         table = replace(self.table, side=side)
         backbone, linear, _ = pretrain_backbone(table, self.params, self.compute)
@@ -105,10 +105,11 @@ class PresetTraining:
             network: of `train`.
             recordings: bool (R,), the n recordings to answer.
         """
-        answered = [self.recordings[recording] for recording in np.flatnonzero(recordings)]
+        answered = [self.recordings[recording] for recording in np.flatnonzero(recordings).tolist()]
         index = np.concatenate(answered)
         recording = np.repeat(np.arange(len(answered)), [len(frames) for frames in answered])
         values = network.frame_values(Gathered(self.table.inputs, index))
         points = self.table.points(index)
         logarithms = recording_answers(network, None, values, points, recording)
-        return np.exp(logarithms).astype(np.float32)
+        answers: np.ndarray = np.exp(logarithms).astype(np.float32)
+        return answers

@@ -18,7 +18,7 @@ NOT_MEASURED = Note(
 )
 
 
-def tests_known_sessions(table: Frames) -> bool:
+def is_test_of_known_sessions(table: Frames) -> bool:
     """Return whether there are several training sessions, and the test set has frames of them.
 
     Otherwise the test error is the error for a new session, or it cannot be measured.

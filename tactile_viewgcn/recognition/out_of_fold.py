@@ -84,10 +84,11 @@ class OutOfFold:
 
     @property
     def held_out(self) -> np.ndarray:
-        """bool (R,): the n recordings that a fold holds out."""
+        """Which recordings a fold holds out, bool (R,); there are n of them."""
         if not self.folds:
             return np.zeros(len(self.labels), dtype=bool)
-        return np.any(self.folds, axis=0)
+        held_out: np.ndarray = np.any(self.folds, axis=0)
+        return held_out
 
     def group_errors(self, weights: Mapping[str, float]) -> np.ndarray:
         """Return the share of wrong answers (G,) in each group that is held out.

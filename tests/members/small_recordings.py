@@ -5,10 +5,11 @@ from unittest.mock import patch
 import numpy as np
 from scipy.special import softmax
 
-from tactile_viewgcn.members import representation
+from tactile_viewgcn.members import trees
+from tactile_viewgcn.members.by_name import answering_sets, build_members
 from tactile_viewgcn.members.examples import Examples
 from tactile_viewgcn.members.representation import Representation, contact_unit
-from tactile_viewgcn.systems.sensors import SensorClassifier
+from tactile_viewgcn.systems.sensors import SensorClassifier, short_limit
 from tactile_viewgcn.views.viewpoints import viewpoints
 
 CHANNELS, ARRAY = np.ones((1, 2), dtype=bool), np.ones((8, 8), dtype=bool)
@@ -35,27 +36,40 @@ def recordings(seeds=range(8), names=NAMES, **how):
     )
 
 
-def examples_of(made, labels, members=(), *, live=CHANNELS, sizes=(1, 2, 4)):
+def examples_of(made, labels, *, live=CHANNELS, sizes=(1, 2, 4)):
     """The examples of recordings in their glove's unit."""
     frames = np.concatenate(made)
-    read = Representation.of(live, frames, contact_unit(frames))
-    if "convolutions" in members:
-        read.convolutions.fit([read.scaled(each) for each in made], 0)
-    return Examples(made.__getitem__, labels, read, sizes, max(labels) + 1, 0)
+    scale = Representation.of(live, frames, contact_unit(frames))
+    classes = max(labels) + 1
+    return Examples(made.__getitem__, labels, scale, sizes=sizes, classes=classes, seed=0)
 
 
-def fitted(members, made, labels, *, live=CHANNELS, sizes=(1, 2, 4), weights=None):
+def fitted(names, made, labels, *, live=CHANNELS, sizes=(1, 2, 4), weights=None):
     """A classifier of recordings."""
-    classifier = SensorClassifier(members, viewpoints(sizes[-1]), max(labels) + 1)
+    examples = examples_of(made, labels, live=live, sizes=sizes)
+    scale, classes = examples.representation, examples.classes
+    members = build_members(names, scale, classes)
+    for_sets = answering_sets(members, scale, classes)
     # quicker, and enough for small recordings
-    with patch.multiple(representation, TREES=60, FEWEST_TREES=20):
-        examples = examples_of(made, labels, members, live=live, sizes=sizes)
-        classifier.fit(examples, weights or [1.0] * len(members), 0)
-    return classifier
+    with patch.multiple(trees, TREES=60, QUICK_TREES=20):
+        for member in members:
+            member.measure(examples, seed=0)
+            member.fit(examples, np.ones(len(labels), dtype=bool), seed=0)
+        for member in for_sets:
+            member.fit_sets(examples, seed=0)
+    return SensorClassifier(
+        members,
+        for_sets,
+        weights or dict.fromkeys(names, 1.0),
+        representation=scale,
+        viewpoints=viewpoints(sizes[-1]),
+        classes=classes,
+        short=short_limit(examples.lengths),
+    )
 
 
 def values(classifier, counts):
-    """What the classifier keeps of the frames of counts (T, S)."""
+    """What the members read of the frames of counts (T, S)."""
     return classifier.frame_values(counts.reshape(-1, *classifier.representation.live.shape))
 
 

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from scipy.special import log_softmax, softmax
 
-from tactile_viewgcn.members import features
-from tactile_viewgcn.members.estimators import FLOOR
+from tactile_viewgcn.members import frame_values
+from tactile_viewgcn.members.by_name import build_members
+from tactile_viewgcn.members.frame_values import FrameValues
+from tactile_viewgcn.members.network import NetworkMember
 from tactile_viewgcn.members.representation import Representation
+from tactile_viewgcn.members.weighted_sum import FLOOR
 from tactile_viewgcn.params import SensorMember
 from tactile_viewgcn.systems import sensors
 from tactile_viewgcn.systems.sensors import SensorClassifier
@@ -47,16 +50,18 @@ def test_order_counts_in_recordings_alone_and_answers_are_equal_alone_and_among_
     monkeypatch, members
 ):
     classifier, (made, _) = fitted(members, *recordings()), recordings(NEW)
-    alone, together = (
-        [values(classifier, each) for each in made],
-        values(classifier, np.concatenate(made)),
-    )
+    alone = [values(classifier, each) for each in made]
+    together = values(classifier, np.concatenate(made))
     both = [int(classifier.recording(each).argmax()) for each in (alone[0], alone[0][::-1])]
     assert both == [0, 1] or members == KERNELS  # up and down; these read no order
-    np.testing.assert_allclose(together, np.concatenate(alone), rtol=1e-6, atol=1e-6)
-    for one, part in zip(alone, np.split(together, len(made)), strict=True):
+    in_one = FrameValues.concatenated(alone)
+    np.testing.assert_allclose(together.readings, in_one.readings, rtol=1e-6, atol=1e-6)
+    assert together.answers.keys() == in_one.answers.keys() == set(members) & {"kernel"}
+    for name, answers_of_frames in together.answers.items():
+        np.testing.assert_allclose(answers_of_frames, in_one.answers[name], rtol=1e-6, atol=1e-6)
+    for one, index in zip(alone, np.split(np.arange(len(together)), len(made)), strict=True):
         np.testing.assert_allclose(
-            classifier.recording(part), classifier.recording(one), rtol=1e-5, atol=1e-5
+            classifier.recording(together[index]), classifier.recording(one), rtol=1e-5, atol=1e-5
         )
     sets = np.arange(4 * len(made)).reshape(-1, 4)
     of_sets = classifier.view_sets(together, sets)
@@ -71,32 +76,35 @@ def test_order_counts_in_recordings_alone_and_answers_are_equal_alone_and_among_
 @pytest.mark.parametrize("members", [IN_TIME, KERNELS, ["trees"], ["convolutions"]])
 def test_a_loaded_classifier_gives_equal_answers(members, live):
     first = fitted(members, *recordings(live=live), live=live)
-    state, sets, again = (
-        first.state_dict(),
-        np.arange(32).reshape(8, 4),
-        SensorClassifier(members, first.viewpoints, 5),
-    )
-    again.load_state_dict(state, live)
+    state, sets = first.state_dict(), np.arange(32).reshape(8, 4)
+
+    def loaded_of(state):
+        return SensorClassifier.loaded(
+            state, members, live=live, viewpoints=first.viewpoints, classes=5
+        )
+
+    again = loaded_of(state)
     kept, loaded = (values(each, recording("trembling", 100, live=live)) for each in (first, again))
-    assert (kept == loaded).all() and (
-        first.view_sets(kept, sets) == again.view_sets(loaded, sets)
-    ).all()
+    assert (kept.readings == loaded.readings).all() and kept.answers.keys() == loaded.answers.keys()
+    for name, answers_of_frames in kept.answers.items():
+        assert (answers_of_frames == loaded.answers[name]).all()
+    assert (first.view_sets(kept, sets) == again.view_sets(loaded, sets)).all()
     for count in (32, 3):  # a whole recording, and a part
         assert (first.recording(kept[:count]) == again.recording(loaded[:count])).all()
-    with pytest.raises(KeyError):
-        again.load_state_dict({name: each for name, each in state.items() if name != "short"}, live)
+    for name in state:
+        with pytest.raises(KeyError):
+            loaded_of({other: each for other, each in state.items() if other != name})
 
 
 def test_fewer_frames_have_the_estimator_of_the_next_smaller_size():
     classifier = fitted(["trees", "svm"], *recordings())
-    assert classifier.sets.keys() == {1, 2, 4}
+    (svm,) = classifier.for_sets
+    assert svm is classifier.members[1] and svm.sets.keys() == {1, 2, 4}
     read = values(classifier, recording("up", 100))
     for frames, size in ((1, 1), (2, 2), (3, 2), (4, 4), (9, 4)):
-        points = classifier.representation.of_sets("svm", read[None, :frames])
+        points = svm.set_points(read.readings[None, :frames])
         logits = classifier.view_sets(read, np.arange(frames)[None])
-        np.testing.assert_allclose(
-            logits, np.log(classifier.sets[size]["svm"].predict_proba(points)), rtol=1e-5
-        )
+        np.testing.assert_allclose(logits, np.log(svm.sets[size].predict_proba(points)), rtol=1e-5)
 
 
 def test_one_short_training_recording_makes_no_part_of_a_recording_a_whole_one():
@@ -138,7 +146,7 @@ def test_a_part_is_shorter_than_half_of_what_nine_in_ten_training_recordings_hav
 def test_of_a_recording_of_very_many_frames_every_second_one_is_read(monkeypatch, members):
     classifier = fitted(members, *recordings())
     read = values(classifier, recording("up", 100))
-    monkeypatch.setattr(features, "MOST_FRAMES", 31)
+    monkeypatch.setattr(frame_values, "MOST_FRAMES", 31)
     assert (classifier.recording(read) == classifier.recording(read[::2])).all()
 
 
@@ -160,15 +168,17 @@ def test_members_add_their_logarithms_by_weights_and_those_of_frames_are_average
     """
     weights, frames = {"kernel": 0.5, "pooled_kernel": 2.0, "svm": 1.0}, recording("pushed", 100)
     alone = [fitted([name], *recordings()) for name in weights]
+    together = fitted([*weights], *recordings(), weights=weights)
     weights["network"] = 1.5
-    together = fitted([*weights], *recordings(), weights=[*weights.values()])
-    together.network = Network()
+    together.members.append(NetworkMember(together.representation, 5, network=Network()))
+    together.weights = weights
     logarithms = [np.log(answers(each, [frames])[0] + FLOOR) for each in alone]
     by_frame = log_softmax(np.log1p(np.maximum(frames, 0)) @ Network.weights, axis=1)
     logarithms.append(np.log(softmax(by_frame.mean(axis=0)) + FLOOR))
     expected = sum(weight * each for weight, each in zip(weights.values(), logarithms, strict=True))
     np.testing.assert_allclose(together.recording(values(together, frames)), expected, rtol=1e-4)
-    by_frame = alone[0].whole["kernel"].predict_proba(alone[0].representation.scaled(frames))
+    (kernel,) = alone[0].members
+    by_frame = kernel.of_frames.predict_proba(alone[0].representation.scaled(frames))
     np.testing.assert_allclose(answers(alone[0], [frames])[0], by_frame.mean(axis=0), rtol=1e-4)
 
 
@@ -176,26 +186,25 @@ def test_members_add_their_logarithms_by_weights_and_those_of_frames_are_average
 def test_readings_in_the_dead_zone_of_the_kernels_are_read_by_svm_and_trees(member):
     """Of an array whose readings are all below two units: the kernels read nothing."""
     rng = np.random.default_rng(0)
-    read = Representation(ARRAY, np.zeros(64, np.float32), np.ones(64, np.float32))
+    scale = Representation(ARRAY, np.zeros(64, np.float32), np.ones(64, np.float32))
+    kernel, finer = build_members(["pooled_kernel", member], scale, 2)
     readings = rng.uniform(0, 1.9, (5, 10, 64))
-    assert (read.of_recordings("pooled_kernel", readings) == 0).all()
-    assert (np.ptp(read.of_recordings(member, readings), axis=0)[:64] > 0).all()
+    assert (kernel.recording_points(readings) == 0).all()
+    assert (np.ptp(finer.recording_points(readings), axis=0)[:64] > 0).all()
 
 
 def test_view_sets_stay_in_a_recording_and_take_other_frames_where_there_are_enough():
     made = [recording("up", seed, frames=frames) for seed, frames in enumerate((5, 3, 3000, 5, 2))]
     examples = examples_of(made, np.arange(5))
     for size, sets in examples.sets.items():
-        of = examples.of_sets("svm", size)[1]  # of the third recording 400 frames are taken
+        of = examples.set_readings(size)[1]  # of the third recording 400 frames are taken
         assert (np.searchsorted([5, 8, 408, 413], sets, side="right") == of[:, None]).all()
         assert np.bincount(of).tolist() == [4] * 5 and all(
             len(set(row)) == size for row in sets[of % 2 == 0][:8]
         )
     frames = np.linspace(0, 2999, 400).astype(int)[examples.sets[1][8:12] - 8]
-    expected = examples.representation.of_sets(
-        "svm", examples.representation.scaled(made[2])[frames]
-    )
-    np.testing.assert_allclose(examples.of_sets("svm", 1)[0][8:12], expected)
+    expected = examples.representation.scaled(made[2])[frames]
+    np.testing.assert_allclose(examples.set_readings(1)[0][8:12], expected)
     assert examples.lengths.tolist() == [5, 3, 3000, 5, 2]
     many = examples_of(
         [recording("up", seed) for seed in range(300)], np.zeros(300, int), sizes=(8,)

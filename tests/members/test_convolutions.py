@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from tactile_viewgcn.members.convolutions import FEATURES, GOLDEN, Convolutions
+from tactile_viewgcn.members.convolutions import FEATURES, GOLDEN, RandomConvolutions
 
 
 def convolved(series, places, dilation, frame):
@@ -35,7 +35,7 @@ def test_features_are_the_shares_above_the_biases_by_naive_loops(frames):
                 sum(value > bias for value in values) / frames for bias in biases[number, kernel]
             ]
     state = {"dilations": np.array([1, 3]), "channels": channels, "biases": biases}
-    convolutions = Convolutions().load_state_dict(state)
+    convolutions = RandomConvolutions().load_state_dict(state)
     np.testing.assert_allclose(convolutions.features(readings), found, atol=1e-6)
 
 
@@ -46,7 +46,7 @@ def test_biases_are_quantiles_so_that_known_shares_of_the_fitted_recordings_are_
     recordings = (
         np.random.default_rng(0).normal(size=(40, 100, 11)) * np.repeat([1, 9], 20)[:, None, None]
     )
-    convolutions = Convolutions().fit(recordings, 0)
+    convolutions = RandomConvolutions().fit(recordings, 0)
     # eight from 1 to 99 / 8, evenly by their logarithms
     assert convolutions.dilations.tolist() == [1, 2, 4, 5, 8, 12]
     assert set(convolutions.channels.sum(axis=2).ravel()) == set(range(1, 10))  # of eleven

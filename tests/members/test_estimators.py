@@ -13,10 +13,12 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
-from tactile_viewgcn.members import estimators
+from tactile_viewgcn.members import trees
 from tactile_viewgcn.members.convolutions import Ridge
-from tactile_viewgcn.members.estimators import Forest, probabilities, sampled
-from tactile_viewgcn.members.kernels import KernelRidge, NormalisedVectors, SupportVectors
+from tactile_viewgcn.members.estimators import probabilities, sampled
+from tactile_viewgcn.members.kernels import KernelRidge
+from tactile_viewgcn.members.svm import NormalisedVectors, SupportVectors
+from tactile_viewgcn.members.trees import Forest
 
 ALL = [Ridge, NormalisedVectors, SupportVectors, KernelRidge, lambda: Forest(20)]
 
@@ -123,7 +125,7 @@ def test_kept_arrays_answer_equally_and_a_class_without_examples_has_probability
     answers = probabilities(estimator().load_state_dict(fitted.state_dict()), asked, 6)
     assert (answers == probabilities(fitted, asked, 6)).all() and (answers[:, 1::2] == 0).all()
     np.testing.assert_allclose(answers.sum(axis=1), 1, atol=1e-6)
-    monkeypatch.setattr(estimators, "MOST_PATHS", 100)  # in parts that fit memory
+    monkeypatch.setattr(trees, "MOST_PATHS", 100)  # in parts that fit memory
     np.testing.assert_allclose(probabilities(fitted, asked, 6), answers, rtol=1e-5)
 
 

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.members import representation
+from tactile_viewgcn.members.by_name import build_members
+from tactile_viewgcn.members.examples import Examples
 from tactile_viewgcn.members.representation import Representation, contact_unit, successive_noise
 
 
@@ -69,12 +71,21 @@ def test_channels_are_in_standard_deviations_from_their_mean_and_arrays_in_units
     ("shape", "vectors"), [((1, 64), "NormalisedVectors"), ((8, 8), "SupportVectors")]
 )
 def test_each_member_has_an_estimator_and_a_quick_one_of_fewer_frames_or_trees(shape, vectors):
-    read = Representation(np.ones(shape, bool), np.zeros(64), np.ones(64))
-    of = {"trees": "Forest", "svm": vectors, "convolutions": "Ridge", "kernel": "KernelRidge"}
-    assert {member: type(read.estimator(member)).__name__ for member in of} == of
-    points, labels = np.arange(2100.0)[:, None], np.arange(2100) // 1050
-    for quick, frames, trees in ((False, 2000, 300), (True, 1000, 100)):
-        kernel, forest = (
-            read.estimator(name, quick=quick).fit(points, labels, 0) for name in ("kernel", "trees")
-        )
-        assert frames <= len(kernel.points) <= frames + 2 and len(forest.roots) == trees
+    scale = Representation(np.ones(shape, bool), np.zeros(64), np.ones(64))
+    of = {
+        "trees": "Forest",
+        "svm": vectors,
+        "convolutions": "Ridge",
+        "pooled_kernel": "KernelRidge",
+    }
+    for member in build_members([*of], scale, 2):
+        assert type(member.estimator()).__name__ == of[member.name]
+    made = list(np.arange(2100 * 64.0).reshape(2, 1050, 64))
+    examples = Examples(made.__getitem__, np.arange(2), scale, sizes=(600,), classes=2, seed=0)
+    both = np.ones(2, dtype=bool)
+    kernel, trees = build_members(["kernel", "trees"], scale, 2)
+    for quick, frames, number in ((False, 2000, 300), (True, 1000, 100)):
+        kernel.fit(examples, both, seed=0, quick=quick)
+        trees.fit(examples, both, seed=0, quick=quick)
+        assert frames <= len(kernel.of_frames.points) <= frames + 2
+        assert len(trees.whole.roots) == number

@@ -1,48 +1,49 @@
-"""Examples whose estimators' answers are known."""
+"""Training recordings of three classes, and a member whose answers to them are known."""
+
+from types import SimpleNamespace
 
 import numpy as np
 
+from tactile_viewgcn.members.member import Member
 
-class Answers:
-    """Recordings of three classes, whose points are their numbers.
 
-    An estimator is right about the groups that it was fitted to and wrong about all others, or the
-    other way round.
+def examples(labels):
+    """Training recordings of three classes."""
+    return SimpleNamespace(labels=np.asarray(labels), classes=3)
+
+
+class KnownAnswers(Member):
+    """Is right about the groups that it was fitted to and wrong about all others, or the other way
+    round.
 
     Args:
+        groups: (R,) of the recordings.
         knows: it is right about the groups that it was fitted to.
-        share: of the class that is answered, by member; 0.98 where none is given.
+        share: of the class that is answered.
     """
 
-    def __init__(self, labels, groups, *, knows, share=None):
-        self.labels, self.classes, self.groups, self.knows, self.share = (
-            labels,
-            3,
-            groups,
-            knows,
-            share or {},
-        )
-        self.representation = self
+    name = "svm"
 
-    def of_recordings(self, member):
-        return np.arange(len(self.labels)), np.arange(len(self.labels))
+    def __init__(self, groups, *, knows, name="svm", share=0.98):
+        self.groups, self.knows, self.name, self.share = np.asarray(groups), knows, name, share
 
-    def estimator(self, member, quick):
-        return _Estimator(self, self.share.get(member, 0.98))
+    def fit(self, examples, recordings, *, seed, quick=False):
+        assert quick and set(examples.labels) == set(examples.labels[recordings])
+        self.used = np.isin(self.groups, self.groups[recordings])
 
-
-class _Estimator:
-    classes = np.arange(3)
-
-    def __init__(self, examples, share):
-        self._examples, self._labels, self._share = examples, examples.labels, share
-
-    def fit(self, numbers, labels, seed):
-        used = np.isin(self._examples.groups, self._examples.groups[numbers])
-        assert set(self._labels) == set(labels) and (labels == self._labels[numbers]).all()
-        self._wrong = used != self._examples.knows
-
-    def predict_proba(self, numbers):
-        shares = np.full((len(numbers), 3), (1 - self._share) / 2)
-        shares[np.arange(len(numbers)), (self._labels + self._wrong)[numbers] % 3] = self._share
+    def answer_examples(self, examples, recordings):
+        wrong = self.used != self.knows
+        answered = np.flatnonzero(recordings)
+        shares = np.full((len(answered), 3), (1 - self.share) / 2)
+        answers = (examples.labels + wrong)[answered] % 3
+        shares[np.arange(len(answered)), answers] = self.share
         return shares
+
+    def answer_recordings(self, frames):
+        raise NotImplementedError
+
+    def state_dict(self):
+        raise NotImplementedError
+
+    def load_state_dict(self, state):
+        raise NotImplementedError

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.members.representation import NETWORK
+from tactile_viewgcn.members.network import NETWORK, NetworkMember
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import default_params, preset_changes
 from tactile_viewgcn.recognition import network_training
-from tactile_viewgcn.recognition.fitting import fit_classifier, training_recordings
-from tactile_viewgcn.recognition.network_training import NetworkMember
-from tactile_viewgcn.recognition.out_of_fold import LeftOut
+from tactile_viewgcn.recognition.fitting import fit_classifier
+from tactile_viewgcn.recognition.network_training import PresetTraining
+from tactile_viewgcn.recognition.out_of_fold import OutOfFold, out_of_fold_answers
+from tactile_viewgcn.recognition.training_recordings import examples_of, training_recordings
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tests.glove_data import CPU, recipe, table, views_of
 
@@ -21,8 +22,9 @@ FOLDS = "split.folds=6"
 SMALL = ("model.system=vote", "model.backbone.width=8", "pretrain.epochs=8")
 
 
-def member(frames, *, small=True):
-    made = NetworkMember(frames, views_of(frames, recipe()), training_recordings(frames), 0, CPU)
+def training(frames, *, small=True):
+    views, recordings = views_of(frames, recipe()), training_recordings(frames)
+    made = PresetTraining(frames, views, recordings, seed=0, compute=CPU)
     if small:
         made.params = recipe(*SMALL)
     return made
@@ -36,14 +38,16 @@ def test_each_fold_is_answered_by_a_training_without_it_and_nothing_else_is():
         for column in (frames.label, frames.group)
     )
     masks = [np.isin(number, np.unique(number)[fold::4]) for fold in (0, 1)]
-    shares = member(frames).left_out(masks)
+    examples = examples_of(frames, recordings, (1, 2, 4), 0)
+    member = NetworkMember(examples.representation, 4, training=training(frames))
+    shares = out_of_fold_answers(member, examples, masks, seed=0)
     answered = np.any(masks, axis=0)
     assert (shares.sum(axis=1) > 0.99).tolist() == answered.tolist() and not shares[~answered].any()
     assert (shares.argmax(axis=1) == labels)[answered].mean() > 0.6
 
 
 def test_the_member_is_the_preset_s_network():
-    made = member(table(FOLDS), small=False)
+    made = training(table(FOLDS), small=False)
     preset = default_params((*preset_changes(NETWORK), "seed=0"))
     assert made.params == preset and made.table.transform == preset.preprocess.transform
 
@@ -52,7 +56,7 @@ def test_the_work_is_the_anchors_readings_in_every_epoch_of_every_training():
     """Two folds of three of 20 recordings, each with 12 frames of 12 x 12, half of them anchors."""
     frames = table(FOLDS)
     halved = replace(frames, anchor=np.arange(len(frames)) % 2 == 0)
-    made = member(halved)
+    made = training(halved)
     count = len(made.recordings)
     folds = [np.arange(count) < 3, np.arange(count) >= count - 3]
     each = 6 * 144 * 8
@@ -64,6 +68,10 @@ def fitted(members, frames=None):
     frames = table(FOLDS) if frames is None else frames
     params = recipe("model.system=sensors", f"model.members={members}")
     return fit_classifier(frames, views_of(frames, params), {}, params, CPU)
+
+
+def names(one):
+    return [member.name for member in one.classifier.members]
 
 
 def dealt():
@@ -78,14 +86,16 @@ def dealt():
 def trained(monkeypatch):
     """The sides of the frames in each training of the network, which is small."""
     sides = []
-    original = NetworkMember.train
+    original = PresetTraining.train
 
-    def train(self, *left):
+    def train(self, recordings):
         self.params = recipe(*SMALL, "pretrain.epochs=2")
-        sides.append(np.isin(np.arange(len(self.table)), np.concatenate([*left, np.zeros(0, int)])))
-        return original(self, *left)
+        held_out = [self.recordings[number] for number in np.flatnonzero(~recordings)]
+        index = np.concatenate([*held_out, np.zeros(0, int)])
+        sides.append(np.isin(np.arange(len(self.table)), index))
+        return original(self, recordings)
 
-    monkeypatch.setattr(NetworkMember, "train", train)
+    monkeypatch.setattr(PresetTraining, "train", train)
     return sides
 
 
@@ -99,17 +109,18 @@ def test_above_the_limit_nothing_is_trained_the_note_says_so_and_the_others_are_
 ):
     limit(monkeypatch, 1.0)
     without = fitted(members, dealt())
-    assert NETWORK not in without.model.members and not without.classifier.network and not trained
+    assert NETWORK not in without.model.members + names(without) and not trained
     assert without.temperature is not None
     (note,) = [note for note in without.notes if note.text.startswith("network:")]
-    assert "left out" in note.text
+    assert "skipped" in note.text and "limit" in note.text
 
 
 @pytest.mark.parametrize("members", ["[kernel, network]", "[network]"])
 def test_below_the_limit_every_fold_is_run_and_all_are_calibrated(monkeypatch, trained, members):
     limit(monkeypatch, np.inf)
     one = fitted(members)
-    assert NETWORK in one.model.members and one.classifier.network and one.temperature is not None
+    assert NETWORK in one.model.members and one.temperature is not None
+    assert names(one) == one.model.members
     train = table(FOLDS).side == TRAIN
     *folds, last = trained
     assert (
@@ -127,10 +138,10 @@ def test_the_only_member_is_trained_whatever_the_limit(monkeypatch, trained):
 
 def test_a_network_of_little_weight_is_no_part_of_the_classifier(monkeypatch, trained):
     limit(monkeypatch, np.inf)
-    monkeypatch.setattr(LeftOut, "weighed", lambda self, members: {"kernel": 1.0})
+    monkeypatch.setattr(OutOfFold, "member_weights", lambda self, members: {"kernel": 1.0})
     one = fitted("auto", dealt())
     assert trained and one.model.members == ["kernel"]
-    assert one.classifier.network is None and not one.classifier.state_dict()["network"]
+    assert names(one) == [*one.classifier.state_dict()["members"]] == ["kernel"]
 
 
 @pytest.mark.parametrize("members", ["auto", "[kernel, network]"])

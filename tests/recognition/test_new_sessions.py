@@ -1,4 +1,4 @@
-"""The error for a new session: of training sessions that are left out, where the test is of known
+"""The error for a new session: of training sessions that are held out, where the test is of known
 ones.
 """
 
@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.recognition.fitting import _of_new_sessions
-from tactile_viewgcn.recognition.out_of_fold import LeftOut
-from tactile_viewgcn.systems.sensors import NETWORK
+from tactile_viewgcn.members.network import NETWORK
+from tactile_viewgcn.recognition.member_fitting import _new_session_notes
+from tactile_viewgcn.recognition.new_sessions import is_test_of_known_sessions
 from tactile_viewgcn.tables.frames import TEST
-from tests.recognition.answers import Answers
+from tests.recognition.answers import KnownAnswers, examples
 
 LABELS = np.repeat([0, 1, 2], 6)
 SESSIONS = np.tile([0, 0, 0, 0, 1, 2], 3)  # of six recordings of each object
@@ -28,37 +28,54 @@ def frames(trained, tested):
     )
 
 
-def left_out(sessions, *, knows=False):
-    """Estimators that are right about the sessions that they were fitted to, or about all others."""
-    return LeftOut(Answers(LABELS, np.asarray(sessions), knows=knows), np.asarray(sessions), 0)
+def notes(trained, tested, *, knows=False, weights=None):
+    """The notes on members that are right about the sessions that they were fitted to, or about all
+    others.
+    """
+    sessions = np.asarray(trained)
+    return _new_session_notes(
+        frames(trained, tested),
+        sessions,
+        [KnownAnswers(sessions, knows=knows)],
+        weights or {"svm": 1.0},
+        examples(LABELS),
+        0,
+    )
+
+
+class WrongAboutSession2(KnownAnswers):
+    """Is right about all sessions but the last one."""
+
+    def fit(self, examples, recordings, *, seed, quick=False):
+        super().fit(examples, recordings, seed=seed, quick=quick)
+        self.used = self.groups == 2
 
 
 def test_sessions_count_alike_and_each_is_answered_by_fits_to_the_others():
     for knows in (True, False):
-        (note,) = _of_new_sessions(
-            frames(SESSIONS, [0, 1]), left_out(SESSIONS, knows=knows), {"svm": 1.0}
-        )
+        (note,) = notes(SESSIONS, [0, 1], knows=knows)
         assert note.value["mean"] == knows and note.topic == "new session"
-    left = left_out(SESSIONS)
-    left.shares["svm"] = np.eye(3)[np.where(SESSIONS == 2, (LABELS + 1) % 3, LABELS)]
-    (note,) = _of_new_sessions(frames(SESSIONS, [0]), left, {"svm": 1.0})
+    member = WrongAboutSession2(SESSIONS, knows=False)
+    (note,) = _new_session_notes(
+        frames(SESSIONS, [0]), SESSIONS, [member], {"svm": 1.0}, examples(LABELS), 0
+    )
     assert note.value == {"mean": pytest.approx(1 / 3), "low": 0.0, "high": 1.0}
 
 
 @pytest.mark.parametrize(
     ("trained", "tested"),
     [(SESSIONS, [3, 4]), (SESSIONS, []), (np.zeros(18, int), [0]), (LABELS, [0, 1, 2])],
-    ids=["the test is of new sessions", "no test side", "one session", "a session for each object"],
+    ids=["the test is of new sessions", "no test set", "one session", "a session for each object"],
 )
 def test_there_is_no_second_error_where_none_can_be_measured_or_the_first_one_is_it(
     trained, tested
 ):
-    assert _of_new_sessions(frames(trained, tested), left_out(trained), {"svm": 1.0}) == []
+    assert notes(trained, tested) == []
+    # a network trains without no session: that an object has one session is no matter
+    assert is_test_of_known_sessions(frames(trained, tested)) == (trained is LABELS)
 
 
-@pytest.mark.parametrize(
-    ("left", "weights"), [(None, {}), (left_out(SESSIONS), {"svm": 0.5, NETWORK: 0.5})]
-)
-def test_a_network_is_not_trained_again_but_the_line_is_named(left, weights):
-    (note,) = _of_new_sessions(frames(SESSIONS, [0, 1]), left, weights)
+def test_a_network_is_not_trained_again_but_the_line_is_named():
+    (note,) = notes(SESSIONS, [0, 1], weights={"svm": 0.5, NETWORK: 0.5})
     assert note.value is None and "split.by=session" in note.text
+    assert is_test_of_known_sessions(frames(SESSIONS, [0, 1]))  # for which a network has this note

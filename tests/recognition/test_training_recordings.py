@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactile_viewgcn.members import features
-from tactile_viewgcn.recognition.fitting import examples_of, training_recordings
+from tactile_viewgcn.members import frame_values
+from tactile_viewgcn.members.svm import SvmMember
+from tactile_viewgcn.recognition.training_recordings import examples_of, training_recordings
 from tactile_viewgcn.tables.frames import TRAIN
 from tests.glove_data import table
 
@@ -28,21 +29,20 @@ def test_the_unit_of_an_array_is_limited_by_its_noise():
     frames = table()
     pressed = 200 * (np.arange(12)[:, None] // 3 == frames.label[:, None, None])
     dense = replace(frames, counts=(frames.counts + pressed).astype(np.int16))
-    unit = examples_of(dense, training_recordings(dense), [], (4,), 0).representation.spread[0]
+    unit = examples_of(dense, training_recordings(dense), (4,), 0).representation.spread[0]
     assert 1 < unit < 10
 
 
 def test_of_a_long_recording_every_second_or_further_frame_is_taken(monkeypatch):
-    monkeypatch.setattr(features, "MOST_FRAMES", 5)
-    taken = [features.every_few(np.arange(frames)).tolist() for frames in (1, 5, 6, 11)]
+    monkeypatch.setattr(frame_values, "MOST_FRAMES", 5)
+    taken = [frame_values.every_few(np.arange(frames)).tolist() for frames in (1, 5, 6, 11)]
     assert taken == [[0], [*range(5)], [0, 2, 4], [0, 3, 6, 9]]
     frames = table()  # of twelve frames every third is read
     recordings = training_recordings(frames)
-    examples = examples_of(frames, recordings, ["svm"], (1, 2, 4), 0)
+    examples = examples_of(frames, recordings, (1, 2, 4), 0)
     assert set(examples.lengths) == {4} and set(examples.sets) == {1, 2, 4}
-    read, counts = (
-        examples.representation,
-        frames.inputs(recordings[3][::3], "counts")[:, frames.live],
-    )
-    expected = read.of_recordings("svm", read.scaled(counts)[None])
-    np.testing.assert_allclose(examples.of_recordings("svm")[0][3:4], expected, atol=1e-6)
+    counts = frames.inputs(recordings[3][::3], "counts")[:, frames.live]
+    member = SvmMember(examples.representation, examples.classes)
+    expected = member.recording_points(examples.representation.scaled(counts)[None])
+    points = examples.recording_points("svm", member.recording_points)
+    np.testing.assert_allclose(points[3:4], expected, atol=1e-6)

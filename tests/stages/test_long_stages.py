@@ -45,7 +45,7 @@ def test_a_simulation_counts_its_frames(place):
         ("preprocess", {"writing": {"1 blocks of frames"}}),
         (
             "finetune",
-            {"kernel, groups left out": {"4 folds"}, "fits of whole recordings": {"1 members"}},
+            {"kernel, groups held out": {"4 folds"}, "fits of whole recordings": {"1 members"}},
         ),
         ("evaluate", {"object protocol": {"3 trials"}, "recording protocol": {"3 trials"}}),
     ],
