@@ -86,7 +86,7 @@ class NetworkMember:
         """The network, trained on the training side but for the frames at the indices `left` (k,)."""
         side = self.table.side.copy()
         side[left] = TEST
-        table = replace(self.table, side=side)
+        table = self.table.with_columns(side=side)
         backbone, linear, _ = pretrain_backbone(table, self.params, self.compute)
         pretrained = {"backbone": backbone.state_dict(), "classifier": linear.state_dict()}
         network, _ = finetune_classifier(table, self.views, pretrained, self.params, self.compute)

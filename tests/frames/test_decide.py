@@ -56,7 +56,9 @@ def test_the_baseline_is_of_what_was_recorded_and_few_sensors_are_taken_as_they_
     kept = (made.columns["object"] > 0) | (np.cumsum(made.columns["object"] == 0) <= empty)
     split = {"split": (made.columns["recording"] % 2).astype(np.int8)} if published else {}
     choice = chosen(made.table(tmp_path / "t", kept, **split), *BY_RECORDING)
-    assert choice.plan.params.baseline == baseline and ("zero" in values(choice)) == (baseline == "none")
+    assert choice.plan.params.baseline == baseline and ("zero" in values(choice)) == (
+        baseline == "none"
+    )
     assert choice.plan.params.filter == ("none" if baseline == "none" else "contact")
     assert choice.states.all_contact == (baseline == "none")
 
@@ -179,7 +181,8 @@ def test_the_fewest_sensors_in_contact_are_a_fortieth_of_the_array(glove):
     ]
     # of 40
     assert (
-        chosen(glove, "preprocess.contact_sensors=auto", *BY_RECORDING).plan.params.contact_sensors == 2
+        chosen(glove, "preprocess.contact_sensors=auto", *BY_RECORDING).plan.params.contact_sensors
+        == 2
     )
 
 

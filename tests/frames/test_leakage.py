@@ -42,10 +42,7 @@ def training_side(recordings, params):
     """
     made = preprocess_recordings(recordings, params.preprocess, params.split)
     frames, choice, train = made.frames, made.choice, made.frames.on(TRAIN)
-    values = {
-        name: getattr(frames, name)
-        for name in ("live", "scale", "transform", "classes")
-    }
+    values = {name: getattr(frames, name) for name in ("live", "scale", "transform", "classes")}
     values |= {
         name: getattr(frames, name)[train] for name in ("label", "group", "anchor", "recording")
     }
