@@ -81,10 +81,8 @@ def passing(
     return passed, notes
 
 
-def _dropped(
-    recordings: Recordings, column: str, passed: np.ndarray, condition: str
-) -> list[Note]:
-    """Return a note on the recordings, or the objects, of which no frame passed, if there are any."""
+def _dropped(recordings: Recordings, column: str, passed: np.ndarray, condition: str) -> list[Note]:
+    """Return a note on the recordings, or the objects, of which no frame passed."""
     names = recordings.recordings
     level: Literal["info", "warning"] = "info"
     if column == "object":
