@@ -58,7 +58,7 @@ class Choice:
 
 
 def decide(
-    recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, group: np.ndarray
+    recordings: Recordings, rows: np.ndarray, settings: PreprocessSection, group: np.ndarray
 ) -> Choice:
     """Decide every `auto`, and measure the baseline and the leak of the training set.
 
@@ -66,38 +66,40 @@ def decide(
         recordings: of T frames; its `live` sensors vary in the training set.
         rows: rising indices (n,) of the training set's frames and of the empty hand of its
             sessions. No reading of other frames is looked at.
-        asked: the settings of params.yaml.
+        settings: the section of params.yaml, some of it `auto`.
         group: (T,) split group of each frame.
 
     Raises:
-        UserError: no sensor varies; the recordings cannot give the baseline that is asked for;
+        UserError: no sensor varies; the recordings cannot give the baseline of the settings;
             readings are too small or too large.
     """
     training = recordings.part(rows)
     _require_live_sensors(training)
     lacking = without_empty_hand(recordings)
-    _require_empty_hand(asked, lacking)
+    _require_empty_hand(settings, lacking)
     chosen = dict[str, Reasoned]()
-    if asked.contact_sensors == "auto":
+    if settings.contact_sensors == "auto":
         chosen["contact_sensors"] = _contact_sensors(int(training.live.sum()))
-    sensors = int(_with_values(asked, chosen).contact_sensors)
+    sensors = int(_with_values(settings, chosen).contact_sensors)
     moments = session_moments(training)
-    states, shows_open_hand = _states(training, asked, sensors, moments, has_empty_hand=not lacking)
-    if asked.baseline == "auto":
+    states, shows_open_hand = _states(
+        training, settings, sensors, moments, has_empty_hand=not lacking
+    )
+    if settings.baseline == "auto":
         published = has_published_split(recordings)
         kind, reason = _baseline(training, states, has_empty_hand=not lacking, published=published)
         chosen["baseline"] = (kind, reason)
         if kind == "none":
             chosen["zero"] = _zero(training)
-    params = _with_values(asked, chosen)
+    params = _with_values(settings, chosen)
     baseline = measure_baseline(training, params, moments, states)
     leak = check_leak(training, baseline, states, group[rows])
 
-    if asked.filter == "auto":
+    if settings.filter == "auto":
         chosen["filter"] = _filter(training, states, params.baseline)
-    if asked.scale == "auto":
+    if settings.scale == "auto":
         chosen["scale"] = _scale(contact_readings(training, states, baseline))
-    params = _with_values(asked, chosen)
+    params = _with_values(settings, chosen)
     plan = Plan(
         params=params,
         live=training.live,
@@ -114,10 +116,10 @@ def decide(
     return Choice(plan, states, baseline, leak, notes)
 
 
-def _with_values(asked: PreprocessSection, chosen: dict[str, Reasoned]) -> PreprocessSection:
+def _with_values(settings: PreprocessSection, chosen: dict[str, Reasoned]) -> PreprocessSection:
     """Return the settings with the chosen values in place of `auto`."""
     values = {key: value for key, (value, _) in chosen.items()}
-    return replace(asked, **values)
+    return replace(settings, **values)
 
 
 def _choice_notes(chosen: dict[str, Reasoned]) -> list[Note]:
@@ -147,9 +149,9 @@ def _grasps_subtract_signal() -> Note:
     return Note(text, "warning", "baseline", "preprocess.baseline", "auto")
 
 
-def _require_empty_hand(asked: PreprocessSection, lacking: list[str]) -> None:
-    """Raise a UserError if sessions lack the empty hand that the baseline is asked to be."""
-    if asked.baseline == "empty_hand" and lacking:
+def _require_empty_hand(settings: PreprocessSection, lacking: list[str]) -> None:
+    """Raise a UserError if sessions lack the empty hand that the settings name as baseline."""
+    if settings.baseline == "empty_hand" and lacking:
         raise UserError(
             f"fewer than {MIN_FRAMES} frames of {EMPTY_HAND!r} in {listed(lacking)}; expected some "
             "in each session. Record them, as preprocess.baseline empty_hand needs, or set "
@@ -159,7 +161,7 @@ def _require_empty_hand(asked: PreprocessSection, lacking: list[str]) -> None:
 
 def _states(
     training: Recordings,
-    asked: PreprocessSection,
+    settings: PreprocessSection,
     sensors: int,
     moments: list[Moments],
     *,
@@ -172,7 +174,7 @@ def _states(
     """
     if has_empty_hand:
         return hand_states(training, sensors, moments), True
-    if asked.baseline == "auto" and not is_array(training.live):
+    if settings.baseline == "auto" and not is_array(training.live):
         return hand_states(training, sensors, moments, all_contact=True), False
     states = hand_states(training, sensors, moments)
     if _shows_open_hand(training, states):

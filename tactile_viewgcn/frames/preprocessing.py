@@ -45,7 +45,7 @@ class Preprocessed:
 
 def preprocess_recordings(
     recordings: Recordings,
-    asked: PreprocessSection,
+    settings: PreprocessSection,
     split: Split,
     *,
     groups: np.ndarray | None = None,
@@ -57,28 +57,28 @@ def preprocess_recordings(
 
     Args:
         recordings: T frames.
-        asked: the settings of params.yaml; what is `auto` is decided on the training set.
+        settings: the section of params.yaml; what is `auto` is decided on the training set.
         split: how the sets are split.
         groups: see `deal`.
 
     Raises:
         UserError: no sensor varies; the recordings cannot give the baseline, flags or groups that
-            are asked for; fewer than two classes are left; a set is empty.
+            the settings name; fewer than two classes are left; a set is empty.
     """
     rng = stream(SPLIT_SEED, "preprocess")
-    sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class, groups=groups)
+    sides = deal(recordings, split, rng, empty_hand_class=settings.empty_hand_class, groups=groups)
     # the sensors that vary in the training set; every set uses the same
     recordings = replace(recordings, live=recordings.varying(np.flatnonzero(sides.training)))
 
     rows = with_empty_hand(recordings, sides.training)
-    choice = decide(recordings, rows, asked, sides.group)
+    choice = decide(recordings, rows, settings, sides.group)
     plan = choice.plan
     require_filter(recordings, plan.params)
     baseline, contact = _apply_to_sets(recordings, choice, sides)
 
     passed, filter_notes = passing(recordings, contact, plan.params)
     # the empty hand stays only as a class
-    keep = passed & (asked.empty_hand_class | ~recordings.empty_hand)
+    keep = passed & (settings.empty_hand_class | ~recordings.empty_hand)
     keep, class_notes = keep_testable(recordings, sides, keep, split)
 
     published = groups is None and split.by == "source" and plan.params.filter == "flags"
