@@ -427,7 +427,7 @@ def fewer_anchors(frames: Frames, every: int) -> Frames:
     """The same table with each `every`-th anchor only, for trainings whose result does not matter."""
     anchor = np.zeros_like(frames.anchor)
     anchor[np.flatnonzero(frames.anchor)[::every]] = True
-    return replace(frames, anchor=anchor)
+    return frames.with_columns(anchor=anchor)
 
 
 @cache

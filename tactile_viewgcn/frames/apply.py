@@ -96,7 +96,7 @@ def _in_contact(
 
 
 def _measured_apart(recordings: Recordings) -> Recordings:
-    """Return the table in which a session without an empty hand is one session for each recording."""
+    """Return the table in which each recording of a session without an empty hand is a session."""
     session = recordings.columns["session"]
     has_empty_hand = sessions_with_empty_hand(recordings)[session]
     recording = np.where(has_empty_hand, -1, recordings.columns["recording"])

@@ -1,4 +1,4 @@
-"""The baseline of each frame, by `preprocess.baseline`, and the empty hand's moments that it rests on.
+"""The baseline of each frame, by `preprocess.baseline`, and the moments of the empty hand.
 
 It is measured alike on the training, validation and test set and on new recordings.
 """
@@ -50,7 +50,7 @@ class Baseline:
 
 
 class _OpenHand(NamedTuple):
-    """What stands for the open hand: its name in notes, and its mean (S,) and noise (S,) in counts."""
+    """What stands for the open hand: name in notes, mean (S,) and noise (S,) in counts."""
 
     kind: str
     mean: np.ndarray
@@ -264,14 +264,14 @@ def sessions_with_empty_hand(recordings: Recordings) -> np.ndarray:
 
 
 def without_empty_hand(recordings: Recordings) -> list[str]:
-    """Return the names of the sessions with frames, but too few of the empty hand for a baseline."""
+    """Return the names of sessions with frames, but too few of the empty hand for a baseline."""
     is_enough = sessions_with_empty_hand(recordings)
     recorded = np.unique(recordings.columns["session"])
     return [recordings.sessions[number] for number in recorded if not is_enough[number]]
 
 
 def session_moments(recordings: Recordings, trained: list[Moments] | None = None) -> list[Moments]:
-    """Return for each session the mean (S,) of the empty hand and the noise (S,), of the live sensors.
+    """Return the mean (S,) of the empty hand and the noise (S,) of each session's live sensors.
 
     Without enough frames of the empty hand they are the session's of `trained`. Without both, the
     mean is None, and the noise is measured on differences of successive frames: drift adds little

@@ -18,7 +18,7 @@ from tactile_viewgcn.frames.baseline import (
 from tactile_viewgcn.frames.columns import column_notes
 from tactile_viewgcn.frames.filter import flags_of, sensors_in_contact
 from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_note
-from tactile_viewgcn.frames.open_hand import MIN_FRAMES, HandStates, hand_states
+from tactile_viewgcn.frames.open_hand import MIN_FRAMES, HandStates, Moments, hand_states
 from tactile_viewgcn.frames.split import has_published_split
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, MAX_NUMBER, PreprocessSection
@@ -58,7 +58,7 @@ class Choice:
 
 
 def decide(
-    recordings: Recordings, rows: np.ndarray, asked: PreprocessSection, group: np.ndarray
+    recordings: Recordings, rows: np.ndarray, settings: PreprocessSection, group: np.ndarray
 ) -> Choice:
     """Decide every `auto`, and measure the baseline and the leak of the training set.
 
@@ -66,51 +66,40 @@ def decide(
         recordings: of T frames; its `live` sensors vary in the training set.
         rows: rising indices (n,) of the training set's frames and of the empty hand of its
             sessions. No reading of other frames is looked at.
-        asked: the settings of params.yaml.
+        settings: the section of params.yaml, some of it `auto`.
         group: (T,) split group of each frame.
 
     Raises:
-        UserError: no sensor varies; the recordings cannot give the baseline that is asked for;
+        UserError: no sensor varies; the recordings cannot give the baseline of the settings;
             readings are too small or too large.
     """
     training = recordings.part(rows)
     _require_live_sensors(training)
-    chosen = dict[str, Reasoned]()
-    if asked.contact_sensors == "auto":
-        chosen["contact_sensors"] = _contact_sensors(int(training.live.sum()))
-    sensors = int(_with_values(asked, chosen).contact_sensors)
-
     lacking = without_empty_hand(recordings)
-    if asked.baseline == "empty_hand" and lacking:
-        raise UserError(
-            f"fewer than {MIN_FRAMES} frames of {EMPTY_HAND!r} in {listed(lacking)}; expected some "
-            "in each session. Record them, as preprocess.baseline empty_hand needs, or set "
-            "preprocess.baseline to auto"
-        )
+    _require_empty_hand(settings, lacking)
+    chosen = dict[str, Reasoned]()
+    if settings.contact_sensors == "auto":
+        chosen["contact_sensors"] = _contact_sensors(int(training.live.sum()))
+    sensors = int(_with_values(settings, chosen).contact_sensors)
     moments = session_moments(training)
-    as_they_are = asked.baseline == "auto" and bool(lacking) and not is_array(training.live)
-    states = hand_states(training, sensors, moments, all_contact=as_they_are)
-    shows_open_hand = not as_they_are
-    if lacking and not as_they_are:
-        shows_open_hand = _shows_open_hand(training, states)
-        if not shows_open_hand:
-            states = states.as_all_contact()
-
-    if asked.baseline == "auto":
+    states, shows_open_hand = _states(
+        training, settings, sensors, moments, has_empty_hand=not lacking
+    )
+    if settings.baseline == "auto":
         published = has_published_split(recordings)
         kind, reason = _baseline(training, states, has_empty_hand=not lacking, published=published)
         chosen["baseline"] = (kind, reason)
         if kind == "none":
             chosen["zero"] = _zero(training)
-    params = _with_values(asked, chosen)
+    params = _with_values(settings, chosen)
     baseline = measure_baseline(training, params, moments, states)
     leak = check_leak(training, baseline, states, group[rows])
 
-    if asked.filter == "auto":
+    if settings.filter == "auto":
         chosen["filter"] = _filter(training, states, params.baseline)
-    if asked.scale == "auto":
+    if settings.scale == "auto":
         chosen["scale"] = _scale(contact_readings(training, states, baseline))
-    params = _with_values(asked, chosen)
+    params = _with_values(settings, chosen)
     plan = Plan(
         params=params,
         live=training.live,
@@ -127,10 +116,10 @@ def decide(
     return Choice(plan, states, baseline, leak, notes)
 
 
-def _with_values(asked: PreprocessSection, chosen: dict[str, Reasoned]) -> PreprocessSection:
+def _with_values(settings: PreprocessSection, chosen: dict[str, Reasoned]) -> PreprocessSection:
     """Return the settings with the chosen values in place of `auto`."""
     values = {key: value for key, (value, _) in chosen.items()}
-    return replace(asked, **values)
+    return replace(settings, **values)
 
 
 def _choice_notes(chosen: dict[str, Reasoned]) -> list[Note]:
@@ -158,6 +147,39 @@ def _grasps_subtract_signal() -> Note:
         "set preprocess.baseline to auto"
     )
     return Note(text, "warning", "baseline", "preprocess.baseline", "auto")
+
+
+def _require_empty_hand(settings: PreprocessSection, lacking: list[str]) -> None:
+    """Raise a UserError if sessions lack the empty hand that the settings name as baseline."""
+    if settings.baseline == "empty_hand" and lacking:
+        raise UserError(
+            f"fewer than {MIN_FRAMES} frames of {EMPTY_HAND!r} in {listed(lacking)}; expected some "
+            "in each session. Record them, as preprocess.baseline empty_hand needs, or set "
+            "preprocess.baseline to auto"
+        )
+
+
+def _states(
+    training: Recordings,
+    settings: PreprocessSection,
+    sensors: int,
+    moments: list[Moments],
+    *,
+    has_empty_hand: bool,
+) -> tuple[HandStates, bool]:
+    """Return the hand's states, and whether the recordings show an open hand.
+
+    Every frame counts as contact if some session lacks an empty hand, and the sensors are few or
+    the recordings show no open hand.
+    """
+    if has_empty_hand:
+        return hand_states(training, sensors, moments), True
+    if settings.baseline == "auto" and not is_array(training.live):
+        return hand_states(training, sensors, moments, all_contact=True), False
+    states = hand_states(training, sensors, moments)
+    if _shows_open_hand(training, states):
+        return states, True
+    return states.as_all_contact(), False
 
 
 def _contact_sensors(live: int) -> Reasoned:
@@ -205,7 +227,7 @@ def _zero(training: Recordings) -> Reasoned:
 
 
 def smallest_reading(recordings: Recordings) -> float:
-    """Return the smallest reading of a live sensor in counts, to three digits; 0 if it is near 0."""
+    """Return the smallest reading of a live sensor in counts, to three digits; 0 near 0."""
     counts = recordings.live_counts()
     step = max(1, len(counts) // COMPARED_FRAMES)
     low, high = np.percentile(counts[::step], [0.1, 99])
@@ -215,11 +237,15 @@ def smallest_reading(recordings: Recordings) -> float:
 
 
 def contact_readings(recordings: Recordings, states: HandStates, baseline: Baseline) -> np.ndarray:
-    """Return readings (n,) of sensors in contact in counts above baseline, of about 2,000 frames."""
+    """Return the readings (n,) of sensors in contact, in counts above baseline.
+
+    About 2,000 frames of contact are read.
+    """
     sample = evenly(np.flatnonzero(states.contact & ~recordings.empty_hand), COMPARED_FRAMES)
     excess = states.counts[sample] - baseline.mean[baseline.of_frame[sample]][:, recordings.live]
     threshold = CONTACT_SIGMAS * states.noise[recordings.columns["session"][sample]]
-    return excess[excess > threshold].astype(np.float64)
+    in_contact: np.ndarray = excess[excess > threshold]
+    return in_contact.astype(np.float64)
 
 
 def _filter(recordings: Recordings, states: HandStates, baseline: str) -> Reasoned:

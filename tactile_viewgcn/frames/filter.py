@@ -82,7 +82,7 @@ def passing(
 
 
 def _dropped(recordings: Recordings, column: str, passed: np.ndarray, condition: str) -> list[Note]:
-    """Return a note on the recordings, or the objects, of which no frame passed, if there are any."""
+    """Return a note on the recordings, or the objects, of which no frame passed."""
     names = recordings.recordings
     level: Literal["info", "warning"] = "info"
     if column == "object":

@@ -17,6 +17,7 @@ A flag of the source that an object is held always counts as contact.
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import minimum_filter1d
@@ -32,7 +33,8 @@ OPEN_SENSORS = 1
 # of the threshold: a hand that closes, or holds little, presses several sensors a little
 WEAK = 0.6
 # most sensors of an open hand above that: two and a hundredth of all
-WEAK_SENSORS, WEAK_SHARE = 2, 0.01
+WEAK_SENSORS = 2
+WEAK_SHARE = 0.01
 # frames this near to a touch do not count as open: the hand is closing, or has just let go
 MARGIN = 2
 # share of the difference between an open-hand frame and the baseline that the baseline follows
@@ -44,7 +46,7 @@ COMMON_SENSORS = 100
 
 @dataclass(frozen=True)
 class HandStates:
-    """Which of T frames are without contact, and what that is computed from.
+    """The hand's state in each of T frames, and what that is computed from.
 
     Attributes:
         counts: (T, S) of the live sensors, an array or read from the recordings' file when indexed.
@@ -66,13 +68,27 @@ class HandStates:
 
     @property
     def all_contact(self) -> bool:
-        """Whether even the quietest frames are contact, so that no open hand gives a baseline."""
+        """Return whether even the quietest frames are contact: no open hand gives a baseline."""
         return bool(self.contact.all())
 
     def as_all_contact(self) -> "HandStates":
         """Return the same states, but every frame is in contact and none of the open hand."""
         contact = np.ones_like(self.contact)
         return replace(self, contact=contact, open=np.zeros_like(self.open))
+
+
+class _Followed(NamedTuple):
+    """What a baseline that follows the open hand shows of the n frames of a recording.
+
+    Attributes:
+        pressed: (n,) number of sensors in contact.
+        still: bool (n,) the hand seems open.
+        fallen: number of frames that fall below the baseline by as much as contact.
+    """
+
+    pressed: np.ndarray
+    still: np.ndarray
+    fallen: int
 
 
 def hand_states(
@@ -82,117 +98,143 @@ def hand_states(
     *,
     all_contact: bool = False,
 ) -> HandStates:
-    """Find the frames of contact and those of the open hand.
+    """Return the frames of contact and those of the open hand.
 
     Args:
+        recordings: T frames.
         contact_sensors: fewest sensors that are pressed in a frame of contact.
         moments: of each session, see `session_moments`.
         all_contact: look for no open hand: every frame counts as contact, and the quietest frames
             are not known.
     """
-    counts, noises = recordings.live_counts(), np.stack([noise for _, noise in moments])
-    contact, opened, quiet = (
-        np.full(len(counts), all_contact),
-        np.zeros(len(counts), dtype=bool),
-        [],
-    )
-    flags = [
-        recordings.columns[name] for name in ("valid", "grasp_valid") if name in recordings.columns
-    ]
-    flagged = np.any([opened, *flags], axis=0) & ~recordings.empty_hand
-    for index in [] if all_contact else frames_by_recording(recordings):
-        empty, noise = moments[recordings.columns["session"][index[0]]]
+    counts = recordings.live_counts()
+    noise = np.stack([noise_of_session for _, noise_of_session in moments])
+    contact = np.full(len(counts), all_contact)
+    opened = np.zeros(len(counts), dtype=bool)
+    quiet = list[np.ndarray]()
+    if all_contact:
+        return HandStates(counts, noise, contact, opened, np.array(quiet))
+    is_held = _flagged_as_held(recordings)
+    for index in frames_by_recording(recordings):
+        empty, noise_of_session = moments[recordings.columns["session"][index[0]]]
         of_recording = counts[index].astype(np.float64)
-        pressed, still, start = _pressed(
-            of_recording, CONTACT_SIGMAS * noise, contact_sensors, empty
-        )
-        contact[index] = (pressed >= contact_sensors) | flagged[index]
-        opened[index] = minimum_filter1d(still & ~contact[index], 2 * MARGIN + 1, mode="nearest")
+        threshold = CONTACT_SIGMAS * noise_of_session
+        followed, start = _pressed(of_recording, threshold, contact_sensors, empty)
+        contact[index] = (followed.pressed >= contact_sensors) | is_held[index]
+        still = followed.still & ~contact[index]
+        opened[index] = minimum_filter1d(still, 2 * MARGIN + 1, mode="nearest")
         quiet.append(of_recording[start : start + MIN_FRAMES].mean(axis=0))
-    return HandStates(counts, noises, contact, opened, np.array(quiet))
+    return HandStates(counts, noise, contact, opened, np.array(quiet))
+
+
+def _flagged_as_held(recordings: Recordings) -> np.ndarray:
+    """Return bool (T,): frames of which a flag of the source says that an object is held."""
+    is_held: np.ndarray = np.zeros(len(recordings), dtype=bool)
+    for name in ("valid", "grasp_valid"):
+        if name in recordings.columns:
+            is_held |= recordings.columns[name]
+    is_held[recordings.empty_hand] = False
+    return is_held
 
 
 def _pressed(
     counts: np.ndarray, threshold: np.ndarray, sensors: int, empty: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray, int]:
-    """Number of sensors (n,) in contact in each frame (n, S) of a recording, whether it seems open
-    (n,), and the index of the first of its quietest frames.
+) -> tuple[_Followed, int]:
+    """Return what the frames of a recording show, and the index of its first quietest frame.
 
-    `threshold` (S,) is the least that a sensor in contact reads above the baseline, `empty` (S,)
-    the session's empty hand. Frames that fall below the baseline by as much as contact show that
-    the hand was not open where it began: then the frames with the smallest sums are tried, without
-    leaving out what all sensors share, as a dense grasp is shared.
+    Frames that fall below the baseline by as much as contact show that the hand was not open where
+    the baseline began. Then it begins at the frames with the smallest sums, without leaving out
+    what all sensors share, as a dense grasp is shared.
+
+    Args:
+        counts: (n, S) of the recording.
+        threshold: (S,) the least that a sensor in contact reads above the baseline.
+        sensors: fewest sensors in a frame of contact.
+        empty: (S,) the session's empty hand, if it is known.
     """
-    results = []
+    results = list[tuple[_Followed, int]]()
     for start in dict.fromkeys((quietest(counts), quietest(counts, common=False))):
-        quiet = counts[start : start + MIN_FRAMES].mean(axis=0)
-        begin, baseline = start, quiet
-        if empty is not None and is_contact(quiet - empty, threshold, sensors):
-            begin, baseline = 0, empty
-        pressed, still, fallen = _follow(counts, begin, baseline, threshold, sensors)
-        results.append((fallen, pressed, still, start))
-        if not fallen:
+        begin = start
+        baseline = counts[start : start + MIN_FRAMES].mean(axis=0)
+        if empty is not None and is_contact(baseline - empty, threshold, sensors):
+            begin = 0
+            baseline = empty
+        followed = _follow(counts, begin, baseline, threshold, sensors)
+        results.append((followed, start))
+        if not followed.fallen:
             break
-    return min(results, key=lambda result: result[0])[1:]
+    return min(results, key=lambda result: result[0].fallen)
 
 
 def _follow(
     counts: np.ndarray, start: int, baseline: np.ndarray, threshold: np.ndarray, sensors: int
-) -> tuple[np.ndarray, np.ndarray, int]:
-    """As `_pressed`, but the number of frames in which the baseline is too high instead of the quietest frames.
+) -> _Followed:
+    """Return what the frames show above a baseline that follows the open hand.
 
-    The `baseline` (S,) follows the open hand from the frame `start` forwards, and from there
-    backwards.
+    It follows from the frame `start` forwards, and from there backwards.
+
+    Args:
+        counts: (n, S) of the recording.
+        start: index of the frame in which the baseline is known.
+        baseline: (S,) in that frame.
+        threshold: (S,) the least that a sensor in contact reads above the baseline.
+        sensors: fewest sensors in a frame of contact.
     """
-    pressed, still, fallen = (
-        np.zeros(len(counts), dtype=np.int64),
-        np.zeros(len(counts), dtype=bool),
-        0,
-    )
-    weak, most_weak = WEAK * threshold, WEAK_SENSORS + WEAK_SHARE * len(threshold)
+    pressed = np.zeros(len(counts), dtype=np.int64)
+    still = np.zeros(len(counts), dtype=bool)
+    fallen = 0
+    weak = WEAK * threshold
+    most_weak = WEAK_SENSORS + WEAK_SHARE * len(threshold)
     most_pressed = min(OPEN_SENSORS, sensors - 1)
-    for numbers in (range(start, len(counts)), range(start - 1, -1, -1)):
+    for frames in (range(start, len(counts)), range(start - 1, -1, -1)):
         following = baseline.copy()
-        for number in numbers:
-            excess = counts[number] - following
-            pressed[number] = np.count_nonzero(excess > threshold)
+        for frame in frames:
+            excess = counts[frame] - following
+            pressed[frame] = np.count_nonzero(excess > threshold)
             fallen += int(np.count_nonzero(excess < -threshold) >= sensors)
-            still[number] = (
-                pressed[number] <= most_pressed and np.count_nonzero(excess > weak) <= most_weak
-            )
-            if still[number]:
+            if pressed[frame] <= most_pressed:
+                still[frame] = np.count_nonzero(excess > weak) <= most_weak
+            if still[frame]:
                 following += FOLLOWED * excess
-    return pressed, still, fallen
+    return _Followed(pressed, still, fallen)
 
 
 def quietest(counts: np.ndarray, *, common: bool = True) -> int:
-    """Index of the first of the five successive frames of counts (n, S) that read least.
+    """Return the index of the first of the five successive frames that read least.
 
-    With `common`, what all sensors share is left out.
+    Args:
+        counts: (n, S) of a recording.
+        common: leave out what all sensors share.
     """
     excess = counts - counts.mean(axis=0)
     activity = excess.sum(axis=1)
     if common:
-        activity -= excess.shape[1] * np.median(
-            excess[:, :: max(1, excess.shape[1] // COMMON_SENSORS)], axis=1
-        )
-    return int(np.convolve(activity, np.ones(min(MIN_FRAMES, len(counts))), "valid").argmin())
+        step = max(1, excess.shape[1] // COMMON_SENSORS)
+        activity -= excess.shape[1] * np.median(excess[:, ::step], axis=1)
+    window = np.ones(min(MIN_FRAMES, len(counts)))
+    return int(np.convolve(activity, window, "valid").argmin())
 
 
 def is_contact(excess: np.ndarray, threshold: np.ndarray, sensors: int = 2) -> bool:
-    """Whether an excess (S,) over the empty hand is contact and not drift.
+    """Return whether an excess over the empty hand is contact and not drift.
 
     Drift moves all sensors together, or some up and some down. Contact moves less than half, all of
     them up; or more, and leaves a quarter where they are. A single sensor shows no difference: what
     it reads above is contact.
 
     Args:
+        excess: (S,) in counts.
+        threshold: (S,) the least that a sensor in contact reads above the empty hand.
         sensors: fewest sensors that are pressed in a frame of contact.
     """
     if len(excess) == 1:
         return bool(excess[0] > threshold[0])
+    # as it is, and without what all sensors share
     both = np.stack([excess, excess - np.median(excess)])
-    up, down = (both > threshold).sum(axis=1), (both < -threshold).sum(axis=1)
+    up = (both > threshold).sum(axis=1)
+    down = (both < -threshold).sum(axis=1)
     most_pressed = min(OPEN_SENSORS, sensors - 1)
-    dense = up[0] > most_pressed and not down[0] and up[0] <= (1 - UNMOVED) * len(excess)
-    return bool(dense or (up > most_pressed + 2 * down).all())
+    is_sparse = (up > most_pressed + 2 * down).all()
+    moves_up = up[0] > most_pressed and not down[0]
+    is_dense = moves_up and up[0] <= (1 - UNMOVED) * len(excess)
+    return bool(is_dense or is_sparse)

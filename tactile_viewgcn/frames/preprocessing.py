@@ -1,8 +1,9 @@
-"""From the table of raw counts to the frames that a system learns from, and an account of the rest."""
+"""From the table of raw counts to the frames that a system learns from."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 
 from tactile_viewgcn.frames.apply import apply
 from tactile_viewgcn.frames.baseline import Baseline, with_empty_hand
@@ -15,6 +16,7 @@ from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import PreprocessSection, Split
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.tables.frames import SIDES, TEST, VALIDATION, Frames
+from tactile_viewgcn.tables.plan import Plan
 from tactile_viewgcn.tables.recordings import Recordings
 
 
@@ -43,40 +45,40 @@ class Preprocessed:
 
 def preprocess_recordings(
     recordings: Recordings,
-    asked: PreprocessSection,
+    settings: PreprocessSection,
     split: Split,
     *,
     groups: np.ndarray | None = None,
 ) -> Preprocessed:
-    """Split the recordings, decide the plan, apply it to each set, draw the anchors, make the table.
+    """Return the table of frames: split, decide the plan, apply it to each set, draw the anchors.
 
     Each set's baseline comes from the set's frames and the empty hand of its sessions, in whichever
     set that is.
 
     Args:
         recordings: T frames.
-        asked: the settings of params.yaml; what is `auto` is decided on the training set.
+        settings: the section of params.yaml; what is `auto` is decided on the training set.
         split: how the sets are split.
         groups: see `deal`.
 
     Raises:
         UserError: no sensor varies; the recordings cannot give the baseline, flags or groups that
-            are asked for; fewer than two classes are left; a set is empty.
+            the settings name; fewer than two classes are left; a set is empty.
     """
     rng = stream(SPLIT_SEED, "preprocess")
-    sides = deal(recordings, split, rng, empty_hand_class=asked.empty_hand_class, groups=groups)
+    sides = deal(recordings, split, rng, empty_hand_class=settings.empty_hand_class, groups=groups)
     # the sensors that vary in the training set; every set uses the same
     recordings = replace(recordings, live=recordings.varying(np.flatnonzero(sides.training)))
 
     rows = with_empty_hand(recordings, sides.training)
-    choice = decide(recordings, rows, asked, sides.group)
+    choice = decide(recordings, rows, settings, sides.group)
     plan = choice.plan
     require_filter(recordings, plan.params)
     baseline, contact = _apply_to_sets(recordings, choice, sides)
 
     passed, filter_notes = passing(recordings, contact, plan.params)
     # the empty hand stays only as a class
-    keep = passed & (asked.empty_hand_class | ~recordings.empty_hand)
+    keep = passed & (settings.empty_hand_class | ~recordings.empty_hand)
     keep, class_notes = keep_testable(recordings, sides, keep, split)
 
     published = groups is None and split.by == "source" and plan.params.filter == "flags"
@@ -92,31 +94,48 @@ def preprocess_recordings(
         noise=baseline.noise[of_training].mean(axis=0),
     )
     index = np.flatnonzero(keep)
-    # baselines of kept frames, from 0
-    used, number = np.unique(baseline.of_frame[index], return_inverse=True)
+    frames = _kept_frames(recordings, index, baseline, plan, sides=sides, anchor=anchor)
+    frames = replace(frames, plan=measured_on(frames))
+    notes = [*choice.notes, *baseline.notes, *filter_notes, *class_notes]
+    return Preprocessed(frames, choice, sides, passed, keep, notes)
+
+
+def _kept_frames(
+    recordings: Recordings,
+    index: np.ndarray,
+    baseline: Baseline,
+    plan: Plan,
+    *,
+    sides: Sides,
+    anchor: np.ndarray,
+) -> Frames:
+    """Return the table of the frames at rising indices (n,), with their baselines and classes."""
     kept = recordings.part(index)
-    columns = kept.columns
-    objects, label = np.unique(columns["object"], return_inverse=True)
-    frames = Frames(
+    used, number = np.unique(baseline.of_frame[index], return_inverse=True)
+    objects, label = np.unique(kept.columns["object"], return_inverse=True)
+    recording = kept.columns["recording"]
+    columns = pd.DataFrame(
+        {
+            "label": label.astype(np.int16),
+            "recording": recording,
+            "session": kept.columns["session"],
+            "grasp": kept.columns.get("grasp", np.zeros_like(recording)),
+            "group": sides.group[index],
+            "side": sides.side[index],
+            "anchor": anchor[index],
+            "baseline": number.astype(np.int32),
+            "time": kept.columns["time"],
+        }
+    )
+    return Frames(
         counts=kept.counts,
-        label=label.astype(np.int16),
-        recording=columns["recording"],
-        session=columns["session"],
-        grasp=columns.get("grasp", np.zeros_like(columns["recording"])),
-        group=sides.group[index],
-        side=sides.side[index],
-        anchor=anchor[keep],
-        baseline=number.astype(np.int32),
-        time=columns["time"],
+        columns=columns,
         baseline_mean=baseline.mean[used],
-        classes=[recordings.objects[i] for i in objects],
+        classes=[recordings.objects[number] for number in objects],
         recordings=recordings.recordings,
         sessions=recordings.sessions,
         plan=plan,
     )
-    frames = replace(frames, plan=measured_on(frames))
-    notes = [*choice.notes, *baseline.notes, *filter_notes, *class_notes]
-    return Preprocessed(frames, choice, sides, passed, keep, notes)
 
 
 def _apply_to_sets(
@@ -154,9 +173,9 @@ def frame_counts(frames: Frames) -> dict[str, int]:
     """Return the numbers of frames, anchors, groups and recordings in each set."""
     counts: dict[str, int] = {}
     for code, name in enumerate(SIDES):
-        in_set = frames.side == code
-        counts[f"frames.{name}"] = int(in_set.sum())
-        counts[f"anchors.{name}"] = int((in_set & frames.anchor).sum())
-        counts[f"groups.{name}"] = len(np.unique(frames.group[in_set]))
-        counts[f"recordings.{name}"] = len(np.unique(frames.recording[in_set]))
+        of_set = frames.columns[frames.side == code]
+        counts[f"frames.{name}"] = len(of_set)
+        counts[f"anchors.{name}"] = int(of_set["anchor"].sum())
+        counts[f"groups.{name}"] = of_set["group"].nunique()
+        counts[f"recordings.{name}"] = of_set["recording"].nunique()
     return counts

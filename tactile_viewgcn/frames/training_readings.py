@@ -1,4 +1,4 @@
-"""What the training frames read: fallbacks for new recordings, and the bounds they are checked by."""
+"""What the training frames read: fallbacks for new recordings, and bounds to check them by."""
 
 from dataclasses import replace
 
@@ -43,10 +43,10 @@ def measured_on(frames: Frames) -> Plan:
 
 
 def strong_readings(frames: Frames) -> list[list[float]]:
-    """Return the strong readings of the weakest recording of an object and of the strongest recording.
+    """Return the bounds of the strong readings of the training recordings.
 
-    The empty hand counts for the strongest, since a new recording may be of it; it is no object.
-    Up to 2,000 anchors of the training set are used.
+    The lowest is of an object. The highest may be of the empty hand, since a new recording may be
+    of it too. Up to 2,000 anchors of the training set are used.
 
     Returns:
         Two pairs of lowest and highest reading in counts: above the baseline, and raw.
@@ -59,14 +59,13 @@ def strong_readings(frames: Frames) -> list[list[float]]:
     of_objects = _strong_by_recording(frames, evenly(anchors[~is_empty], STRONG_FRAMES))
     of_empty_hand = _strong_by_recording(frames, evenly(anchors[is_empty], STRONG_FRAMES))
     of_all = np.concatenate([of_objects, of_empty_hand])
-    bounds: list[list[float]] = np.stack(
-        [of_objects.min(axis=0), of_all.max(axis=0)], axis=1
-    ).tolist()
-    return bounds
+    bounds = np.stack([of_objects.min(axis=0), of_all.max(axis=0)], axis=1)
+    pairs: list[list[float]] = bounds.tolist()
+    return pairs
 
 
 def _strong_by_recording(frames: Frames, index: np.ndarray) -> np.ndarray:
-    """Return the strong readings (R, 2), above baseline and raw, of each recording among frames (n,)."""
+    """Return the strong readings (R, 2), above baseline and raw, of frames (n,) by recording."""
     strong = []
     for of_recording in frames.by_recording(index):
         excess = frames.inputs(of_recording, "counts")[:, frames.live]
@@ -76,7 +75,7 @@ def _strong_by_recording(frames: Frames, index: np.ndarray) -> np.ndarray:
 
 
 def strong_reading(readings: np.ndarray) -> float:
-    """Return the strong reading of a recording: one in a hundred of its absolute readings exceeds it.
+    """Return the strong reading: one in a hundred of a recording's absolute readings exceeds it.
 
     Args:
         readings: (n, S) of its live sensors in counts.
@@ -85,12 +84,13 @@ def strong_reading(readings: np.ndarray) -> float:
 
 
 def change_between_frames(counts: np.ndarray, live: np.ndarray) -> float:
-    """Return how much a recording's frames differ: the median sensor's standard deviation in counts.
+    """Return how much the frames of a recording differ.
 
-    It is 0 for a single frame, and where most sensors stand still.
+    This is the standard deviation in counts of the median sensor over a few frames. It is 0 for a
+    single frame, and where most sensors stand still.
 
     Args:
-        counts: (T, H, W) of the recording; a few frames are used.
+        counts: (T, H, W) of the recording.
         live: bool (H, W), the sensors that vary.
     """
     few = counts[middles(len(counts), CHANGING_FRAMES)]
@@ -98,7 +98,7 @@ def change_between_frames(counts: np.ndarray, live: np.ndarray) -> float:
 
 
 def _session_baselines(frames: Frames, index: np.ndarray) -> tuple[list[str], np.ndarray]:
-    """Return the S sessions of frames (n,) by name, and the mean (S, H, W) of each one's baselines."""
+    """Return the names of the sessions of frames (n,), and the mean baseline (S, H, W) of each."""
     keys = pd.DataFrame({"session": frames.session[index], "baseline": frames.baseline[index]})
     sessions = list[str]()
     means = list[np.ndarray]()

@@ -1,4 +1,4 @@
-"""scikit-learn's interface: a classifier of recordings in memory, trained by the steps of the stages."""
+"""The interface of scikit-learn: a classifier of recordings in memory, trained as by the stages."""
 
 import warnings
 from collections.abc import Mapping
@@ -34,15 +34,19 @@ from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
 
 
-class TactileClassifier(ClassifierMixin, BaseEstimator):
-    """A classifier of objects in tactile recordings: any system or preset of the pipeline, trained in memory.
+class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # has no types
+    """A classifier of objects in tactile recordings: any system or preset, trained in memory.
 
-    X holds recordings of raw counts, whose baseline is subtracted and whose frames in contact are
-    found as in the pipeline. It is a list of arrays (T_i, H, W), or of channels over time (T_i, C);
-    or one array (n, T, H, W) or (n, T, C). Of a DataFrame the columns that are called times,
-    numbers or labels are left out, as of a file, and those that `data.columns` leaves out. With the
-    parameter `data.shape` `frames_last` time is the last axis, as in an array (n, C, T) of aeon and
-    sktime.
+    X holds recordings of raw counts. Their baseline is subtracted, and their frames in contact are
+    found, as in the pipeline. X is one of these:
+
+    - a list of arrays (T_i, H, W), or of channels over time (T_i, C);
+    - one array (n, T, H, W) or (n, T, C);
+    - a list of DataFrames. Columns that are called times, numbers or labels are left out, as of a
+      file, and those that `data.columns` leaves out.
+
+    With the parameter `data.shape` `frames_last` time is the last axis, as in an array (n, C, T) of
+    aeon and sktime.
 
     Args:
         preset: a name of `tactile-viewgcn preset`; `best` if `system` is None too.
@@ -78,51 +82,57 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         self.random_state = random_state
 
     def fit(self, X: Any, y: Any, groups: Any = None) -> "TactileClassifier":
-        """Train on recordings X and their labels y (n,).
+        """Train on recordings and their labels.
 
         What spoils the result is warned of as by the stages: recordings that are copies, channels
         that are no sensors, an offset of a recording that predicts its object.
 
         Args:
+            X: n recordings.
+            y: (n,) labels.
             groups: (n,) group of each recording; a group is held out as a whole, for the choice of
                 `best`, calibration and `split.validation`. None: each recording is a group.
+
+        Returns:
+            The classifier itself.
 
         Raises:
             UserError, ValueError: a wrong argument, in one line.
         """
         params = self._parameters()
-        recorded, y = self._recordings(X), column_or_1d(y, warn=True)
+        recorded = self._recordings(X)
+        y = column_or_1d(y, warn=True)
         check_consistent_length(recorded, y)
         classes, labels = _distinct(y)
-        groups = np.arange(len(y)) if groups is None else np.asarray(groups)
-        if groups.shape != (len(y),):
-            raise UserError(
-                f"groups has shape {groups.shape}; expected ({len(y)},), a group for each recording of X"
-            )
-        group = np.unique(groups, return_inverse=True)[1]
+        group = _group_numbers(groups, len(y))
         check_layouts(recorded)
         recordings = in_memory(recorded, list(map(str, classes)), labels, 0 * labels)
         with TemporaryDirectory() as folder:
             path = Path(folder) / "classifier.pt"
             notes = train(recordings, params, group[recordings.columns["recording"]], path)
             self.recogniser_ = Recogniser(path)
-        self.classes_, self.params_, self.notes_ = classes, params, notes
+        self.classes_ = classes
+        self.params_ = params
+        self.notes_ = notes
         for note in warnings_of(notes):
             warnings.warn(shown(note.text), stacklevel=2)
         return self
 
     def predict_proba(self, X: Any) -> np.ndarray:
-        """Class probabilities float32 (n, Y) of recordings X, a column for each of `classes_`.
+        """Return class probabilities float32 (n, Y) of recordings, a column for each of `classes_`.
 
         What the command `predict` refuses or warns of, this does too. A recording without contact
         is the empty hand; where that is no class, a warning says so.
+
+        Args:
+            X: n recordings.
 
         Raises:
             NotFittedError: before `fit`.
             UserError: X of a different form, layout or scale than in training.
         """
         check_is_fitted(self, "recogniser_")
-        recogniser, names = self.recogniser_, list(map(str, self.classes_))
+        recogniser = self.recogniser_
         recordings = self._recordings(X)
         is_one_recording = isinstance(X, np.ndarray) and X.shape[1:] == recogniser.shape
         # else it is n recordings of one frame, as in `fit`
@@ -131,31 +141,33 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
                 f"X {X.shape} is one recording; expected a list: [X], or [*X] of single frames"
             )
         answers, notes = recogniser.answer_recordings(recordings)
-        none = [
-            answer.recording
-            for answer in answers
-            if not answer.contact and EMPTY_HAND not in recogniser.classes
-        ]
         texts = [note.text for note in warnings_of(notes)]
-        texts += [
-            f"no frame in contact: {listed(none)}; their classes are equally probable"
-        ] * bool(none)
+        without = [answer.recording for answer in answers if not answer.contact]
+        if without and EMPTY_HAND not in recogniser.classes:
+            texts.append(
+                f"no frame in contact: {listed(without)}; their classes are equally probable"
+            )
         for text in texts:
             warnings.warn(shown(text), stacklevel=2)
+        names = list(map(str, self.classes_))
         probabilities = np.zeros((len(recordings), len(names)), dtype=np.float32)
         columns = [names.index(name) for name in recogniser.classes]
         probabilities[:, columns] = [answer.probabilities for answer in answers]
         return probabilities
 
     def predict(self, X: Any) -> np.ndarray:
-        """The most probable of `classes_` (n,) for recordings X; see `predict_proba`."""
+        """Return the most probable of `classes_` (n,) for recordings; see `predict_proba`."""
         best = self.predict_proba(X).argmax(axis=1)
-        return self.classes_[best]
+        labels: np.ndarray = self.classes_[best]
+        return labels
 
     def save(self, path: str | Path) -> None:
-        """Write a file like the pipeline's models/classifier.pt, which `load` and the command `predict` read.
+        """Write a file like the pipeline's models/classifier.pt, for `load` and `predict`.
 
         Its classes are the texts of `classes_`.
+
+        Args:
+            path: of the file.
 
         Raises:
             NotFittedError: before `fit`.
@@ -165,7 +177,12 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
 
     @classmethod
     def load(cls, path: str | Path) -> "TactileClassifier":
-        """The classifier of a file of `save` or of the pipeline, to predict with; its labels are texts.
+        """Return the classifier of a file of `save` or of the pipeline, to predict with.
+
+        Its labels are texts.
+
+        Args:
+            path: of the file.
 
         Raises:
             UserError, OSError: no such file, or none of this version.
@@ -176,59 +193,69 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):
         return classifier
 
     def _recordings(self, X: Any) -> list[Recording]:
-        """The recordings of X, one or more, see `recording_of`."""
-        rows = [*X] if isinstance(X, list | tuple) or (isinstance(X, np.ndarray) and X.ndim) else []
-        if not rows:
+        """Return the recordings of X, one or more, see `recording_of`."""
+        is_array = isinstance(X, np.ndarray) and X.ndim > 0
+        if not (is_array or isinstance(X, list | tuple)) or not len(X):
             raise UserError(
-                f"X is of type {type(X).__name__} and holds no recordings; expected a list of arrays or DataFrames, "
-                "each (frames, rows, columns) or (frames, channels)"
+                f"X is of type {type(X).__name__} and holds no recordings; expected a list of "
+                "arrays or DataFrames, each (frames, rows, columns) or (frames, channels)"
             )
         params = self.params or {}
-        last, columns = params.get("data.shape") == FRAMES_LAST, params.get("data.columns", ())
+        frames_last = params.get("data.shape") == FRAMES_LAST
+        columns = params.get("data.columns", ())
         return [
-            recording_of(row, f"X[{number}]", frames_last=last, columns=columns)
-            for number, row in enumerate(rows)
+            recording_of(row, f"X[{number}]", frames_last=frames_last, columns=columns)
+            for number, row in enumerate(X)
         ]
 
     def _parameters(self) -> Params:
-        """All parameters of the training."""
+        """Return all parameters of the training."""
         if not isinstance(self.params, Mapping | None):
             raise UserError(
-                f"params is {self.params!r}; expected a mapping of keys of params.yaml to values, or None"
+                f"params is {self.params!r}; expected a mapping of keys of params.yaml to values, "
+                "or None"
             )
         seed = self.random_state
         if seed is None or isinstance(seed, np.random.RandomState):
             seed = check_random_state(seed).randint(2**31 - 1)
         changes = {"seed": seed, "views": self.views}
         if self.system in get_args(SensorMember):
-            changes |= {"model.system": "sensors", "model.members": [self.system]}
+            changes["model.system"] = "sensors"
+            changes["model.members"] = [self.system]
         elif self.system not in (None, "network"):
             changes["model.system"] = self.system
         changes |= self.params or {}
-        plain = {
-            key: value.item() if isinstance(value, np.generic) else value
-            for key, value in changes.items()
-        }
-        preset = (
-            {None: "best", "network": "network"}.get(self.system)
-            if self.preset is None
-            else self.preset
-        )
-        texts = preset_changes(preset) if preset is not None else []
-        return default_params(
-            (*texts, *(as_change(*item) for item in plain.items())), type(self).__name__
-        )
+        texts = self._preset_changes()
+        for key, value in changes.items():
+            if isinstance(value, np.generic):
+                value = value.item()
+            texts.append(as_change(key, value))
+        return default_params(tuple(texts), type(self).__name__)
+
+    def _preset_changes(self) -> list[str]:
+        """Return the changes of the preset to the paper's recipe, none if a system is named."""
+        if self.preset is not None:
+            return list(preset_changes(self.preset))
+        if self.system is None:
+            return list(preset_changes("best"))
+        if self.system == "network":
+            return list(preset_changes("network"))
+        return []
 
 
 def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path) -> list[Note]:
-    """Train a classifier on all recordings and write its file; torch's default generator is left as it was.
+    """Train a classifier on all recordings and write its file.
 
-    The remarks on the recordings and the leak check are those of the stages.
+    The remarks on the recordings and the leak check are those of the stages. torch's default
+    generator is left as it was.
 
     Args:
+        recordings: T frames.
+        params: all parameters.
         groups: (T,) split group of each frame; a group is held out as a whole, for the choice of
             `best`, calibration and `split.validation`. Groups whose recordings have frames in
             common are one group.
+        path: of the file.
 
     Returns:
         Notes on what was chosen for the recordings, what was left out, what spoils the result, and
@@ -238,14 +265,18 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path
         UserError: no sensor that varies; a baseline or flags that the recordings cannot give; fewer
             than two classes left; a training that diverges.
     """
-    seed, compute = params.seed, select_device(params.device, params.precision)
-    with_backbone = not on_sensors(params.model.system)
+    seed = params.seed
+    compute = select_device(params.device, params.precision)
     look = look_at(recordings)
     notes = remarks(recordings, look)
     groups = groups_together(recordings, look, groups)
     made = preprocess_recordings(recordings, params.preprocess, params.split, groups=groups)
-    frames, notes = made.frames, notes + made.notes
-    clustering = params.cluster if with_backbone else replace(params.cluster, method="none")
+    notes += made.notes
+    frames = made.frames
+    with_backbone = not on_sensors(params.model.system)
+    clustering = params.cluster
+    if not with_backbone:
+        clustering = replace(clustering, method="none")
     places = viewpoints(params.views, params.viewpoints, seed)
     views = cluster_frames(frames, places, clustering, stream(seed, "cluster"))
     pretrained: dict[str, Any] = {}
@@ -263,16 +294,28 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path
     return notes + fitted.notes
 
 
+def _group_numbers(groups: Any, count: int) -> np.ndarray:
+    """Return the number (n,) of each recording's group; without groups each is its own."""
+    if groups is None:
+        return np.arange(count)
+    groups = np.asarray(groups)
+    if groups.shape != (count,):
+        raise UserError(
+            f"groups has shape {groups.shape}; expected ({count},), a group for each recording of X"
+        )
+    _, numbers = np.unique(groups, return_inverse=True)
+    return numbers
+
+
 def _distinct(y: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Distinct labels (Y,), sorted, and the index (n,) of each recording's label."""
+    """Return the distinct labels (Y,), sorted, and the index (n,) of each recording's label."""
     try:
         # of many objects of two recordings each
         with warnings.catch_warnings(action="ignore", category=UserWarning):
             check_classification_targets(y)
         if y.dtype.kind in "UO":
-            y = np.array(
-                [tidy(label) if isinstance(label, str) else label for label in y], y.dtype.kind
-            )
+            tidied = [tidy(label) if isinstance(label, str) else label for label in y]
+            y = np.array(tidied, y.dtype.kind)
         classes, labels = np.unique(y, return_inverse=True)
     except TypeError:  # the labels have no order
         raise UserError(

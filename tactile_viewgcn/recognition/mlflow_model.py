@@ -1,4 +1,4 @@
-"""The recogniser as an MLflow model: MLflow calls `_load_pyfunc` on its file and then `predict`."""
+"""The recogniser as an MLflow model: MLflow calls `_load_pyfunc` on its file, then `predict`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.readers.source import Recording
 from tactile_viewgcn.recognition.recogniser import Recogniser, recording_of
 from tactile_viewgcn.tracking import bad_request
 
@@ -14,9 +15,12 @@ if TYPE_CHECKING:
 
 
 class RecogniserModel:
-    """Recordings of raw counts to class probabilities: a row for each recording and a column for each class.
+    """The recogniser with the interface of an MLflow model.
 
-    A recording is answered as by the command `predict`, from its own frames alone.
+    A recording is answered as by the command `predict`, by its own frames only.
+
+    Args:
+        recogniser: the trained recogniser.
     """
 
     def __init__(self, recogniser: Recogniser):
@@ -25,9 +29,12 @@ class RecogniserModel:
     def predict(
         self, model_input: dict[str, np.ndarray], params: dict[str, Any] | None = None
     ) -> "DataFrame":
-        """Class probabilities of `model_input["recordings"]`, a recording a row.
+        """Return class probabilities: a row for each recording, and a column for each class.
 
-        Each is an array or nested lists of (frames, rows, columns) or (frames, channels).
+        Args:
+            model_input: its value `recordings` holds the recordings, arrays or nested lists of
+                (frames, rows, columns) or (frames, channels).
+            params: of MLflow, not used.
 
         Raises:
             MlflowException: has the recogniser's one line; MLflow's server answers with it and
@@ -35,22 +42,24 @@ class RecogniserModel:
         """
         from pandas import DataFrame  # comes with MLflow
 
-        recogniser, rows = self.recogniser, model_input["recordings"]
+        classes = self.recogniser.classes
+        recordings = list[Recording]()
         try:
-            # also an array of objects
-            counts = (row.tolist() if isinstance(row, np.ndarray) else row for row in rows)
-            recordings = [
-                recording_of(each, f"recording {number}") for number, each in enumerate(counts)
-            ]
-            answers, _ = recogniser.answer_recordings(recordings)
+            for number, row in enumerate(model_input["recordings"]):
+                counts = row
+                if isinstance(row, np.ndarray):  # also an array of objects
+                    counts = row.tolist()
+                recordings.append(recording_of(counts, f"recording {number}"))
+            answers, _ = self.recogniser.answer_recordings(recordings)
         except UserError as error:
             raise bad_request(str(error)) from None
-        shares = [answer.probabilities for answer in answers]
-        return DataFrame(
-            np.reshape(shares, (-1, len(recogniser.classes))), columns=recogniser.classes
-        )
+        probabilities = [answer.probabilities for answer in answers]
+        return DataFrame(np.reshape(probabilities, (-1, len(classes))), columns=classes)
 
 
 def _load_pyfunc(path: str) -> RecogniserModel:
-    folder = Path(path)
-    return RecogniserModel(Recogniser(next(folder.glob("*.pt")) if folder.is_dir() else folder))
+    """Return the model of a classifier's file, or of the only one in a folder."""
+    file = Path(path)
+    if file.is_dir():
+        file = next(file.glob("*.pt"))
+    return RecogniserModel(Recogniser(file))

@@ -90,7 +90,7 @@ class PresetTraining:
         side = self.table.side.copy()
         for recording in np.flatnonzero(~recordings).tolist():
             side[self.recordings[recording]] = TEST
-        table = replace(self.table, side=side)
+        table = self.table.with_columns(side=side)
         backbone, linear, _ = pretrain_backbone(table, self.params, self.compute)
         pretrained = {"backbone": backbone.state_dict(), "classifier": linear.state_dict()}
         network, _ = finetune_classifier(table, self.views, pretrained, self.params, self.compute)

@@ -1,4 +1,4 @@
-"""The command `predict`: opens the model and the recordings, prints the answers and writes them as CSV."""
+"""The command `predict`: answers recordings in a table and as CSV."""
 
 import tempfile
 from collections import Counter
@@ -16,44 +16,52 @@ from tactile_viewgcn.recognition.recogniser import Answer, Recogniser
 from tactile_viewgcn.tables.recordings import recordings_of
 from tactile_viewgcn.tables.remarks import without_frames
 
-MODELS = "models/classifier.pt, the id of an MLflow run, runs:/ID, models:/NAME/VERSION or models:/NAME@ALIAS"
+MODELS = (
+    "models/classifier.pt, the id of an MLflow run, runs:/ID, models:/NAME/VERSION "
+    "or models:/NAME@ALIAS"
+)
+RUN_ID_LETTERS = set("0123456789abcdef")
+RUN_ID_LENGTH = 32
 NO_CONTACT = "no contact"
-TOP = 3
-NAME_WIDTH, FRAMES_WIDTH = 20, 12
+TOP = 3  # classes that are shown
+NAME_WIDTH = 20
+FRAMES_WIDTH = 12
 
 
 def predict(
     model: str, source: str, form: Form, *, csv_path: Path | None, echo: Callable[..., None]
 ) -> None:
-    """Print the answers as a table, and write them to `csv_path`.
+    """Print the answers as a table, and write them as CSV.
 
     Args:
+        model: see `load_model`.
+        source: path of the recordings.
         form: as which the source is read; a shape of `auto` is the model's. Columns are taken by
             the names of the model's sensors; the others are left out and named.
+        csv_path: where to write; None for nowhere.
         echo: prints lines.
 
     Raises:
         UserError, OSError: a mistake of the user.
     """
     recogniser = load_model(model)
-    classes, calibrated = (
-        recogniser.classes,
-        "calibrated" if recogniser.calibrated else "not calibrated",
-    )
-    echo(
-        f"model: {recogniser.system}, {several(len(classes), 'class', 'classes')}; probabilities are {calibrated}"
-    )
-    is_whole = form.shape == "auto" and "PART" not in form.layout  # a file alone has fewer sensors
-    shape = recogniser.shape if is_whole else form.shape
-    sensors = recogniser.plan.channel_names
-    form = replace(form, shape=shape, sensors=sensors, labelled=False)
+    classes = recogniser.classes
+    calibrated = "not calibrated"
+    if recogniser.calibrated:
+        calibrated = "calibrated"
+    count = several(len(classes), "class", "classes")
+    echo(f"model: {recogniser.system}, {count}; probabilities are {calibrated}")
+    form = replace(form, sensors=recogniser.plan.channel_names, labelled=False)
+    # of a recording in several files, a single file has fewer sensors
+    if form.shape == "auto" and "PART" not in form.layout:
+        form = replace(form, shape=recogniser.shape)
     with recordings_of(source, form) as recordings:
         left_out = [note for note in recordings.notes if note.topic == MODEL_TOPIC]
         notes = [*warnings_of(recordings.notes), *left_out, *without_frames(recordings)]
-        answers, more = recogniser.answer_table(recordings)
+        answers, answer_notes = recogniser.answer_table(recordings)
     records = [_record(answer, classes) for answer in answers]
     echo(
-        *map(str, [*notes, *more]),
+        *map(str, [*notes, *answer_notes]),
         f"{'recording':<{NAME_WIDTH}} {'contact':>{FRAMES_WIDTH}}  answer",
     )
     echo(*map(_line, records), *_summary(records))
@@ -66,77 +74,90 @@ def predict(
 
 
 def _has_answers(text: str, head: str) -> bool:
-    """Whether a file has this first line, and as many cells in all others."""
-    return text.startswith(head) and all(
-        line.count(",") >= head.count(",") for line in text.splitlines()
-    )
+    """Return whether a file has this first line, and as many cells in all others."""
+    cells = head.count(",")
+    return text.startswith(head) and all(line.count(",") >= cells for line in text.splitlines())
 
 
 def load_model(name: str) -> Recogniser:
-    """The recogniser of a classifier's file, an MLflow run or a registered model.
+    """Return the recogniser of a classifier's file, an MLflow run or a registered model.
 
     Raises:
-        FileNotFoundError: no such file. UserError: damaged, or MLflow does not have it.
+        FileNotFoundError: there is no such file.
+        UserError: it is damaged, or MLflow does not have it.
     """
     if Path(name).is_file():
         return Recogniser(name)
-    is_run = len(name) == 32 and set(name) <= set("0123456789abcdef")
+    is_run = len(name) == RUN_ID_LENGTH and set(name) <= RUN_ID_LETTERS
     if not (is_run or name.startswith(("runs:/", "models:/"))):
-        kind = "a folder" if Path(name).is_dir() else "no such file"
+        kind = "no such file"
+        if Path(name).is_dir():
+            kind = "a folder"
         remedy = "the line that `tactile-viewgcn inspect` prints trains one"
         raise FileNotFoundError(f"{name}: {kind}; expected {MODELS}; {remedy}")
     from tactile_viewgcn.tracking import download_model
 
+    address = name
+    if is_run:
+        address = f"runs:/{name}"
     with tempfile.TemporaryDirectory() as folder:
-        return Recogniser(download_model(f"runs:/{name}" if is_run else name, Path(folder)))
+        return Recogniser(download_model(address, Path(folder)))
 
 
 def _record(answer: Answer, classes: list[str]) -> dict[str, Any]:
-    """The answer as plain values for a line and a row of the file; without contact no class has a probability.
+    """Return the answer as plain values for a line and a row of the file.
 
-    `right` is None without a label, and for one that is no object of the model.
+    Without contact no class has a probability. `right` is None without a label, and for a label
+    that is no object of the model.
     """
-    order = (
-        np.argsort(-answer.probabilities, kind="stable")[:TOP].tolist() if answer.contact else []
-    )
-    best = [(classes[at], float(answer.probabilities[at])) for at in order] + [(None, None)] * (
-        TOP - len(order)
-    )
-    record: dict[str, Any] = {"recording": answer.recording, "answer": best[0][0] or NO_CONTACT}
-    for place, (name, share) in enumerate(best, 1):
-        record |= {f"class_{place}": name, f"probability_{place}": share}
-    record |= {"frames_in_contact": answer.contact, "frames": answer.frames}
-    right = (
-        answer.object == (best[0][0] or EMPTY_HAND)
-        if answer.object in {*classes, EMPTY_HAND}
-        else None
-    )
-    return record | {"object": answer.object or None, "right": right}
+    best: list[tuple[str | None, float | None]] = [(None, None)] * TOP
+    if answer.contact:
+        order = np.argsort(-answer.probabilities, kind="stable")[:TOP].tolist()
+        for place, number in enumerate(order):
+            best[place] = (classes[number], float(answer.probabilities[number]))
+    first, _ = best[0]
+    record: dict[str, Any] = {"recording": answer.recording, "answer": first or NO_CONTACT}
+    for place, (name, probability) in enumerate(best, 1):
+        record[f"class_{place}"] = name
+        record[f"probability_{place}"] = probability
+    record["frames_in_contact"] = answer.contact
+    record["frames"] = answer.frames
+    record["object"] = answer.object or None
+    record["right"] = None
+    if answer.object in {*classes, EMPTY_HAND}:
+        record["right"] = answer.object == (first or EMPTY_HAND)
+    return record
 
 
 def _line(record: dict[str, Any]) -> str:
-    """One line: name, frames in contact, first three classes."""
+    """Return one line: name, frames in contact, first three classes."""
     name = record["recording"]
-    name = name if len(name) <= NAME_WIDTH else "…" + name[1 - NAME_WIDTH :]
-    pairs = (
-        (record[f"class_{place}"], record[f"probability_{place}"]) for place in range(1, TOP + 1)
-    )
-    shares = ", ".join(f"{best} {100 * share:.0f} %" for best, share in pairs if best)
-    return f"{name:<{NAME_WIDTH}} {record['frames_in_contact']:>{FRAMES_WIDTH}}  {shares or NO_CONTACT}"
+    if len(name) > NAME_WIDTH:
+        name = "…" + name[1 - NAME_WIDTH :]
+    texts = []
+    for place in range(1, TOP + 1):
+        class_name = record[f"class_{place}"]
+        if class_name:
+            texts.append(f"{class_name} {100 * record[f'probability_{place}']:.0f} %")
+    answer = ", ".join(texts) or NO_CONTACT
+    return f"{name:<{NAME_WIDTH}} {record['frames_in_contact']:>{FRAMES_WIDTH}}  {answer}"
 
 
 def _summary(records: list[dict[str, Any]]) -> list[str]:
-    """Number of answers with and without contact; for labelled recordings the number of right answers."""
-    counts = Counter(
-        NO_CONTACT if record["class_1"] is None else "with an object" for record in records
-    )
-    lines = [
-        "answers: "
-        + ", ".join(f"{count} {text}" for text, count in sorted(counts.items(), reverse=True))
-    ]
-    if known := [record for record in records if record["right"] is not None]:
+    """Return the numbers of answers with and without contact, and of right answers."""
+    counts = Counter[str]()
+    for record in records:
+        if record["class_1"] is None:
+            counts[NO_CONTACT] += 1
+        else:
+            counts["with an object"] += 1
+    kinds = [f"{count} {text}" for text, count in sorted(counts.items(), reverse=True)]
+    lines = ["answers: " + ", ".join(kinds)]
+    known = [record for record in records if record["right"] is not None]
+    if known:
         right = sum(record["right"] for record in known)
         lines.append(f"right: {right} of {len(known)} ({100 * right / len(known):.1f} %)")
-    if other := sum(bool(record["object"]) and record["right"] is None for record in records):
-        lines.append(f"with a name that is no object of the model: {other}")
+    unknown = [record for record in records if record["object"] and record["right"] is None]
+    if unknown:
+        lines.append(f"with a name that is no object of the model: {len(unknown)}")
     return lines

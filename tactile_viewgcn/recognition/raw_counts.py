@@ -1,4 +1,4 @@
-"""Check the raw counts of new recordings: are they like the training set's in layout, scale and rate?"""
+"""Check new recordings: are they like the training set's in layout, scale and rate?"""
 
 from collections.abc import Sequence
 
@@ -33,7 +33,8 @@ def check_layout(where: str, layout: Layout, trained: Layout) -> None:
     for number, (name, expected) in enumerate(zip(names, trained_names, strict=False), 1):
         if name != expected:
             raise UserError(
-                f"{where}: sensor {number} is {name}; expected {expected} of {listed(trained_names)}"
+                f"{where}: sensor {number} is {name}; "
+                f"expected {expected} of {listed(trained_names)}"
             )
     if shape != trained_shape:
         remedy = ""
@@ -96,13 +97,16 @@ def fault_of(plan: Plan, counts: np.ndarray, contact: np.ndarray, excess: np.nda
 
 
 def _fault_without_contact(plan: Plan, counts: np.ndarray) -> str:
-    """Return what is wrong with counts (n, H, W) without contact: in a smaller unit none is found."""
+    """Return what is wrong with counts (n, H, W) without contact.
+
+    In a smaller unit no contact is found.
+    """
     weakest = weakest_baseline(plan)
     raw = strong_reading(counts[:, plan.live])
     if raw < weakest / SCALE_TIMES:
         return (
-            f"one in a hundred readings is {raw:.3g} or more; expected {weakest:.3g} or more, as an "
-            "open hand read in the training: is the glove or the unit a different one?"
+            f"one in a hundred readings is {raw:.3g} or more; expected {weakest:.3g} or more, as "
+            "an open hand read in the training: is the glove or the unit a different one?"
         )
     return ""
 
@@ -121,7 +125,7 @@ def _fault_of_scale(plan: Plan, readings: np.ndarray, bounds: list[float], origi
 
 
 def weakest_baseline(plan: Plan) -> float:
-    """Return the strong reading of the weakest baseline of the training set's sessions, in counts."""
+    """Return the weakest strong reading of the baselines of the training set, in counts."""
     return min(strong_reading(mean[plan.live]) for mean in plan.baselines)
 
 

@@ -1,4 +1,4 @@
-"""The trained recogniser: the object in the hand, from the raw counts of one recording or of a table of recordings."""
+"""The trained recogniser: the object in the hand, from the raw counts of recordings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -78,13 +78,13 @@ class Recogniser:
         self.shape = self.plan.live.shape
         self.calibrated = self.content.temperature is not None
         model = self.content.model
-        self.system = model.system
+        self.system: str = model.system
         if on_sensors(model.system):
             self.system = " + ".join(model.members)
         self._layout = (self.shape, self.plan.channel_names)
 
     def answer_recordings(self, recordings: Sequence[Recording]) -> tuple[list[Answer], list[Note]]:
-        """Return the answers to recordings of `recording_of`, each by its own frames; see `answer_table`."""
+        """Return the answers to recordings of `recording_of`, and notes; see `answer_table`."""
         if not recordings:
             return [], []
         check_layouts(recordings, self._layout)
@@ -135,9 +135,11 @@ class Recogniser:
         return answers, notes
 
     def _probabilities(self, excess: np.ndarray) -> np.ndarray:
-        """Return class probabilities float32 (classes,) by frames in contact (n, H, W) above baseline."""
+        """Return class probabilities float32 (classes,) by frames in contact above baseline."""
         if len(excess):
-            return np.exp(self.content.answer(self.classifier, excess), dtype=np.float32)
+            logarithms = self.content.answer(self.classifier, excess)
+            probabilities: np.ndarray = np.exp(logarithms, dtype=np.float32)
+            return probabilities
         if EMPTY_HAND in self.classes:
             is_empty = [name == EMPTY_HAND for name in self.classes]
             return np.array(is_empty, dtype=np.float32)
@@ -153,14 +155,14 @@ def _unlabelled(recordings: Sequence[Recording]) -> Recordings:
 
 def _label(recordings: Recordings, index: np.ndarray) -> str:
     """Return the label of a recording's frames (n,), UNLABELLED if they have several."""
-    labels = np.unique(recordings.columns["object"][index])
+    labels: list[int] = np.unique(recordings.columns["object"][index]).tolist()
     if len(labels) > 1:
         return UNLABELLED
     return recordings.objects[labels[0]]
 
 
 def _place(recordings: Recordings, name: str, total: int) -> str:
-    """Return where a recording is, for an error: a file of one recording, or a place in the source."""
+    """Return where a recording is: its file, or a place in the source."""
     if recordings.path.is_file() and total == 1:
         return str(recordings.path)
     return str(recordings.path / name)
@@ -180,28 +182,50 @@ def _raise_first(faults: dict[str, str], total: int) -> None:
 def recording_of(
     recording: Any, name: str, *, frames_last: bool = False, columns: Sequence[str] = ()
 ) -> Recording:
-    """One recording as counts (T, H, W) of the type in which pressure is stored; channels (T, C) as frames of one row.
+    """Return one recording as counts (T, H, W) of the type in which pressure is stored.
 
-    Of a DataFrame it is the sensors, with their names, the times, and notes on the other columns.
+    Channels (T, C) become frames of one row. A DataFrame gives the sensors, with their names, the
+    times, and notes on the other columns.
 
     Args:
+        recording: an array, nested lists, or a DataFrame.
+        name: of the recording; errors begin with it.
         frames_last: time is the last axis of an array instead of the first.
         columns: of DataFrames, see `Form`.
 
     Raises:
-        UserError: begins with `name`; other axes or types, no frames, or values that the type
-            cannot hold.
+        UserError: other axes or types, no frames, or values that the type cannot hold.
     """
     table = Recording({}, {})
+    readings = recording
     if hasattr(recording, "iloc"):  # a DataFrame of pandas
-        names = [str(column) for column in recording.columns]
-        cells = recording.set_axis(range(len(names)), axis=1)
-        table, _ = table_of(
-            names, cells, Form(columns=columns), name, map("row {}".format, recording.index)
-        )
-        recording, frames_last = table.values["pressure"], False
+        table = _of_data_frame(recording, name, columns)
+        readings = table.values["pressure"]
+        frames_last = False
+    array = _frames_of(readings, name, frames_last=frames_last)
+    if not isinstance(readings, np.ndarray) and _holds_truth_values(readings):
+        raise UserError(f"{name} holds true or false; expected integer counts or real numbers")
+    dtype = storage_type(array.dtype, name)
+    if not len(array):
+        raise UserError(f"{name} has no frames; expected one or more")
+    _require_fit(array, dtype, name)
+    values = table.values | {"pressure": array.astype(dtype, copy=False)}
+    return replace(table, names={"recording": name}, values=values)
+
+
+def _of_data_frame(recording: Any, name: str, columns: Sequence[str]) -> Recording:
+    """Return a DataFrame as a recording."""
+    names = [str(column) for column in recording.columns]
+    cells = recording.set_axis(range(len(names)), axis=1)
+    rows = map("row {}".format, recording.index)
+    table, _ = table_of(names, cells, Form(columns=columns), name, rows)
+    return table
+
+
+def _frames_of(readings: Any, name: str, *, frames_last: bool) -> np.ndarray:
+    """Return readings as an array (T, H, W); a UserError for other axes."""
     try:
-        array = np.asarray(recording)
+        array = np.asarray(readings)
     except ValueError:
         raise UserError(
             f"{name} is ragged; expected frames of equal size, (frames, rows, columns)"
@@ -210,28 +234,34 @@ def recording_of(
         array = np.moveaxis(array, -1, 0)
     if array.ndim == 1:
         raise UserError(
-            f"{name} is a frame {array.shape}; expected recordings (frames, rows, columns), one alone as [X]"
+            f"{name} is a frame {array.shape}; expected recordings (frames, rows, columns), "
+            "one alone as [X]"
         )
-    array = array[:, None] if array.ndim == 2 else array
+    if array.ndim == 2:
+        array = array[:, None]
     check_shape(array.shape, name)
-    if not isinstance(recording, np.ndarray) and {bool, np.bool_} & {
-        *map(type, np.ravel(np.array(recording, object)))
-    }:
-        raise UserError(f"{name} holds true or false; expected integer counts or real numbers")
-    dtype = storage_type(array.dtype, name)
-    if not len(array):
-        raise UserError(f"{name} has no frames; expected one or more")
-    low, high = (
-        (np.iinfo(dtype).min, np.iinfo(dtype).max)
-        if dtype.kind == "i"
-        else (-MAX_PRESSURE, MAX_PRESSURE)
-    )
+    return array
+
+
+def _holds_truth_values(readings: Any) -> bool:
+    """Return whether nested lists hold true or false among their numbers."""
+    types = set(map(type, np.ravel(np.array(readings, object))))
+    return bool(types & {bool, np.bool_})
+
+
+def _require_fit(array: np.ndarray, dtype: np.dtype, name: str) -> None:
+    """Raise a UserError for a number that the stored type cannot hold, or that is not finite."""
+    low: float = -MAX_PRESSURE
+    high: float = MAX_PRESSURE
+    if dtype.kind == "i":
+        low = np.iinfo(dtype).min
+        high = np.iinfo(dtype).max
     # arrays: float16 has no such number
-    unfit = np.argwhere(~((array >= np.array(low)) & (array <= np.array(high))))
+    fits = (array >= np.array(low)) & (array <= np.array(high))
+    unfit = np.argwhere(~fits)
     if len(unfit):
-        place = "frame {}, row {}, column {}".format(*unfit[0])
+        frame, row, column = unfit[0]
         raise UserError(
-            f"{name} holds {array[tuple(unfit[0])]:g} in {place}; expected numbers from {low:g} to {high:g}"
+            f"{name} holds {array[frame, row, column]:g} in frame {frame}, row {row}, "
+            f"column {column}; expected numbers from {low:g} to {high:g}"
         )
-    values = table.values | {"pressure": array.astype(dtype, copy=False)}
-    return replace(table, names={"recording": name}, values=values)

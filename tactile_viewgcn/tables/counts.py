@@ -18,7 +18,14 @@ NO_ARRAYS = "no_arrays"  # the array in columns.npz with the JSON
 def write_counts(
     folder: Path, shape: tuple[int, ...], dtype: np.dtype, blocks: Iterable[np.ndarray]
 ) -> None:
-    """Write counts (n, H, W) of that shape and type, of which only one block (k, H, W) need be in memory."""
+    """Write counts, of which only one block need be in memory.
+
+    Args:
+        folder: of the table.
+        shape: (n, H, W) of all counts.
+        dtype: the type in which they are stored.
+        blocks: counts (k, H, W) in order, n frames in all.
+    """
     header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
     with (folder / COUNTS).open("wb") as file:
         np.lib.format.write_array_header_1_0(file, header)
@@ -27,36 +34,40 @@ def write_counts(
 
 
 def read_counts(folder: Path) -> np.ndarray:
-    """The counts (n, H, W), memory-mapped."""
-    return np.load(folder / COUNTS, mmap_mode="r", allow_pickle=False).view(np.ndarray)
+    """Return the counts (n, H, W), memory-mapped."""
+    counts: np.ndarray = np.load(folder / COUNTS, mmap_mode="r", allow_pickle=False)
+    return counts.view(np.ndarray)
 
 
 def write_columns(folder: Path, values: Mapping[str, Any]) -> None:
-    """Write arrays, and texts, numbers, lists and dictionaries of these, by name."""
-    arrays: dict[str, Any] = {
-        name: value for name, value in values.items() if isinstance(value, np.ndarray)
-    }
-    others = json.dumps({name: value for name, value in values.items() if name not in arrays})
-    arrays[NO_ARRAYS] = np.frombuffer(others.encode(), np.uint8)
+    """Write values by name: arrays, and texts, numbers, lists and dictionaries of these."""
+    arrays: dict[str, Any] = {}
+    others: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, np.ndarray):
+            arrays[name] = value
+        else:
+            others[name] = value
+    arrays[NO_ARRAYS] = np.frombuffer(json.dumps(others).encode(), np.uint8)
     with (folder / COLUMNS).open("wb") as file:
         np.savez(file, **arrays)
 
 
 def read_columns(folder: Path) -> dict[str, Any]:
-    """The values that `write_columns` wrote, by name."""
+    """Return the values that `write_columns` wrote, by name."""
     with (folder / COLUMNS).open("rb") as file, np.load(file, allow_pickle=False) as stored:
         arrays = dict(stored)
-    others = arrays.pop(NO_ARRAYS)
-    return arrays | json.loads(others.tobytes())
+    others: dict[str, Any] = json.loads(arrays.pop(NO_ARRAYS).tobytes())
+    return arrays | others
 
 
 def evenly(index: np.ndarray, most: int) -> np.ndarray:
-    """At most `most` of the indices (n,), evenly spaced."""
-    return (
-        index[np.unique(np.linspace(0, len(index) - 1, most).astype(int))]
-        if len(index) > most
-        else index
-    )
+    """Return at most `most` of the indices (n,), evenly spaced."""
+    if len(index) <= most:
+        return index
+    places = np.linspace(0, len(index) - 1, most).astype(int)
+    spread: np.ndarray = index[np.unique(places)]
+    return spread
 
 
 def middles(total: int, parts: int) -> np.ndarray:
@@ -65,24 +76,41 @@ def middles(total: int, parts: int) -> np.ndarray:
 
 
 class Gathered:
-    """An array (n, ...) whose rows are computed when they are indexed: by a slice, by indices or by a mask.
+    """An array (n, ...) whose rows are computed when a slice, indices or a mask asks for them.
 
     Args:
         rows_of: function from indices (k,) to rows (k, ...).
         index: (n,) indices of all rows.
+
+    Attributes:
+        shape: (n, ...).
+        dtype: of the rows.
     """
 
     def __init__(self, rows_of: Callable[[np.ndarray], np.ndarray], index: np.ndarray):
+        self._rows_of = rows_of
+        self._index = index
         none = rows_of(index[:0])
-        self._rows_of, self._index, self.dtype = rows_of, index, none.dtype
+        self.dtype = none.dtype
         self.shape: tuple[Any, ...] = (len(index), *none.shape[1:])
 
     def __len__(self) -> int:
         return len(self._index)
 
-    def __getitem__(self, at: slice | np.ndarray) -> np.ndarray:
+    def __getitem__(self, rows: slice | np.ndarray) -> np.ndarray:
         # sums round by the order in memory
-        return np.ascontiguousarray(self._rows_of(self._index[at]))
+        return np.ascontiguousarray(self._rows_of(self._index[rows]))
+
+    def part(self, rows: np.ndarray) -> "Gathered":
+        """Return the rows at the given indices (k,), which are computed as these are."""
+        return Gathered(self._rows_of, self._index[rows])
 
 
 Counts = np.ndarray | Gathered
+
+
+def part_of(counts: Counts, rows: np.ndarray) -> Gathered:
+    """Return the rows (k, ...) of counts at the given indices (k,), read when they are indexed."""
+    if isinstance(counts, Gathered):
+        return counts.part(rows)
+    return Gathered(counts.__getitem__, rows)

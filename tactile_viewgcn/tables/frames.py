@@ -1,11 +1,12 @@
-"""The tables of kept frames, data/frames: counts, class, side and group of each; and of views, data/views."""
+"""The tables of kept frames, data/frames, and of views, data/views."""
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
+import pandas as pd
 
 from tactile_viewgcn.files import new_files, readable
 from tactile_viewgcn.params import SIDES as SIDES  # once for the published split and for this table
@@ -24,42 +25,51 @@ from tactile_viewgcn.tables.counts import (
 from tactile_viewgcn.tables.plan import Plan
 
 NO_CLUSTER = -1
+WRITTEN_FRAMES = 4096  # written at once
+INPUT_FRAMES = 512  # whose network input is computed at once
 PLAN = "plan."  # beginning of the names of a plan's values in a table's folder
-BLOCK_FRAMES = 4096  # read or written at once
-INPUT_BLOCK = 512  # frames whose network input is computed at once
-Table = TypeVar("Table")
+#: The columns of the table of frames.
+COLUMNS = (
+    "label",
+    "recording",
+    "session",
+    "grasp",
+    "group",
+    "side",
+    "anchor",
+    "baseline",
+    "time",
+)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Frames:
     """The n kept frames in the order of their recordings, with R baselines and C classes.
 
+    A column is read as an attribute, `frames.label` for `frames.columns["label"].to_numpy()`.
+
     Attributes:
         counts: (n, H, W) raw counts, memory-mapped where the table was read.
-        label: (n,) class, index into `classes`.
-        recording, session: (n,) index into `recordings` and `sessions`.
+        columns: a row for each frame, with the columns that stand below as attributes.
+        baseline_mean: (R, H, W) counts, in a type that holds `counts` exactly.
+        classes: names, by `label`.
+        recordings: names, by `recording`.
+        sessions: names, by `session`.
+        plan: how readings became these frames; new recordings become frames in the same way.
+        label: (n,) class.
+        recording: (n,) number of the recording.
+        session: (n,) number of the session.
         grasp: (n,) number of the grasp inside its recording; 0 where grasps are not numbered.
         group: (n,) split group.
         side: (n,) TRAIN, VALIDATION or TEST.
         anchor: bool (n,), anchors: frames around which a view set is drawn each, about equally many
             of every class.
         baseline: (n,) index into `baseline_mean`.
-        time: (n,) seconds since the recording's first frame.
-        baseline_mean: (R, H, W) counts, in a type that holds `counts` exactly.
-        classes, recordings, sessions: names, by index.
-        plan: how readings became these frames; new recordings become frames in the same way.
+        time: (n,) seconds since the recording's first frame; NaN in a source without times.
     """
 
     counts: Counts
-    label: np.ndarray
-    recording: np.ndarray
-    session: np.ndarray
-    grasp: np.ndarray
-    group: np.ndarray
-    side: np.ndarray
-    anchor: np.ndarray
-    baseline: np.ndarray
-    time: np.ndarray
+    columns: pd.DataFrame
     baseline_mean: np.ndarray
     classes: list[str]
     recordings: list[str]
@@ -67,28 +77,103 @@ class Frames:
     plan: Plan
 
     def __len__(self) -> int:
-        return len(self.label)
+        return len(self.columns)
+
+    @cached_property
+    def label(self) -> np.ndarray:
+        """Return the class (n,) of each frame."""
+        return self._column("label")
+
+    @cached_property
+    def recording(self) -> np.ndarray:
+        """Return the number (n,) of each frame's recording."""
+        return self._column("recording")
+
+    @cached_property
+    def session(self) -> np.ndarray:
+        """Return the number (n,) of each frame's session."""
+        return self._column("session")
+
+    @cached_property
+    def grasp(self) -> np.ndarray:
+        """Return the number (n,) of each frame's grasp inside its recording."""
+        return self._column("grasp")
+
+    @cached_property
+    def group(self) -> np.ndarray:
+        """Return the split group (n,) of each frame."""
+        return self._column("group")
+
+    @cached_property
+    def side(self) -> np.ndarray:
+        """Return the set (n,) of each frame: TRAIN, VALIDATION or TEST."""
+        return self._column("side")
+
+    @cached_property
+    def anchor(self) -> np.ndarray:
+        """Return which frames are anchors, bool (n,)."""
+        return self._column("anchor")
+
+    @cached_property
+    def baseline(self) -> np.ndarray:
+        """Return the index (n,) of each frame's baseline in `baseline_mean`."""
+        return self._column("baseline")
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """Return the time (n,) of each frame in seconds since its recording's first frame."""
+        return self._column("time")
+
+    def _column(self, name: str) -> np.ndarray:
+        values: np.ndarray = self.columns[name].to_numpy()
+        return values
 
     @property
     def live(self) -> np.ndarray:
-        """bool (H, W): the sensors whose counts vary in the training set."""
+        """Return the sensors whose counts vary in the training set, bool (H, W)."""
         return self.plan.live
 
     @property
     def transform(self) -> str:
-        """How counts above baseline become network input, see `network_input`."""
+        """Return how counts above baseline become network input, see `network_input`."""
         return self.plan.params.transform
 
     @property
     def scale(self) -> float:
-        """Counts at full scale, see `network_input`."""
+        """Return the counts at full scale, see `network_input`."""
         return float(self.plan.params.scale)
 
+    def with_columns(self, **columns: np.ndarray) -> "Frames":
+        """Return the same table with other values (n,) in some columns."""
+        return replace(self, columns=self.columns.assign(**columns))
+
+    def values(self) -> dict[str, Any]:
+        """Return all but the counts as arrays and plain values, for `save_table`."""
+        values: dict[str, Any] = {name: getattr(self, name) for name in COLUMNS}
+        for name in ("baseline_mean", "classes", "recordings", "sessions"):
+            values[name] = getattr(self, name)
+        for name, value in asdict(self.plan).items():
+            values[f"{PLAN}{name}"] = value
+        return values
+
+    @classmethod
+    def of_values(cls, folder: Path, values: dict[str, Any]) -> "Frames":
+        """Return the table of `values`; its counts are memory-mapped in the folder."""
+        columns = pd.DataFrame({name: values.pop(name) for name in COLUMNS})
+        names = [name for name in values if name.startswith(PLAN)]
+        plan = Plan(**{name.removeprefix(PLAN): values.pop(name) for name in names})
+        return cls(read_counts(folder), columns, plan=plan, **values)
+
     def inputs(self, index: np.ndarray, transform: str | None = None) -> np.ndarray:
-        """Network input float32 (k, H, W) of the frames in `index` (k,), by the table's or the given transform."""
+        """Return the network input float32 (k, H, W) of frames.
+
+        Args:
+            index: (k,) the frames.
+            transform: see `network_input`; None for the table's.
+        """
         inputs = np.empty((len(index), *self.counts.shape[1:]), dtype=np.float32)
-        for start in range(0, len(index), INPUT_BLOCK):
-            part = index[start : start + INPUT_BLOCK]
+        for start in range(0, len(index), INPUT_FRAMES):
+            part = index[start : start + INPUT_FRAMES]
             excess = self.counts[part].astype(self.baseline_mean.dtype)
             excess -= self.baseline_mean[self.baseline[part]]
             inputs[start : start + len(part)] = network_input(
@@ -97,27 +182,34 @@ class Frames:
         return inputs
 
     def points(self, index: np.ndarray) -> Gathered:
-        """Network input float32 (k, S) of the frames in `index` (k,) at the live sensors, computed when indexed."""
-        return Gathered(lambda at: self.inputs(at)[:, self.live], index)
+        """Return the network input float32 (k, S) of frames at the live sensors.
+
+        It is computed when it is indexed.
+
+        Args:
+            index: (k,) the frames.
+        """
+        return Gathered(self._inputs_of_live_sensors, index)
+
+    def _inputs_of_live_sensors(self, index: np.ndarray) -> np.ndarray:
+        return self.inputs(index)[:, self.live]
 
     def by_recording(self, index: np.ndarray) -> list[np.ndarray]:
-        """Return the frames of each recording among rising indices (n,), as arrays of rising indices."""
-        from pandas import Series  # here, since it loads slowly
-
-        parts = Series(index).groupby(self.recording[index])
+        """Return the frames of each recording among rising indices (n,), in rising arrays."""
+        parts = pd.Series(index).groupby(self.recording[index])
         return [part.to_numpy() for _, part in parts]
 
     def on(self, *sides: int) -> np.ndarray:
-        """Rising indices of the frames on the given sides."""
+        """Return rising indices of the frames in the given sets, such as TRAIN."""
         return np.flatnonzero(np.isin(self.side, sides))
 
 
 @dataclass(frozen=True)
 class Views:
-    """Result of the stage `cluster`.
+    """The result of the stage `cluster`.
 
     Attributes:
-        cluster: int16 (n,) of each kept frame; NO_CLUSTER on the test side, and everywhere if
+        cluster: int16 (n,) of each kept frame; NO_CLUSTER in the test set, and everywhere if
             nothing is clustered.
         pool: int64 (n,) of each kept frame.
         viewpoints: float64 (V, 3).
@@ -129,16 +221,28 @@ class Views:
 
     @property
     def clustered(self) -> bool:
-        """Whether any frame has a cluster."""
+        """Return whether any frame has a cluster."""
         return bool((self.cluster != NO_CLUSTER).any())
 
     def unclustered(self) -> "Views":
-        """Copy without clusters."""
+        """Return a copy without clusters."""
         return replace(self, cluster=np.full_like(self.cluster, NO_CLUSTER))
+
+    def values(self) -> dict[str, Any]:
+        """Return the arrays by name, for `save_table`."""
+        return dict(vars(self))
+
+    @classmethod
+    def of_values(cls, _: Path, values: dict[str, Any]) -> "Views":
+        """Return the table of `values`."""
+        return cls(**values)
+
+
+Table = TypeVar("Table", Frames, Views)
 
 
 def network_input(excess: np.ndarray, transform: str, scale: float) -> np.ndarray:
-    """Network input float32 from counts above baseline, of the same shape.
+    """Return the network input float32, of the same shape as the counts.
 
     Args:
         excess: counts above baseline.
@@ -148,48 +252,50 @@ def network_input(excess: np.ndarray, transform: str, scale: float) -> np.ndarra
     """
     excess = np.asarray(excess, dtype=np.float32)
     if transform == "clip":
-        return np.clip(excess / np.float32(scale), 0, 1)
-    return excess if transform == "counts" else np.log1p(np.maximum(excess, 0))
+        clipped: np.ndarray = np.clip(excess / np.float32(scale), 0, 1)
+        return clipped
+    if transform == "counts":
+        return excess
+    logarithms: np.ndarray = np.log1p(np.maximum(excess, 0))
+    return logarithms
 
 
 def frame_rates(time: np.ndarray, recording: np.ndarray) -> dict[int, float]:
-    """Frames a second of each recording that has times, by its number: one over the median of its steps.
+    """Return the frames a second of each recording that has times, by its number.
+
+    It is one over the median of the steps between frames.
 
     Args:
-        time, recording: (n,) seconds and number of the recording of each frame, in the order of
-            time.
+        time: (n,) seconds, in the order of time.
+        recording: (n,) number of the recording of each frame.
     """
-    from pandas import Series  # here, since it loads slowly
+    steps_of_time = pd.Series(time).groupby(recording).diff()
+    step = steps_of_time.groupby(recording).median()
+    rates: dict[int, float] = (1 / step[step > 0]).to_dict()
+    return rates
 
-    steps = Series(time).groupby(recording).diff().groupby(recording).median()
-    return (1 / steps[steps > 0]).to_dict()
 
-
-def save_table(path: str | Path, table: Any) -> None:
-    """Write a table, an object of a dataclass, as a folder, see `tables.counts`."""
-    values = {field.name: getattr(table, field.name) for field in fields(table)}
-    counts = values.pop("counts", None)
-    plan = values.pop("plan", None)
-    if plan is not None:
-        values |= {f"{PLAN}{name}": value for name, value in asdict(plan).items()}
+def save_table(path: str | Path, table: Frames | Views) -> None:
+    """Write a table as a folder, see `tables/counts.py`."""
     with new_files(path) as part:
-        if counts is not None:
-            starts = steps(range(0, len(counts), BLOCK_FRAMES), "writing", "blocks of frames")
-            blocks = (counts[start : start + BLOCK_FRAMES] for start in starts)
+        if isinstance(table, Frames):
+            counts = table.counts
+            starts = steps(range(0, len(counts), WRITTEN_FRAMES), "writing", "blocks of frames")
+            blocks = (counts[start : start + WRITTEN_FRAMES] for start in starts)
             write_counts(part, counts.shape, counts.dtype, blocks)
-        write_columns(part, values)
+        write_columns(part, table.values())
 
 
-def load_table(path: str | Path, kind: Callable[..., Table]) -> Table:
-    """Read a table of `save_table`; counts are memory-mapped.
+def load_table(path: str | Path, kind: type[Table]) -> Table:
+    """Return a table of `save_table`; counts are memory-mapped.
+
+    Args:
+        path: its folder.
+        kind: its class.
 
     Raises:
         UserError: the table is damaged, or of a different version of the project.
     """
-    with readable(path):
-        values = read_columns(Path(path))
-        if "counts" in {field.name for field in fields(cast(Any, kind))}:
-            values["counts"] = read_counts(Path(path))
-            names = [name for name in values if name.startswith(PLAN)]
-            values["plan"] = Plan(**{name.removeprefix(PLAN): values.pop(name) for name in names})
-        return kind(**values)
+    folder = Path(path)
+    with readable(folder):
+        return kind.of_values(folder, read_columns(folder))

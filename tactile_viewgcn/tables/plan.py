@@ -1,6 +1,6 @@
 """The plan: how readings become frames, decided on the training set and applied to every recording.
 
-`frames/decide.py` makes it, `frames/apply.py` applies it, and the table of frames and the model file
+`frames/decide.py` makes it and `frames/apply.py` applies it. The table of frames and the model file
 store it.
 """
 

@@ -1,4 +1,4 @@
-"""The table of raw counts, data/recordings: every frame of every recording, from any form of source.
+"""The table of raw counts, data/recordings: every frame of every recording of a source.
 
 A reader describes recordings as a `Source`, whose frames come in blocks. `read_source` checks them
 and writes a folder, which `Recordings` reads. Counts are the sensors' raw ADC counts, or readings
@@ -31,6 +31,7 @@ from tactile_viewgcn.readers.source import (
 from tactile_viewgcn.tables.counts import (
     Counts,
     Gathered,
+    part_of,
     read_columns,
     read_counts,
     write_columns,
@@ -68,48 +69,74 @@ def _read_here(request: dict[str, Any]) -> None:
 def write_recordings(folder: Path, source: Source) -> None:
     """Write the frames of a source to a table, block by block.
 
+    Args:
+        folder: of the table.
+        source: what a reader found.
+
     Raises:
         UserError: no frames, an id out of range, or pressure that is not finite, too large or
             varies too little.
     """
-    low, high = np.full(source.shape, np.inf), np.full(source.shape, -np.inf)
-    columns: dict[str, list[np.ndarray]] = {}
-
-    def counts() -> Iterator[np.ndarray]:
-        for block in filter(lambda block: len(block["pressure"]), source.blocks):
-            for name, values in block.items():
-                check_column(name, values, block, source)
-            pressure = block["pressure"]
-            np.minimum(low, pressure.min(axis=0), out=low)
-            np.maximum(high, pressure.max(axis=0), out=high)
-            for name, dtype in COLUMNS.items():
-                if name in block:
-                    columns.setdefault(name, []).append(block[name].astype(dtype))
-            yield pressure
-
     if not source.frames:
         raise UserError(
             f"{source.path}: no frames; expected at least one recording with frames in it"
         )
     folder.mkdir(exist_ok=True)
-    write_counts(folder, (source.frames, *source.shape), source.dtype, counts())
-    if 0 < (spread := float((high - low).max())) < MIN_SPREAD:
+    blocks = _CheckedBlocks(source)
+    write_counts(folder, (source.frames, *source.shape), source.dtype, blocks)
+    spread = float((blocks.high - blocks.low).max())
+    if 0 < spread < MIN_SPREAD:
         raise UserError(
-            f"{source.path}: no sensor varies by more than {spread:.3g}; expected {MIN_SPREAD:g} or more: "
-            "rescale the readings"
+            f"{source.path}: no sensor varies by more than {spread:.3g}; expected {MIN_SPREAD:g} "
+            "or more: rescale the readings"
         )
-    values: dict[str, Any] = {name: np.concatenate(blocks) for name, blocks in columns.items()}
-    values |= {f"{kind}s": names for kind, names in source.names.items()}
-    values |= {
-        "channel_names": source.channel_names,
-        "notes": [asdict(note) for note in source.notes],
-    }
-    write_columns(folder, values | {"live": low < high})
+    values: dict[str, Any] = {name: np.concatenate(parts) for name, parts in blocks.columns.items()}
+    for kind, names in source.names.items():
+        values[f"{kind}s"] = names
+    values["channel_names"] = source.channel_names
+    values["notes"] = [asdict(note) for note in source.notes]
+    values["live"] = blocks.low < blocks.high
+    write_columns(folder, values)
+
+
+class _CheckedBlocks:
+    """The counts (n, H, W) of a source's blocks, which are checked as they are read.
+
+    Attributes:
+        low: (H, W), the smallest reading of each sensor so far.
+        high: (H, W), the largest.
+        columns: by name, the columns (n,) of the blocks so far.
+    """
+
+    def __init__(self, source: Source):
+        self.source = source
+        self.low = np.full(source.shape, np.inf)
+        self.high = np.full(source.shape, -np.inf)
+        self.columns = dict[str, list[np.ndarray]]()
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        for block in self.source.blocks:
+            if not len(block["pressure"]):
+                continue
+            for name, values in block.items():
+                check_column(name, values, block, self.source)
+            pressure = block["pressure"]
+            np.minimum(self.low, pressure.min(axis=0), out=self.low)
+            np.maximum(self.high, pressure.max(axis=0), out=self.high)
+            for name, dtype in COLUMNS.items():
+                if name in block:
+                    self.columns.setdefault(name, []).append(block[name].astype(dtype))
+            yield pressure
 
 
 @contextmanager
 def recordings_of(path: str | Path, form: Form = AUTO) -> Iterator["Recordings"]:
-    """A temporary table of the recordings at a path, see `open_source`; its errors name that path."""
+    """Give a temporary table of the recordings at a path, see `open_source`.
+
+    Args:
+        path: errors name it.
+        form: as which the source is read.
+    """
     with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
         file = Path(folder) / "recordings"
         read_source(Path(path), file, form)
@@ -120,9 +147,14 @@ def recordings_of(path: str | Path, form: Form = AUTO) -> Iterator["Recordings"]
 class Recordings:
     """The table of raw counts, which are read when they are indexed.
 
+    Its columns are arrays and no DataFrame: they are compared position by position, where pandas
+    would align them by label. Where columns are grouped, a DataFrame is made of them.
+
     Attributes:
         path: of the table, or of its source; errors name it.
-        objects, recordings, sessions: names, by index.
+        objects: names, by the column `object`.
+        recordings: names, by the column `recording`.
+        sessions: names, by the column `session`.
         counts: (T, H, W), of all frames.
         columns: one array (T,) for each column of the source, see `COLUMNS`.
         live: bool (H, W), the sensors whose counts vary.
@@ -142,42 +174,52 @@ class Recordings:
 
     @classmethod
     def read(cls, path: str | Path) -> "Recordings":
-        """The table at a path; a `UserError` where it is damaged, or of a different version of the project."""
-        path = Path(path)
-        with readable(path):
-            values = read_columns(path)
+        """Return the table at a path.
+
+        Raises:
+            UserError: it is damaged, or of a different version of the project.
+        """
+        folder = Path(path)
+        with readable(folder):
+            values = read_columns(folder)
             columns = {
                 name: values.pop(name) for name in COLUMNS if name in values or name in ALWAYS
             }
             notes = [Note(**note) for note in values.pop("notes")]
-            return cls(path, counts=read_counts(path), columns=columns, notes=notes, **values)
+            return cls(folder, counts=read_counts(folder), columns=columns, notes=notes, **values)
 
     def __len__(self) -> int:
         return len(self.counts)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(H, W) of a frame."""
+        """Return the shape (H, W) of a frame."""
         height, width = self.live.shape
         return height, width
 
     @property
     def empty_hand(self) -> np.ndarray:
-        """bool (T,): frames of recordings of the empty hand."""
-        number = self.objects.index(EMPTY_HAND) if EMPTY_HAND in self.objects else -1
-        return self.columns["object"] == number
+        """Return bool (T,): frames of recordings of the empty hand."""
+        if EMPTY_HAND not in self.objects:
+            return np.zeros(len(self), dtype=bool)
+        is_empty: np.ndarray = self.columns["object"] == self.objects.index(EMPTY_HAND)
+        return is_empty
 
     def sensor_names(self, chosen: np.ndarray) -> list[str]:
-        """Names of the chosen sensors, bool (H, W): of channels, else row and column from 1."""
+        """Return the names of sensors: of channels, else row and column from 1.
+
+        Args:
+            chosen: bool (H, W), the sensors.
+        """
         if self.channel_names:
-            return [self.channel_names[at] for at in np.flatnonzero(chosen)]
+            return [self.channel_names[index] for index in np.flatnonzero(chosen)]
         if len(chosen) == 1:
             return [f"column {number}" for number in self.sensor_numbers[chosen[0]]]
         return [f"row {row}, column {column}" for row, column in np.argwhere(chosen) + 1]
 
     @property
     def sensor_numbers(self) -> np.ndarray:
-        """The numbers (W,) from 1 of the sensors of one row among all columns of their file."""
+        """Return the numbers (W,), from 1, of the sensors of one row among their file's columns."""
         topics = ("columns", MODEL_TOPIC)
         values = [note.value for note in self.notes if note.topic in topics]
         others = [value for value in values if isinstance(value, int)]
@@ -185,33 +227,36 @@ class Recordings:
         return np.setdiff1d(numbers, others)[: self.live.size]
 
     def part(self, rows: np.ndarray) -> "Recordings":
-        """The frames in rising `rows` (n,) as a table with the same live sensors."""
-        counts = self.counts if len(rows) == len(self) else Gathered(self.counts.__getitem__, rows)
-        return replace(
-            self,
-            counts=counts,
-            columns={name: values[rows] for name, values in self.columns.items()},
-        )
+        """Return the frames in rising `rows` (n,) as a table with the same live sensors."""
+        counts = self.counts
+        if len(rows) < len(self):
+            counts = part_of(counts, rows)
+        columns = {name: values[rows] for name, values in self.columns.items()}
+        return replace(self, counts=counts, columns=columns)
 
     def varying(self, rows: np.ndarray) -> np.ndarray:
-        """bool (H, W): live sensors whose counts vary in the frames in rising `rows` (n,), one at least."""
+        """Return the live sensors whose counts vary in some frames, bool (H, W).
+
+        Args:
+            rows: rising indices (n,) of the frames, at least one.
+        """
         part = self.part(rows)
         first = part.counts[np.zeros(1, dtype=int)]
-        return self.live & np.logical_or.reduce(
-            [(counts != first).any(axis=0) for _, counts in part.blocks()]
-        )
+        varying = np.zeros(self.shape, dtype=bool)
+        for _, counts in part.blocks():
+            varying |= (counts != first).any(axis=0)
+        return self.live & varying
 
-    def live_counts(self) -> Counts:
-        """Counts (T, S) of the live sensors, read when they are indexed."""
-        sensors = np.flatnonzero(self.live)
+    def live_counts(self) -> Gathered:
+        """Return the counts (T, S) of the live sensors, read when they are indexed."""
+        return Gathered(self._counts_of_live_sensors, np.arange(len(self)))
 
-        def rows_of(index: np.ndarray) -> np.ndarray:
-            return self.counts[index].reshape(len(index), self.live.size).take(sensors, axis=1)
-
-        return Gathered(rows_of, np.arange(len(self)))
+    def _counts_of_live_sensors(self, rows: np.ndarray) -> np.ndarray:
+        counts = self.counts[rows].reshape(len(rows), self.live.size)
+        return counts.take(np.flatnonzero(self.live), axis=1)
 
     def blocks(self) -> Iterator[tuple[int, np.ndarray]]:
-        """All frames in order, as pairs of the number of the first frame and counts (n, H, W)."""
+        """Yield all frames in order, as pairs of the first frame's index and counts (n, H, W)."""
         for start in range(0, len(self), BLOCK_FRAMES):
             yield start, self.counts[start : start + BLOCK_FRAMES]
 
@@ -222,53 +267,50 @@ def in_memory(
     labels: np.ndarray,
     sessions: np.ndarray | None = None,
 ) -> Recordings:
-    """The table of n recordings of one layout, with times where all have them.
+    """Return the table of n recordings of one layout, with times where all have them.
 
     Args:
-        objects: names; labels: (n,) index of each recording's object.
+        recordings: of `recording_of`.
+        objects: names.
+        labels: (n,) index of each recording's object.
         sessions: (n,) number of each recording's session, from 0. None: each has its own, which has
             no name.
     """
-    arrays, names = (
-        [each.values["pressure"] for each in recordings],
-        [each.names["recording"] for each in recordings],
-    )
     if sessions is None:
         sessions = np.arange(len(recordings))
-        of_sessions = [NO_SESSION] * len(recordings)
+        session_names = [NO_SESSION] * len(recordings)
     else:
-        of_sessions = [f"session {number}" for number in range(int(sessions.max()) + 1)]
-    counts, row = (
-        np.concatenate(arrays),
-        np.repeat(np.arange(len(arrays)), [len(array) for array in arrays]),
-    )
+        session_names = [f"session {number}" for number in range(int(sessions.max()) + 1)]
+    arrays = [recording.values["pressure"] for recording in recordings]
+    lengths = [len(array) for array in arrays]
+    counts = np.concatenate(arrays)
+    row = np.repeat(np.arange(len(arrays)), lengths)
+    time = np.full(len(row), np.nan)
+    if all("time" in recording.values for recording in recordings):
+        clocks = [recording.values["time"] for recording in recordings]
+        time = np.concatenate([clock - clock[:1] for clock in clocks])
     columns = {
         "object": labels[row],
         "recording": row,
         "session": sessions[row],
-        "time": np.full(len(row), np.nan),
+        "time": time,
+        "frame": np.concatenate([np.arange(length) for length in lengths]),
     }
-    columns["frame"] = np.concatenate([np.arange(len(array)) for array in arrays])
-    if all("time" in each.values for each in recordings):
-        columns["time"] = np.concatenate(
-            [each.values["time"] - each.values["time"][:1] for each in recordings]
-        )
-    live, first = (counts != counts[0]).any(axis=0), recordings[0]
     return Recordings(
-        Path("X"),
-        objects,
-        names,
-        of_sessions,
-        counts,
-        columns,
-        live,
-        first.channel_names,
-        first.notes,
+        path=Path("X"),
+        objects=objects,
+        recordings=[recording.names["recording"] for recording in recordings],
+        sessions=session_names,
+        counts=counts,
+        columns=columns,
+        live=(counts != counts[0]).any(axis=0),
+        channel_names=recordings[0].channel_names,
+        notes=recordings[0].notes,
     )
 
 
 def frames_by_recording(recordings: Recordings) -> list[np.ndarray]:
-    """Indices of the frames of each recording that has any."""
+    """Return the indices of the frames of each recording that has any."""
     recording = recordings.columns["recording"]
     order = np.argsort(recording, kind="stable")
     return np.split(order, 1 + np.flatnonzero(np.diff(recording[order])))

@@ -49,7 +49,7 @@ def test_a_view_set_is_of_one_object_and_under_the_recording_protocol_of_one_gra
 ):
     frames = table()
     # three grasps each
-    split = replace(frames, group=3 * frames.recording + np.arange(len(frames)) % 12 // 4)
+    split = frames.with_columns(group=3 * frames.recording + np.arange(len(frames)) % 12 // 4)
     evaluated(f"cluster.method={method}", "evaluate.trials=3", frames=split)
     label, grasp = (column[split.on(TEST)] for column in (split.label, split.group))
     assert len(drawn) == 6 and all((label[sets] == label[sets[:, :1]]).all() for sets in drawn)
@@ -67,7 +67,7 @@ def test_trials_and_seeds_draw_other_view_sets_and_one_seed_the_same(drawn):
 def test_a_protocol_draws_view_sets_of_its_own_whatever_else_is_asked(drawn, monkeypatch):
     """Each object has one recording, so that both protocols draw from the same frames."""
     frames, asked = (
-        replace(table(), recording=table().label, group=table().label.astype(int)),
+        table().with_columns(recording=table().label, group=table().label.astype(int)),
         PROTOCOLS,
     )
     for order in (asked, asked[::-1], asked[:1]):
@@ -94,7 +94,7 @@ def test_sessions_are_new_where_the_training_has_none_of_them():
         (np.where(known, 0, table().recording % 2), False),
     ):
         _, metrics = evaluated(
-            "evaluate.trials=1", frames=replace(frames, session=session.astype(int))
+            "evaluate.trials=1", frames=frames.with_columns(session=session.astype(int))
         )
         assert metrics["new_sessions"] == new
 

@@ -48,8 +48,8 @@ def test_a_set_has_the_baseline_and_the_contact_that_preprocessing_gave_it(
     compare(recordings, made, code)
 
 
-def test_so_it_is_where_a_baseline_of_each_grasp_is_asked_for_and_no_hand_opens(tmp_path, glove):
-    """Every frame of both sets counts as contact, above the five quietest frames of its recording."""
+def test_sets_without_an_open_hand_have_it_too_where_the_baseline_is_of_each_grasp(tmp_path, glove):
+    """Every frame of both sets is in contact, above the five quietest frames of its recording."""
     held = drifting(objects=3, recordings=2, grasps=2)
     held.counts[:] = held.baseline + 30 + np.random.default_rng(0).normal(0, 9, held.counts.shape)
     recordings, made = made_of(tmp_path / "t", held, "grasp", "none", has_empty_hand=False)

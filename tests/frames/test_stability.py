@@ -7,6 +7,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from benchmarks.stability.rows import max_rel_error, share_different
@@ -36,8 +37,8 @@ def input_error(counts, baseline=None, transform="clip"):
     or another.
     """
     mean = table().baseline_mean[:1] if baseline is None else baseline
-    of_frame = np.zeros(len(counts), dtype=int)
-    frames = replace(table(), counts=counts, baseline=of_frame, baseline_mean=mean)
+    columns = pd.DataFrame({"baseline": np.zeros(len(counts), dtype=int)})
+    frames = replace(table(), counts=counts, columns=columns, baseline_mean=mean)
     frames = with_settings(frames, transform=transform)
     excess = counts.astype(np.float64) - mean.astype(np.float64)
     exact = (

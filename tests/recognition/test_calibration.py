@@ -100,7 +100,7 @@ def test_a_network_s_probabilities_are_as_often_right_as_they_say():
         confidence.append(np.exp(logarithms.max()))
         right.append(logarithms.argmax() == frames.label[rows[0]])
     assert np.mean(confidence) == pytest.approx((sum(right) + 1) / (len(right) + 2), abs=0.12)
-    others = replace(frames, label=np.where(frames.side == VALIDATION, frames.label, 0))
+    others = frames.with_columns(label=np.where(frames.side == VALIDATION, frames.label, 0))
     assert network_temperature(network, others, CPU) == temperature
 
 

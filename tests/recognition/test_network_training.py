@@ -55,7 +55,7 @@ def test_the_member_is_the_preset_s_network():
 def test_the_work_is_the_anchors_readings_in_every_epoch_of_every_training():
     """Two folds of three of 20 recordings, each with 12 frames of 12 x 12, half of them anchors."""
     frames = table(FOLDS)
-    halved = replace(frames, anchor=np.arange(len(frames)) % 2 == 0)
+    halved = frames.with_columns(anchor=np.arange(len(frames)) % 2 == 0)
     made = training(halved)
     count = len(made.recordings)
     folds = [np.arange(count) < 3, np.arange(count) >= count - 3]
@@ -77,9 +77,8 @@ def names(one):
 def dealt():
     """The frames with wrong labels in every third recording, so that every member errs."""
     frames = table(FOLDS)
-    return replace(
-        frames, label=np.where(frames.recording % 3 == 0, frames.label // 2, frames.label)
-    )
+    label = np.where(frames.recording % 3 == 0, frames.label // 2, frames.label)
+    return frames.with_columns(label=label)
 
 
 @pytest.fixture

@@ -171,7 +171,7 @@ def test_a_network_joins_an_arrays_members_where_its_work_is_allowed(monkeypatch
     dealt = np.where(
         frames.recording % 3 == 0, (frames.label + frames.recording // 6) % 4, frames.label
     )
-    one = fitted(replace(frames, label=dealt.astype(frames.label.dtype)), "model.members=auto")
+    one = fitted(frames.with_columns(label=dealt.astype(frames.label.dtype)), "model.members=auto")
     joins = read == 1.0
     assert (NETWORK in one.model.members) == joins
     first, *_ = [note for note in one.notes if note.key == "model.members"]
@@ -222,7 +222,7 @@ def test_the_error_for_a_new_session_is_of_fits_that_know_other_sessions_alone()
     session = frames.recording % 2
     rows = np.arange(12)[:, None] == (4 * session + frames.label)[:, None, None]
     counts = (frames.counts + 200 * rows).astype(np.int16)
-    changed = replace(frames, session=session, sessions=["a", "b"], counts=counts)
+    changed = replace(frames.with_columns(session=session), sessions=["a", "b"], counts=counts)
     one = fitted(changed, "model.members=[svm]")
     (note,) = (note for note in one.notes if note.topic == "new session")
     assert note.value["mean"] > 0.3
@@ -242,7 +242,8 @@ def test_channels_and_arrays_are_weighed_and_the_test_side_changes_nothing():
     frames, few = table("split.folds=6"), table().live & (np.arange(12)[:, None] < 3)
     trained = frames.side != TEST
     changed = replace(
-        frames, label=frames.label * trained, counts=frames.counts * trained[:, None, None]
+        frames.with_columns(label=frames.label * trained),
+        counts=frames.counts * trained[:, None, None],
     )
     one, other = (fitted(each, "model.members=auto") for each in (frames, changed))
     assert (
@@ -251,7 +252,7 @@ def test_channels_and_arrays_are_weighed_and_the_test_side_changes_nothing():
     assert set(one.model.members) <= {*ARRAY} and len(set(one.classifier.weights.values())) > 1
     channels = fitted(replace(frames, plan=replace(frames.plan, live=few)), "model.members=auto")
     assert set(channels.model.members) <= {*CHANNELS} and channels.temperature > 0
-    one_group = replace(frames, group=frames.label.astype(np.int64))
+    one_group = frames.with_columns(group=frames.label.astype(np.int64))
     alone = fitted(one_group, "model.members=auto")
     assert alone.model.members == UNWEIGHED and set(alone.classifier.weights.values()) == {1.0}
     assert alone.temperature is None and "without a comparison" in alone.notes[0].text

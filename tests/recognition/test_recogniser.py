@@ -212,7 +212,7 @@ def test_the_weakest_readings_are_of_objects_and_the_rates_the_lowest_and_the_hi
     changed = replace(
         frames, counts=np.where(empty[:, None, None], 0, frames.counts).astype(np.int16)
     )
-    plan = measured_on(replace(changed, time=frame / (10 + frames.label)))
+    plan = measured_on(changed.with_columns(time=frame / (10 + frames.label)))
     weakest, strongest = np.transpose(plan.strong_readings)
     expected_weakest, expected_strongest = np.transpose(measured_on(frames).strong_readings)
     np.testing.assert_array_equal(weakest, expected_weakest)
@@ -243,9 +243,8 @@ def test_a_session_with_many_baselines_has_their_mean():
     # two grasps in session one, one in session two; the fourth is of the test
     number = np.arange(len(table())) % 3
     number[table().on(TEST)] = 3
-    many = replace(
-        table(), session=(number == 2).astype(int), sessions=["one", "two", "none"], baseline=number
-    )
+    many = table().with_columns(session=(number == 2).astype(int), baseline=number)
+    many = replace(many, sessions=["one", "two", "none"])
     plan = measured_on(replace(many, baseline_mean=means))
     assert plan.sessions == ["one", "two"]
     assert (plan.baselines[0] == 512).all() and (plan.baselines[1] == 520).all()

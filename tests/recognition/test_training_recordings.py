@@ -14,7 +14,7 @@ from tests.glove_data import table
 def test_a_recording_has_its_frames_in_order_and_one_object_and_split_group():
     frames = table()
     # two in each recording
-    split = replace(frames, group=2 * frames.group + (np.arange(len(frames)) % 12 >= 6))
+    split = frames.with_columns(group=2 * frames.group + (np.arange(len(frames)) % 12 >= 6))
     recordings, train = training_recordings(split), split.on(TRAIN)
     assert np.array_equal(np.sort(np.concatenate(recordings)), train)
     for index in recordings:
