@@ -1,4 +1,4 @@
-"""Train, validation and test sides by groups of frames, and anchors."""
+"""Training, validation and test sets by groups of frames, and anchors."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from tactile_viewgcn.frames.split import (
     published_test,
     split_groups,
     surplus_groups,
-    validation_sides,
+    with_validation_set,
 )
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 
@@ -43,7 +43,7 @@ def test_groups_are_numbered_in_the_order_of_the_recordings():
     assert split_groups(columns, "session").tolist() == [1, 1, 0, 0, 0, 0]
 
 
-def test_the_published_validation_is_tested_where_there_is_no_test_side():
+def test_the_published_validation_is_tested_where_there_is_no_test_set():
     assert published_test(np.array([TRAIN, TEST, VALIDATION])).tolist() == [False, True, False]
     assert published_test(np.array([TRAIN, TRAIN, VALIDATION])).tolist() == [False, False, True]
 
@@ -92,14 +92,14 @@ def test_a_deal_shuffles_the_groups_of_each_class_independently_of_other_classes
 @given(
     st.tuples(*(st.integers(1, most) for most in (4, 4, 3))), st.integers(2, 5), st.integers(0, 9)
 )
-def test_every_group_is_on_one_side_and_is_tested_in_exactly_one_fold(by, size, folds, deal):
+def test_every_group_is_in_one_set_and_is_tested_in_exactly_one_fold(by, size, folds, deal):
     columns = made(*size)
     groups, label, across = split_groups(columns, by), columns["object"], by == "session"
     times = np.zeros(len(label), dtype=int)
     for fold in range(folds):
         inside = in_fold(groups, label, folds=folds, fold=fold, across=across, deal=deal)
         side = np.where(inside, TEST, TRAIN).astype(np.int8)
-        side = validation_sides(
+        side = with_validation_set(
             side, groups, label, share=0.2, across=across, rng=np.random.default_rng(0)
         )
         assert len(np.unique(np.stack([groups, side]), axis=1).T) == len(np.unique(groups))
@@ -129,7 +129,7 @@ def test_a_share_of_each_class_s_training_groups_is_drawn_and_the_last_stays(
     groups, labels = np.concatenate([each, each + 100 * (not across)]), np.repeat([0, 1], len(each))
     side = np.tile(np.where(each < tested, TEST, TRAIN), 2).astype(np.int8)
     for seed in range(6):
-        drawn = validation_sides(
+        drawn = with_validation_set(
             side, groups, labels, share=share, across=across, rng=np.random.default_rng(seed)
         )
         of_class = [
@@ -147,7 +147,7 @@ def test_anchors_number_the_smallest_class_or_the_minimum_or_all_there_are(sizes
     side = np.repeat([TRAIN] * 3 + [VALIDATION] * 3, sizes)
     keep = np.arange(len(side)) % 3 > 0
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "MINIMUM", minimum)
+        patch.setattr(module, "FEWEST_ANCHORS", minimum)
         anchor = draw_anchors(
             {"object": labels}, side, keep, np.random.default_rng(0), published=False
         )
@@ -162,7 +162,7 @@ def test_anchors_number_the_smallest_class_or_the_minimum_or_all_there_are(sizes
 
 
 def test_every_frame_is_as_often_an_anchor(monkeypatch):
-    monkeypatch.setattr(module, "MINIMUM", 5)
+    monkeypatch.setattr(module, "FEWEST_ANCHORS", 5)
     side, keep, rng = np.full(22, TRAIN), np.ones(22, bool), np.random.default_rng(0)
     columns = {"object": np.repeat([0, 1], [20, 2])}
     share = np.mean(
@@ -171,7 +171,7 @@ def test_every_frame_is_as_often_an_anchor(monkeypatch):
     np.testing.assert_allclose(share, np.repeat([0.25, 1], [20, 2]), atol=0.06)
 
 
-def test_surplus_groups_are_those_after_the_first_of_each_class_on_the_training_side():
+def test_surplus_groups_are_those_after_the_first_of_each_class_in_the_training_set():
     side = np.array([TRAIN] * 8 + [VALIDATION] * 2 + [TEST] * 2)
     groups = np.array([4, 4, 2, 9, 9, 5, 7, 8, 1, 3, 0, 6])
     labels = np.array([0, 0, 0, 0, 0, 1, 1, 1, 0, 1, 0, 1])
