@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sklearn.model_selection import GroupShuffleSplit, StratifiedGroupKFold
 
 from tactile_viewgcn.frames import split as module
 from tactile_viewgcn.frames.folds import complete_folds, in_fold, left_out
@@ -187,6 +188,43 @@ def test_what_a_fit_answers_is_left_out_of_it_and_every_class_stays_in():
     groups, labels = np.array([0, 1, 2, 0, 1, 2, 0, 3, 3]), np.repeat([0, 1, 2], 3)
     masks = left_out(groups, labels, 3)
     assert [np.flatnonzero(left).tolist() for left in masks] == [[0, 3], [1, 4], [2, 5]]
+
+
+def test_every_class_keeps_a_group_where_folds_of_scikit_learn_would_take_all():
+    """If this fails for the library's folds, they may take the place of ours."""
+    # three recordings of each object, as simulated, and five folds
+    groups = np.arange(12)
+    labels = np.repeat([0, 1, 2, 3], 3)
+    masks = complete_folds(groups, labels, 5)
+    assert np.sum(masks, axis=0).tolist() == [1] * 12
+    assert all(set(labels[~held_out]) == {0, 1, 2, 3} for held_out in masks)
+    with pytest.raises(ValueError, match="cannot be greater than the number of members"):
+        list(StratifiedGroupKFold(5).split(groups, labels, groups))
+    # each object is in two or three of six sessions
+    session = np.array([5, 0, 5, 0, 1, 2, 4, 4, 5, 3, 2, 3, 1])
+    label = np.array([0, 0, 1, 1, 1, 2, 2, 3, 3, 3, 4, 4, 4])
+    masks = complete_folds(session, label, 2)
+    assert np.sum(masks, axis=0).tolist() == [1] * 13
+    assert all(set(label[~held_out]) == set(label) for held_out in masks)
+    folds = StratifiedGroupKFold(2).split(session, label, session)
+    assert any(set(label[training]) != set(label) for training, _ in folds)
+
+
+def test_a_class_keeps_a_training_group_where_the_groups_of_all_are_drawn_at_once():
+    """`GroupShuffleSplit` takes both groups of class 2 in some draws."""
+    groups = np.arange(12)
+    labels = np.repeat([0, 1, 2], [6, 4, 2])
+    side = np.full(12, TRAIN)
+    lost = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        drawn = with_validation_set(side, groups, labels, share=0.5, across=False, rng=rng)
+        trained = [int(np.sum((drawn == TRAIN) & (labels == label))) for label in range(3)]
+        assert trained == [3, 2, 1]
+        shuffled = GroupShuffleSplit(1, test_size=0.5, random_state=seed)
+        kept, _ = next(shuffled.split(groups, labels, groups))
+        lost += 2 not in labels[kept]
+    assert lost > 0
 
 
 def test_complete_folds_hold_out_every_class_of_two_groups_and_are_those_of_left_out_where_these_do():
