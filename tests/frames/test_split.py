@@ -227,7 +227,7 @@ def test_a_class_keeps_a_training_group_where_the_groups_of_all_are_drawn_at_onc
     assert lost > 0
 
 
-def test_complete_folds_hold_out_every_class_of_two_groups_and_are_those_of_left_out_where_these_do():
+def test_complete_folds_hold_out_every_class_of_two_groups_in_turn_where_that_is_enough():
     for seed in range(200):
         rng = np.random.default_rng(seed)
         classes, spanning, folds = rng.integers(1, 9), rng.integers(2, 10), int(rng.integers(2, 5))

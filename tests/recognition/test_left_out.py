@@ -99,7 +99,7 @@ def test_a_member_that_errs_more_weighs_less_and_one_that_adds_nothing_is_left_o
     assert alike["svm"] == pytest.approx(alike["kernel"], rel=1e-3)
 
 
-def test_a_member_of_less_than_a_tenth_of_the_largest_weight_is_left_out_and_the_others_are_weighed_anew(
+def test_a_member_of_little_weight_is_left_out_and_the_others_are_weighed_anew(
     monkeypatch,
 ):
     """Weights of four members, and of three once the fourth is gone."""

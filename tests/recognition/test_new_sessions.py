@@ -29,7 +29,7 @@ def frames(trained, tested):
 
 
 def left_out(sessions, *, knows=False):
-    """Estimators that are right about the sessions that they were fitted to, or about all others."""
+    """Estimators that are right about the sessions that they were fitted to, or all others."""
     return LeftOut(Answers(LABELS, np.asarray(sessions), knows=knows), np.asarray(sessions), 0)
 
 

@@ -86,8 +86,8 @@ def test_one_run_has_the_errors_for_a_new_recording_and_for_a_new_person(
             and percent_interval(*(each[key] for key in ("mean", "low", "high"))) in text
         )
     assert (
-        f"not yet reliable. The whole interval lies below the error of guessing. For {NEW} it errs more"
-        in text
+        "not yet reliable. The whole interval lies below the error of guessing. "
+        f"For {NEW} it errs more" in text
     )
     assert "-S split.by=session" in text
 
