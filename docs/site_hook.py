@@ -1,4 +1,7 @@
-"""Put the committed results of studies/ and benchmarks/ on the site, so that no table or picture is copied by hand."""
+"""Put the committed results of studies/ and benchmarks/ on the site.
+
+So no table or picture is copied by hand.
+"""
 
 from pathlib import Path
 
@@ -13,7 +16,10 @@ WORDS = "tactile_viewgcn/pages/templates/words.md"
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add every studies/NAME/*.md and *.png, and those of benchmarks/, under the same path, and the glossary."""
+    """Add the tables and pictures of studies/ and benchmarks/, and the glossary.
+
+    Each studies/NAME/*.md and *.png keeps its path, as do those of benchmarks/.
+    """
     files.append(File.generated(config, "words.md", abs_src_path=str(ROOT / WORDS)))
     for folder in FOLDERS:
         for path in sorted((ROOT / folder).glob("*/*")):

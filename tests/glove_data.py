@@ -43,9 +43,15 @@ COLUMN_DEFAULTS = {"object": 0, "recording": 0, "session": 0, "time": 0.0}
 
 
 def source(
-    counts: np.ndarray, *, cuts: Sequence[int] = (), dtype: type | None = None, objects: Sequence[str] = (),
-    recordings: Sequence[str] = (), sessions: Sequence[str] = (), **columns: np.ndarray | float,
-) -> Source:  # fmt: skip
+    counts: np.ndarray,
+    *,
+    cuts: Sequence[int] = (),
+    dtype: type | None = None,
+    objects: Sequence[str] = (),
+    recordings: Sequence[str] = (),
+    sessions: Sequence[str] = (),
+    **columns: np.ndarray | float,
+) -> Source:
     """A source at the path `glove` of counts (T, H, W), in blocks that end at `cuts`.
 
     Columns are (T,) or one value for all frames; missing names are made up for the ids, the first
@@ -304,9 +310,13 @@ PRESSURE = 60.0  # counts of the dense array
 
 
 def _saved(
-    folder: Path, counts_of: Callable[[int], np.ndarray], *, rate: float, names: str | list[str] = "o",
+    folder: Path,
+    counts_of: Callable[[int], np.ndarray],
+    *,
+    rate: float,
+    names: str | list[str] = "o",
     recordings: int = FOREIGN_RECORDINGS,
-) -> Path:  # fmt: skip
+) -> Path:
     """`recordings` of each object at `rate` Hz, in two sessions; `counts_of` gives those of an
     object's next one.
     """
@@ -386,9 +396,17 @@ def dense(folder: Path, *, side: int = 8) -> Path:
 # the rows and columns of STAG's frame that the small glove has
 CORNER = (slice(0, 12), slice(12, 24))
 SMALL = (
-    "views=4", "split.by=recording", "cluster.restarts=2", "pretrain.epochs=4", "pretrain.batch=8", "finetune.epochs=1",
-    "finetune.lr=2e-3", "finetune.batch=8", "finetune.feature_reuse=1", "evaluate.trials=3",
-)  # fmt: skip
+    "views=4",
+    "split.by=recording",
+    "cluster.restarts=2",
+    "pretrain.epochs=4",
+    "pretrain.batch=8",
+    "finetune.epochs=1",
+    "finetune.lr=2e-3",
+    "finetune.batch=8",
+    "finetune.feature_reuse=1",
+    "evaluate.trials=3",
+)
 
 
 def recipe(*changes: str) -> Params:
@@ -424,7 +442,7 @@ def with_settings(frames: Frames, **settings: object) -> Frames:
 
 
 def fewer_anchors(frames: Frames, every: int) -> Frames:
-    """The same table with each `every`-th anchor only, for trainings whose result does not matter."""
+    """The same table with each `every`-th anchor only, where no result of a training matters."""
     anchor = np.zeros_like(frames.anchor)
     anchor[np.flatnonzero(frames.anchor)[::every]] = True
     return frames.with_columns(anchor=anchor)

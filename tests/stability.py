@@ -24,9 +24,13 @@ if TYPE_CHECKING:
 
 TESTS = Path(__file__).parent
 ROWS = pytest.StashKey[list[dict]]()
-ABOUT = """`error` is the largest difference from a reference in double precision, or an exact one, relative to the
-largest number there, unless its quantity says what is counted. A row is `right` with an error of no more than its
-tolerance, and `refused` where the project says in one line that it does not do that."""
+ABOUT = (
+    "`error` is the largest difference from a reference in double precision, or an exact one, "
+    "relative to the\n"
+    "largest number there, unless its quantity says what is counted. A row is `right` with an "
+    "error of no more than its\n"
+    "tolerance, and `refused` where the project says in one line that it does not do that."
+)
 
 
 class Rows:
@@ -96,7 +100,8 @@ def subject(request: pytest.FixtureRequest) -> "Subject":
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    words = "Write the stability table into this folder, and check the network that the last `dvc repro` trained."
+    words = "Write the stability table into this folder, and check the network that the last "
+    words += "`dvc repro` trained."
     parser.addoption("--table", type=Path, help=words)
 
 
@@ -111,7 +116,8 @@ def pytest_terminal_summary(
         Counter(one["verdict"] for one in rows),
         {(one["part"], one["check"]) for one in rows},
     )
-    total = f"{len(rows)} quantities of {len(checks)} checks: {counts[RIGHT]} {RIGHT}, {counts[REFUSED]} {REFUSED}."
+    total = f"{len(rows)} quantities of {len(checks)} checks: "
+    total += f"{counts[RIGHT]} {RIGHT}, {counts[REFUSED]} {REFUSED}."
     if folder and not {"failed", "error"} & terminalreporter.stats.keys():
         from benchmarks.command import write_table
 

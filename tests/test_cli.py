@@ -36,7 +36,7 @@ def glove(folder, *names, number=2, shape=(20, 4, 4)):
     return folder
 
 
-def test_inspect_takes_the_folder_that_it_is_called_in_and_hands_the_layout_of_arrays_on_to_the_command(
+def test_inspect_takes_the_folder_that_it_is_called_in_and_hands_the_layout_on_to_the_command(
     tmp_path,
 ):
     source = glove(tmp_path / "glove", "mug", "pen", shape=(20, 16))
@@ -87,7 +87,8 @@ def test_preset_prints_options_of_dvc_and_one_that_dvc_refuses_for_an_unknown_na
 
 def test_a_command_that_needs_a_missing_library_names_the_extra_in_one_line():
     program = (
-        "import sys; sys.modules |= {'dvc': None, 'mlflow': None}; sys.argv = ['tactile-viewgcn', 'report', 'exp-1']\n"
+        "import sys; sys.modules |= {'dvc': None, 'mlflow': None}\n"
+        "sys.argv = ['tactile-viewgcn', 'report', 'exp-1']\n"
         "from tactile_viewgcn.cli import main; main()"
     )
     result = subprocess.run(

@@ -132,7 +132,8 @@ def test_a_command_of_the_package_runs(command, place):
 def test_a_program_runs(page, program, place, monkeypatch, tmp_path):
     if "import mlflow" in program:
         pytest.skip(
-            "needs a model in an MLflow store; tests/recognition/test_mlflow_model.py loads one the same way"
+            "needs a model in an MLflow store; "
+            "tests/recognition/test_mlflow_model.py loads one the same way"
         )
     monkeypatch.chdir(place)
     (tmp_path / "program.py").write_text(program)

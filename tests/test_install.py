@@ -14,7 +14,8 @@ import tactile_viewgcn
 assert "torch" not in sys.modules
 from tactile_viewgcn import TactileClassifier
 X = [[[at * sign] for at in range(9)] for sign in (1, -1, 1.1, -1.2)]
-print(tactile_viewgcn.__file__, TactileClassifier(preset="best", system="svm").fit(X, [1, 2, 1, 2]).predict(X[:2]))
+fitted = TactileClassifier(preset="best", system="svm").fit(X, [1, 2, 1, 2])
+print(tactile_viewgcn.__file__, fitted.predict(X[:2]))
 from tactile_viewgcn.cli import cli
 cli(["inspect", "glove", "--html", "page.html"])
 """

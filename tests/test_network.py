@@ -29,9 +29,12 @@ def test_logits_of_inputs_that_are_large_denormal_or_the_same_everywhere(row, su
     inputs = subject.inputs(32)
     sets = subject.sets(inputs)
     kinds = {
-        "10,000 times": 1e4 * inputs, "1e-4 times": 1e-4 * inputs, "denormals": 1e-40 * (inputs > 0),
-        "1e-30": np.full_like(inputs, 1e-30), "all one": np.ones_like(inputs),
-    }  # fmt: skip
+        "10,000 times": 1e4 * inputs,
+        "1e-4 times": 1e-4 * inputs,
+        "denormals": 1e-40 * (inputs > 0),
+        "1e-30": np.full_like(inputs, 1e-30),
+        "all one": np.ones_like(inputs),
+    }
     for name, values in kinds.items():
         both = subject.single_and_exact(values.astype(np.float32), sets)
         row(f"logits, {name}", max_rel_error(*both), SINGLE)

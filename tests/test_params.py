@@ -43,10 +43,11 @@ def refusal(*changes, path=FILE):
 
 def test_the_shipped_file_is_the_recipe_of_the_paper():
     recipe = (
-        "views=8 split.by=source cluster.method=kmeans cluster.scope=object pretrain.epochs=30 pretrain.lr=5e-3 "
-        "pretrain.weight_decay=1e-4 pretrain.step_size=10 pretrain.batch=32 pretrain.noise=0.015 model.neighbours=4 "
-        "finetune.epochs=15 finetune.optimiser=sgd finetune.lr_backbone=1e-4 finetune.lr=5e-4 finetune.batch=20 "
-        "evaluate.trials=10"
+        "views=8 split.by=source cluster.method=kmeans cluster.scope=object "
+        "pretrain.epochs=30 pretrain.lr=5e-3 pretrain.weight_decay=1e-4 pretrain.step_size=10 "
+        "pretrain.batch=32 pretrain.noise=0.015 model.neighbours=4 "
+        "finetune.epochs=15 finetune.optimiser=sgd finetune.lr_backbone=1e-4 finetune.lr=5e-4 "
+        "finetune.batch=20 evaluate.trials=10"
     )
     assert params(*recipe.split()) == params()
 

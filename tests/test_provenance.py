@@ -1,4 +1,4 @@
-"""Names of runs and the revision of their code: what differs from the params.yaml that git holds."""
+"""Names of runs and the revision of their code: what differs from git's params.yaml."""
 
 import subprocess
 import sys

@@ -1,6 +1,11 @@
-"""Folds: groups of frames, or of recordings, that are held out together."""
+"""Folds: groups of frames, or of recordings, that are held out together.
+
+These are not the folds of scikit-learn's `StratifiedGroupKFold`: it refuses classes that all have
+fewer groups than folds, and may hold out all groups of a class at once.
+"""
 
 import numpy as np
+import pandas as pd
 
 from tactile_viewgcn.randomness import stream
 
@@ -8,91 +13,125 @@ from tactile_viewgcn.randomness import stream
 def in_fold(
     groups: np.ndarray, labels: np.ndarray, *, folds: int, fold: int, across: bool, deal: int = 0
 ) -> np.ndarray:
-    """bool (n,): the i-th group of a class is in the fold if i modulo `folds` is `fold`.
+    """Return the members bool (n,) of one fold.
 
-    The only group of a class is in no fold, so that the class can be learnt.
+    The i-th group of a class is in the fold if i modulo `folds` is `fold`. The only group of a
+    class is in no fold, so that the class can be learnt.
 
     Args:
-        groups: (n,) split groups.
-        labels: (n,) classes; the groups of each class are counted by themselves.
+        groups: (n,), split groups.
+        labels: (n,), classes; the groups of each class are counted by themselves.
+        folds: number of folds.
+        fold: number of the fold, from 0.
         across: groups span classes, as sessions do, and are counted once for all classes.
         deal: 0 counts the groups in their order; any other number in a random order, the same for
             all folds.
     """
     inside = np.zeros(len(groups), dtype=bool)
-    for label, of_class in each_class(labels, across):
+    for label, of_class in members_by_class(labels, across=across):
         order = np.unique(groups[of_class])
         if len(order) == 1 and not across:
             continue
-        if deal:
-            order = stream(deal, "split.deal", *([] if across else [label])).permutation(order)
+        if deal and across:
+            order = stream(deal, "split.deal").permutation(order)
+        elif deal:
+            order = stream(deal, "split.deal", label).permutation(order)
         inside |= of_class & np.isin(groups, order[fold::folds])
     return inside
 
 
 def left_out(groups: np.ndarray, labels: np.ndarray, folds: int) -> list[np.ndarray]:
-    """Masks bool (n,) of what is left out of a fit that then answers it, one for each fold that leaves out anything.
+    """Return masks bool (n,) of what is held out, one for each fold that holds out anything.
 
-    What would take the last group of its class out of the fit stays in.
+    What would take the last group of its class out of the training set is not held out.
+
+    Args:
+        groups: (n,), groups.
+        labels: (n,), classes.
+        folds: number of folds, at least 2.
     """
-    across, masks = spans_classes(groups, labels), list[np.ndarray]()
+    across = spans_classes(groups, labels)
+    masks = list[np.ndarray]()
     for fold in range(folds):
-        left = in_fold(groups, labels, folds=folds, fold=fold, across=across)
-        left &= np.isin(labels, labels[~left])
-        if left.any():
-            masks.append(left)
+        held_out = in_fold(groups, labels, folds=folds, fold=fold, across=across)
+        held_out &= np.isin(labels, labels[~held_out])
+        if held_out.any():
+            masks.append(held_out)
     return masks
 
 
 def complete_folds(groups: np.ndarray, labels: np.ndarray, folds: int) -> list[np.ndarray]:
-    """Masks bool (n,), one for each fold, that together hold out every member of a class of two groups or more.
+    """Return masks bool (n,), one for each fold, that hold out every class of two groups or more.
 
-    Where groups span classes, `left_out` may find all groups of a class in one fold, and never
-    holds it out. Here a group goes to the fold that has the fewest groups of its classes, the first
-    of several. A fold never gets the last group of a class whose other groups it has: that class
-    could not be learnt. Where every fold would, there is one fold more.
+    Each member of such a class is in exactly one mask. A group goes to the fold that has the fewest
+    groups of its classes, the first of several. A fold never gets the last group of a class whose
+    other groups it has: that class could not be learnt. Where every fold would, there is one fold
+    more. Where groups do not span classes, these are the folds of `in_fold`.
 
-    A class of a single group is in no mask.
+    A class of a single group is in no mask, even if the group is held out for other classes.
 
     Args:
-        groups: (n,) groups, each of which is held out as a whole.
-        labels: (n,) classes.
+        groups: (n,), groups, each of which is held out as a whole.
+        labels: (n,), classes.
         folds: number of folds, at least 2; there may be more or fewer masks.
     """
-    pairs = np.unique(np.stack([groups, labels]), axis=1)
-    classes, class_of_pair, groups_of_class = np.unique(
-        pairs[1], return_inverse=True, return_counts=True
-    )
-    not_dealt = groups_of_class.copy()
-    dealt = np.zeros((len(classes), folds), dtype=np.int64)  # number of groups by class and fold
-    fold_of_group: dict[int, int] = {}
-    distinct, first_pair = np.unique(pairs[0], return_index=True)
-    classes_by_group = np.split(class_of_pair, first_pair[1:])
-    for group, in_group in zip(distinct.tolist(), classes_by_group, strict=True):
-        in_group = in_group[groups_of_class[in_group] > 1]
-        if not len(in_group):
-            continue
-        last = in_group[not_dealt[in_group] == 1]
-        has_all_others = (dealt[last] == groups_of_class[last, None] - 1).any(axis=0)
-        if has_all_others.all():
-            dealt = np.pad(dealt, ((0, 0), (0, 1)))
-            has_all_others = np.append(has_all_others, False)
-        of_its_classes = dealt[in_group].sum(axis=0)
-        fold = int(np.where(has_all_others, np.iinfo(np.int64).max, of_its_classes).argmin())
-        dealt[in_group, fold] += 1
-        not_dealt[in_group] -= 1
-        fold_of_group[group] = fold
+    number = pd.factorize(labels, sort=True)[0]
+    pairs = pd.DataFrame({"group": groups, "label": number}).drop_duplicates()
+    groups_of_class = np.bincount(pairs["label"])
+    is_repeated = groups_of_class > 1
+    pairs = pairs[is_repeated[pairs["label"]]].sort_values("group")
+    fold_of_group = _deal_groups(pairs, groups_of_class, folds)
     fold_of_row = np.array([fold_of_group.get(group, -1) for group in groups.tolist()])
-    fold_of_row[groups_of_class[np.searchsorted(classes, labels)] == 1] = -1
-    return [fold_of_row == fold for fold in range(dealt.shape[1]) if (fold_of_row == fold).any()]
+    fold_of_row[~is_repeated[number]] = -1
+    return [fold_of_row == fold for fold in np.unique(fold_of_row) if fold >= 0]
+
+
+def _deal_groups(pairs: pd.DataFrame, groups_of_class: np.ndarray, folds: int) -> dict[int, int]:
+    """Return the fold of each group, see `complete_folds`.
+
+    Args:
+        pairs: `group` and `label`, once for each class of a group, by rising groups.
+        groups_of_class: number of groups of each class.
+        folds: number of folds; there may be more.
+    """
+    fold_of_group = dict[int, int]()
+    if pairs.empty:
+        return fold_of_group
+    dealt = np.zeros((len(groups_of_class), folds), dtype=np.int64)  # groups by class and fold
+    distinct, begins = np.unique(pairs["group"], return_index=True)
+    labels_of_group = np.split(pairs["label"].to_numpy(), begins[1:])
+    for group, labels in zip(distinct.tolist(), labels_of_group, strict=True):
+        has_all_others = dealt[labels] == groups_of_class[labels, None] - 1
+        is_forbidden = has_all_others.any(axis=0)
+        if is_forbidden.all():
+            dealt = np.pad(dealt, ((0, 0), (0, 1)))
+            is_forbidden = np.append(is_forbidden, False)
+        allowed = np.flatnonzero(~is_forbidden)
+        groups_of_its_classes = dealt[labels].sum(axis=0)
+        fold = int(allowed[groups_of_its_classes[allowed].argmin()])
+        dealt[labels, fold] += 1
+        fold_of_group[group] = fold
+    return fold_of_group
 
 
 def spans_classes(groups: np.ndarray, labels: np.ndarray) -> bool:
-    """Whether a group (n,) has members of several classes (n,), as a session has."""
-    return len(np.unique(np.stack([groups, labels]), axis=1).T) > len(np.unique(groups))
+    """Return whether a group has members of several classes, as a session has.
+
+    Args:
+        groups: (n,), groups.
+        labels: (n,), classes.
+    """
+    pairs = pd.DataFrame({"group": groups, "label": labels}).drop_duplicates()
+    return bool(pairs["group"].duplicated().any())
 
 
-def each_class(labels: np.ndarray, across: bool = False) -> list[tuple[int, np.ndarray]]:
-    """Each class and its members bool (n,); with `across` all of them at once."""
-    labels = np.zeros_like(labels) if across else labels
+def members_by_class(labels: np.ndarray, *, across: bool = False) -> list[tuple[int, np.ndarray]]:
+    """Return each class and its members bool (n,).
+
+    Args:
+        labels: (n,), classes.
+        across: all members are of one class, 0.
+    """
+    if across:
+        return [(0, np.ones(len(labels), dtype=bool))]
     return [(int(label), labels == label) for label in np.unique(labels)]

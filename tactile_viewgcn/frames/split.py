@@ -1,34 +1,40 @@
-"""The sides of the split and the anchors on them.
+"""The split into training, validation and test set, and the anchors in them.
 
 Frames of one recording resemble each other far more than frames of two, so all frames of a split
-group (a recording, a grasp, a session) are on one side. The published split is the exception: its
-sides are used as they are, and the number of recordings on both of them is reported. No reading is
+group (a recording, a grasp, a session) are in one set. The published split is the exception: its
+sets are used as they are, and the number of recordings in both of them is reported. No reading is
 looked at.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
-from tactile_viewgcn.frames.folds import each_class, in_fold, spans_classes
+from tactile_viewgcn.frames.folds import in_fold, members_by_class, spans_classes
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.params import SIDES, TEST, TRAIN, VALIDATION, Split
 from tactile_viewgcn.tables.recordings import Recordings
 
-MINIMUM = 100  # anchors that a class keeps at least; a class with fewer frames uses all of them
+# anchors that a class keeps at least; a class with fewer frames uses all of them
+FEWEST_ANCHORS = 100
 # of anchors and validation groups, so that these are the same for every value of `seed`
 SPLIT_SEED = 0
+COLUMN_OF = {"grasp": "grasp", "source": "split"}  # that a value of `split.by` needs
+SET_NAMES = {TRAIN: "training", VALIDATION: "validation", TEST: "test"}
 
 
 @dataclass(frozen=True)
 class Sides:
-    """The side of every frame (T,).
+    """The set of every frame.
 
     Attributes:
-        group: int64, split group.
-        side: int8, TRAIN, VALIDATION or TEST.
-        surplus: bool, of training groups beyond `split.train_groups`, of a recording's grasps
-            beyond `split.train_grasps`, or of the empty hand that is no class: not used.
+        group: int64 (T,), split group.
+        side: int8 (T,), TRAIN, VALIDATION or TEST.
+        surplus: bool (T,), frames that are not used: of training groups beyond
+            `split.train_groups`, of a recording's grasps beyond `split.train_grasps`, or of the
+            empty hand that is no class.
     """
 
     group: np.ndarray
@@ -37,8 +43,8 @@ class Sides:
 
     @property
     def training(self) -> np.ndarray:
-        """bool (T,): frames that are trained on."""
-        return (self.side == TRAIN) & ~self.surplus
+        """The frames bool (T,) of the training set that are used."""
+        return np.asarray((self.side == TRAIN) & ~self.surplus)
 
 
 def deal(
@@ -49,76 +55,97 @@ def deal(
     empty_hand_class: bool,
     groups: np.ndarray | None = None,
 ) -> Sides:
-    """Deal the split groups to the sides; the empty hand's frames only if it is a class.
+    """Deal the split groups to the sets.
 
     Args:
-        groups: (T,) split group of each frame, for a training without a test side;
-            `split.validation` of the groups are on the validation side. None: `split.by` names the
-            groups and the test side.
+        recordings: the table of raw counts.
+        split: the parameters of the split.
+        rng: draws the validation groups.
+        empty_hand_class: the empty hand is a class; else its frames are not used.
+        groups: (T,), split group of each frame, for a training without a test set, of which
+            `split.validation` of the groups become the validation set. None: `split.by` names the
+            groups and the test set.
 
     Raises:
         UserError: there is one class; `split.by` is `grasp` or `source`, and the recordings have no
-            such column; there are `split.train_grasps`, and grasps are not numbered; a side that is
+            such column; there are `split.train_grasps`, and grasps are not numbered; a set that is
             needed has no frames.
     """
     columns = recordings.columns
-    surplus = recordings.empty_hand & (not empty_hand_class)
+    surplus = np.array(recordings.empty_hand & (not empty_hand_class))
     used = np.flatnonzero(~surplus)
-    recorded = np.unique(columns["object"][used])
+    label = np.asarray(columns["object"])[used]
+    recorded = np.unique(label)
     if len(recorded) == 1:
         raise UserError(one_class(recordings.objects[recorded[0]]))
-    by, group = ("", groups) if groups is not None else (split.by, split_groups(columns, split.by))
+    if groups is None:
+        group = split_groups(columns, split.by)
+        across = split.by == "session"
+    else:
+        group = groups
+        across = spans_classes(groups[used], label)
     side = np.full(len(group), TRAIN, dtype=np.int8)
-    label, of_used = columns["object"][used], group[used]
-    across = by == "session" if by else spans_classes(of_used, label)
-    if by == "source":
+    if groups is None and split.by == "source":
         side[published_test(columns["split"])] = TEST
-    elif by:
-        tested = in_fold(
-            of_used, label, folds=split.folds, fold=split.fold, across=across, deal=split.deal
+    elif groups is None:
+        is_test = in_fold(
+            group[used], label, folds=split.folds, fold=split.fold, across=across, deal=split.deal
         )
-        side[used[tested]] = TEST
-    side[used] = validation_sides(
-        side[used], of_used, label, share=split.validation, across=across, rng=rng
+        side[used[is_test]] = TEST
+    side[used] = with_validation_set(
+        side[used], group[used], label, share=split.validation, across=across, rng=rng
     )
     if split.train_groups != "all":
-        surplus[used] = surplus_groups(side[used], of_used, label, most=split.train_groups)
+        surplus[used] = surplus_groups(side[used], group[used], label, most=split.train_groups)
     if split.train_grasps != "all":
-        grasps = split_groups(columns, "grasp")
-        surplus |= surplus_groups(
-            side, grasps, split_groups(columns, "recording"), most=split.train_grasps
-        )
-    if by:
+        grasp = split_groups(columns, "grasp")
+        recording = split_groups(columns, "recording")
+        surplus |= surplus_groups(side, grasp, recording, most=split.train_grasps)
+    if groups is None:
         _require_frames(side, ~surplus, split)
     return Sides(group, side, surplus)
 
 
 def one_class(name: str, where: str = "the recordings have") -> str:
-    """The sentence on a single class: there is nothing to choose between."""
+    """Return the sentence on a single class: there is nothing to choose between.
+
+    Args:
+        name: of the class.
+        where: subject and verb of the sentence.
+    """
     return f"{where} one class, {name}; expected two or more"
 
 
-def split_groups(columns: dict[str, np.ndarray], by: str) -> np.ndarray:
-    """Split group int64 (T,) of each frame from its columns (T,), numbered in the order of the recordings.
+def split_groups(columns: Mapping[str, np.ndarray], by: str) -> np.ndarray:
+    """Return the split group int64 (T,) of each frame, numbered in the order of the recordings.
 
-    A recording of several objects is a group per object; recordings that belong together are one
+    A recording of several objects is a group per object. Recordings that belong together are one
     group. With `source` the recordings are the groups.
 
+    Args:
+        columns: (T,), the columns of the recordings.
+        by: a value of `split.by`.
+
     Raises:
-        UserError: `grasp` or `source`, and the recordings have no such column.
+        UserError: `by` is `grasp` or `source`, and the recordings have no such column.
     """
-    column = {"grasp": "grasp", "source": "split"}.get(by)
+    column = COLUMN_OF.get(by)
     if column and column not in columns:
         remedy = "set split.by to recording or session, and split.train_grasps to all"
         raise UserError(f"the recordings have no column {column!r}: {remedy}")
     if by == "session":
-        return columns["session"].astype(np.int64)
-    keys = [columns.get("take", columns["recording"]), columns["object"]]
-    keys += [columns["grasp"]] if by == "grasp" else []
-    return np.unique(np.stack(keys, axis=1), axis=0, return_inverse=True)[1].ravel()
+        return np.asarray(columns["session"], dtype=np.int64)
+    keys = [
+        np.asarray(columns.get("take", columns["recording"])),
+        np.asarray(columns["object"]),
+    ]
+    if by == "grasp":
+        keys.append(np.asarray(columns["grasp"]))
+    number = pd.DataFrame(dict(enumerate(keys))).groupby(list(range(len(keys)))).ngroup()
+    return np.asarray(number, dtype=np.int64)
 
 
-def validation_sides(
+def with_validation_set(
     side: np.ndarray,
     groups: np.ndarray,
     labels: np.ndarray,
@@ -127,125 +154,189 @@ def validation_sides(
     across: bool,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Copy of `side` (T,) with a share of each class's training groups, drawn at random, as VALIDATION.
+    """Return a copy of the sets (T,) with a share of each class's training groups as VALIDATION.
 
-    A class with two groups or more gives at least one and keeps at least one.
+    A class with two groups or more gives at least one and keeps at least one. Scikit-learn's
+    `GroupShuffleSplit` draws from all classes at once, and may so take a class's last group.
+
+    Args:
+        side: int8 (T,), TRAIN or TEST.
+        groups: (T,), split groups.
+        labels: (T,), classes.
+        share: of the groups.
+        across: groups span classes; the share is of all groups.
+        rng: draws the groups.
     """
     side = side.copy()
-    for _, of_class in each_class(labels, across) if share else []:
+    if not share:
+        return side
+    for _, of_class in members_by_class(labels, across=across):
         trained = of_class & (side == TRAIN)
         candidates = np.unique(groups[trained])
         count = min(len(candidates) - 1, max(1, round(share * len(candidates))))
         if count > 0:
-            side[trained & np.isin(groups, rng.permutation(candidates)[:count])] = VALIDATION
+            drawn = rng.permutation(candidates)[:count]
+            side[trained & np.isin(groups, drawn)] = VALIDATION
     return side
 
 
 def surplus_groups(
     side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, most: int
 ) -> np.ndarray:
-    """bool (T,): training frames of a class, or of a recording in its place, outside its first `most` groups."""
+    """Return the training frames bool (T,) of a class outside its first groups.
+
+    Args:
+        side: int8 (T,), the set of each frame.
+        groups: (T,), groups.
+        labels: (T,), classes, or recordings in their place.
+        most: number of groups of a class that are used.
+    """
     surplus = np.zeros(len(side), dtype=bool)
-    for _, of_class in each_class(labels):
+    for _, of_class in members_by_class(labels):
         trained = of_class & (side == TRAIN)
-        surplus |= trained & ~np.isin(groups, np.unique(groups[trained])[:most])
+        first_groups = np.unique(groups[trained])[:most]
+        surplus |= trained & ~np.isin(groups, first_groups)
     return surplus
 
 
 def keep_testable(
     recordings: Recordings, sides: Sides, keep: np.ndarray, split: Split
 ) -> tuple[np.ndarray, list[Note]]:
-    """The frames of `keep` bool (T,) whose class has training frames, and notes on dropped classes and on the split.
+    """Return the frames whose class has training frames.
 
     The empty hand without test frames is dropped, too; any other class without them is kept.
-    Without a test side all frames are kept.
+    Without a test set all frames are kept.
+
+    Args:
+        recordings: the table of raw counts.
+        sides: the set of every frame.
+        keep: bool (T,), frames that may be kept.
+        split: the parameters of the split.
+
+    Returns:
+        The frames bool (T,), and notes on dropped classes and on the split.
 
     Raises:
-        UserError: a side that is needed has no frames; fewer than two classes are left.
+        UserError: a set that is needed has no frames; fewer than two classes remain.
     """
-    objects, recording = recordings.columns["object"], recordings.columns["recording"]
-    left, tested, notes = keep.copy(), sides.side == TEST, list[Note]()
-    if tested.any():
+    objects = np.asarray(recordings.columns["object"])
+    is_test = sides.side == TEST
+    kept = keep.copy()
+    notes = list[Note]()
+    if is_test.any():
         if split.by == "source":
-            shared = np.intersect1d(
-                recording[keep & (sides.side == TRAIN)], recording[keep & tested]
-            )
-            text = f"the published split has {several(len(shared), 'recording')} on both sides"
-            if (~tested & (recordings.columns["split"] == VALIDATION)).any():
-                text += "; its validation groups are on the training side, of which split.validation sets a share apart"
-            notes.append(Note(text, topic="split"))
+            notes.append(_note_on_published_split(recordings, sides, keep))
         for label in np.unique(objects[keep]):
-            name, of_class = recordings.objects[label], keep & (objects == label)
-            trains, tests = (of_class & sides.training).any(), (of_class & tested).any()
-            if trains and tests:
+            name = recordings.objects[label]
+            of_class = keep & (objects == label)
+            has_training = bool((of_class & sides.training).any())
+            has_test = bool((of_class & is_test).any())
+            if has_training and has_test:
                 continue
-            dropped = name == EMPTY_HAND or not trains
-            left &= ~(of_class & dropped)
-            text = f"{name} has no {'test' if trains else 'training'} frames and is "
-            text += "dropped" if dropped else "kept as a class that others can be mistaken for"
+            is_dropped = name == EMPTY_HAND or not has_training
+            if is_dropped:
+                kept &= ~of_class
+            missing = "test" if has_training else "training"
+            what_becomes = "kept as a class that others can be mistaken for"
+            if is_dropped:
+                what_becomes = "dropped"
+            text = f"{name} has no {missing} frames and is {what_becomes}"
             notes.append(Note(text, topic="objects"))
-        _require_frames(sides.side, left & ~sides.surplus, split)
-    classes = np.unique(objects[left])
+        _require_frames(sides.side, kept & ~sides.surplus, split)
+    classes = np.unique(objects[kept])
     if len(classes) < 2:
-        names = ", ".join(recordings.objects[i] for i in classes) or "none"
+        names = ", ".join(recordings.objects[label] for label in classes) or "none"
         raise UserError(
             f"fewer than two classes left ({names}); loosen preprocess.filter or change split.by"
         )
-    return left, notes
+    return kept, notes
+
+
+def _note_on_published_split(recordings: Recordings, sides: Sides, keep: np.ndarray) -> Note:
+    """Return how many recordings are in training and test set, and where validation groups are."""
+    recording = np.asarray(recordings.columns["recording"])
+    is_test = sides.side == TEST
+    trained = recording[keep & (sides.side == TRAIN)]
+    shared = np.intersect1d(trained, recording[keep & is_test])
+    text = f"the published split has {several(len(shared), 'recording')} in both the training and "
+    text += "the test set"
+    is_published_validation = np.asarray(recordings.columns["split"]) == VALIDATION
+    if (is_published_validation & ~is_test).any():
+        text += "; its validation groups are in the training set, of which split.validation sets "
+        text += "a share apart"
+    return Note(text, topic="split")
 
 
 def has_published_split(recordings: Recordings) -> bool:
-    """Whether the source names a training and a test side, and every object is on both."""
-    columns, of_object = recordings.columns, ~recordings.empty_hand
+    """Return whether the source names a training and a test set, and every object is in both.
+
+    Args:
+        recordings: the table of raw counts.
+    """
+    columns = recordings.columns
     if "split" not in columns:
         return False
-    objects, tests = columns["object"][of_object], published_test(columns["split"])[of_object]
-    return np.array_equal(np.unique(objects[tests]), np.unique(objects[~tests]))
+    of_object = ~np.asarray(recordings.empty_hand)
+    objects = np.asarray(columns["object"])[of_object]
+    is_test = published_test(columns["split"])[of_object]
+    return np.array_equal(np.unique(objects[is_test]), np.unique(objects[~is_test]))
 
 
 def published_test(split: np.ndarray) -> np.ndarray:
-    """bool (T,): tested frames by their published side (T,): those of `test`, or without any those of `validation`."""
-    return split == (TEST if (split == TEST).any() else VALIDATION)
+    """Return the frames bool (T,) of the published test set, or without any of the validation set.
+
+    Args:
+        split: (T,), the published set of each frame: TRAIN, VALIDATION or TEST.
+    """
+    published = np.asarray(split)
+    tested = TEST if (published == TEST).any() else VALIDATION
+    return np.asarray(published == tested)
 
 
 def draw_anchors(
-    columns: dict[str, np.ndarray],
+    columns: Mapping[str, np.ndarray],
     side: np.ndarray,
     keep: np.ndarray,
     rng: np.random.Generator,
     *,
     published: bool,
 ) -> np.ndarray:
-    """Anchors bool (T,) among the frames to `keep` bool (T,).
+    """Return the anchors bool (T,) among the kept frames.
 
-    They are drawn at random, equally many of every class on a side: as many as the smallest class
-    has frames, but at least 100, so that one small class does not reduce all others to a handful. A
-    class with fewer frames uses all.
+    They are drawn at random, equally many of every class in a set. They are as many as the smallest
+    class has frames, but at least 100, so that one small class does not reduce all others to a
+    handful. A class with fewer frames uses all of them.
 
     Args:
+        columns: (T,), the columns of the recordings.
+        side: int8 (T,), the set of each frame.
+        keep: bool (T,), frames that are kept.
+        rng: draws the anchors.
         published: take the source's balanced frames instead, if it names them.
     """
     if published and "balanced" in columns:
-        return keep & columns["balanced"]
+        return np.asarray(keep & columns["balanced"])
+    classes = members_by_class(np.asarray(columns["object"]))
     anchor = np.zeros(len(keep), dtype=bool)
     for code in range(len(SIDES)):
-        on_side = keep & (side == code)
-        of_class = [
-            np.flatnonzero(on_side & (columns["object"] == label))
-            for label in np.unique(columns["object"])
-        ]
-        count = max(MINIMUM, min(filter(None, map(len, of_class)), default=0))
-        for index in of_class:
-            anchor[rng.permutation(index)[:count]] = True
+        in_set = keep & (side == code)
+        frames_of_class = [np.flatnonzero(in_set & of_class) for _, of_class in classes]
+        sizes = [len(frames) for frames in frames_of_class if len(frames)]
+        count = max(FEWEST_ANCHORS, min(sizes, default=0))
+        for frames in frames_of_class:
+            anchor[rng.permutation(frames)[:count]] = True
     return anchor
 
 
 def _require_frames(side: np.ndarray, frames: np.ndarray, split: Split) -> None:
-    """Raise a UserError if a side that is needed has none of the frames bool (T,)."""
-    needed = {TRAIN, TEST} | ({VALIDATION} if split.validation else set())
-    if empty := [SIDES[code] for code in sorted(needed) if not (frames & (side == code)).any()]:
+    """Raise a UserError if a set that is needed has none of the frames bool (T,)."""
+    needed = [TRAIN, TEST]
+    if split.validation:
+        needed = [TRAIN, VALIDATION, TEST]
+    empty = [SET_NAMES[code] for code in needed if not (frames & (side == code)).any()]
+    if empty:
         raise UserError(
-            f"the {' and the '.join(empty)} side of split.by {split.by} (fold {split.fold} of {split.folds}) has "
-            "no frames; expected some on each, so two groups of an object or more: record more, or choose another "
-            "split.by, folds or fold"
+            f"no frames in the {' and the '.join(empty)} set of split.by {split.by} "
+            f"(fold {split.fold} of {split.folds}); expected some in each set, so two groups of an "
+            "object or more: record more, or choose another split.by, folds or fold"
         )

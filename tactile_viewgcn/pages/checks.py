@@ -19,8 +19,9 @@ CHECKS = {
     "recordings and objects without frames": ("no frames", "contact"),
     "objects told without any contact": ("leak check",),
 }
-#: The checks that look at how readings move.
-NEED_FRAMES = [*CHECKS][1:5]
+#: Topics of the checks that look at how readings move, and these checks.
+OF_MOTION = {"standing still", "equal ends", "unit", "columns"}
+NEED_FRAMES = [what for what, topics in CHECKS.items() if OF_MOTION.intersection(topics)]
 #: What the files cannot tell.
 UNKNOWN = (
     "Is a recording an augmented, filtered or resampled copy of another one? Then leave it out.",

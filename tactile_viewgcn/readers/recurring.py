@@ -1,4 +1,7 @@
-"""Words and numbers that recur in the names of files: are they persons or days, which a split must not mix?"""
+"""Words and numbers that recur in the names of files, and so may be persons or days.
+
+A split must not mix these.
+"""
 
 import re
 from collections import Counter
@@ -9,22 +12,30 @@ from tactile_viewgcn.readers.layout import PART, PIECE, without_copy
 from tactile_viewgcn.readers.source import SIDE, setting
 
 #: Words for a recording of several, maybe with its number.
-REPEATS = r"(?i:trial|rep|repetition|rec|recording|run|take|try|grasp|grip|sample|file|no|nr|num|idx|t|r|n)\d*"
-#: Words for a person or a day with a number; and names of letters alone.
-PERSON = r"(?i:(s|sub|subj|subject|p|pers|person|participant|user|volunteer|vp|d|day|session|sess)\d+)|\d{4}-?\d\d-?\d\d"
+REPEATS = (
+    r"(?i:trial|rep|repetition|rec|recording|run|take|try|grasp|grip|sample|file"
+    r"|no|nr|num|idx|t|r|n)\d*"
+)
+#: Words for a person or a day with a number, and dates.
+PERSON = (
+    r"(?i:(s|sub|subj|subject|p|pers|person|participant|user|volunteer|vp|d|day|session|sess)\d+)"
+    r"|\d{4}-?\d\d-?\d\d"
+)
+#: Names of letters only.
 NAME = r"[^\W\d_]{2,}"
-MOSTLY = 0.5  # of the pairs of a word and an object that have several files
+REPEATED_SHARE = 0.5  # of the pairs of a word and an object: more have several files
 
 
 def session_notes(
     places: Sequence[str], objects: Sequence[str | None], layout: str, *, has_labels: bool
 ) -> list[Note]:
-    """Warnings of parts of files' names that may be persons or days, with the layout that says so.
+    """Return warnings of parts of files' names that may be persons or days.
 
     A name's parts stand between marks, equally many in all names. Such a part recurs: with several
-    objects, and with several files of one object; or it is the whole name and looks like one of a
-    person or a day. What has one file an object is else the number of the recording. Whether a part
-    is a person cannot be known; the note asks.
+    objects, and with several files of one object. Or it is the whole name, and looks like the name
+    of a person or a day. A part that has one file for each object is rather the number of the
+    recording. Whether a part is a person cannot be known; the warning says which layout to set if
+    it is.
 
     Args:
         places: of the files, see `place_of`.
@@ -32,51 +43,29 @@ def session_notes(
         layout: of the places, without a SESSION.
         has_labels: the objects stand in a labels.csv.
     """
-    names = [without_copy(place.rpartition("/")[2]) for place in places]
-    mark, parts = _parted(names)
-    last = len(parts) - 1
+    mark, parts = _parted([without_copy(place.rpartition("/")[2]) for place in places])
     is_in_folder = layout.endswith("/FILE") or has_labels
-    is_flat = not has_labels and bool(mark) and layout.rpartition("/")[2] == f"OBJECT{mark}FILE"
+    begins_with_object = layout.rpartition("/")[2] == f"OBJECT{mark}FILE"
+    is_flat = bool(mark) and begins_with_object and not has_labels
     if None in objects or not (is_in_folder or is_flat):
         return []
-    of_parts = [part for part in range(len(parts)) if all(map(_is_hand_or_piece, parts[part]))]
-    whole = [part for part in range(len(parts)) if part not in of_parts]
-    if not whole:
+    named = [part for part, texts in enumerate(parts) if not all(map(_is_hand_or_piece, texts))]
+    if not named:
         return []
-    # files of one recording once
-    rows = dict.fromkeys(zip(objects, *(parts[part] for part in whole), strict=True))
-    objects, *columns = zip(*rows, strict=True)
-    parts = [[""]] * len(parts)
-    for part, column in zip(whole, columns, strict=True):
-        parts[part] = list(column)
-    recurring = list[int]()
-    for part, texts in enumerate(parts):
-        others: Sequence[object] = objects
-        if is_flat:  # what is called the object holds the part itself
-            others = list(zip(*(parts[at] for at in whole if at not in (part, last)), strict=True))
-        is_candidate = part in whole and (part < last or not is_flat)
-        if is_candidate and others and _recurs(texts, others, is_whole_name=last == 0):
-            recurring.append(part)
-    recurring = [part for part in recurring if not all(map(_is_no_person, parts[part]))]
-    # the numbers begin anew on each side
-    if any(all(map(_is_side, parts[part])) for part in whole):
-        recurring = [part for part in recurring if not all(text.isdigit() for text in parts[part])]
-    if is_flat:  # of two words, one with numbers is rather a person
-        likely = [part for part in recurring if all(re.search(r"\d", text) for text in parts[part])]
-    else:
-        likely = [part for part in recurring if not all(text.isdigit() for text in parts[part])]
+    objects, parts = _once_each_recording(objects, parts, named)
+    recurring = _recurring(objects, parts, named, is_flat=is_flat)
     notes = list[Note]()
-    for part in likely or recurring:
-        found = sorted(set(parts[part]))
-        text = f"{several(len(found), 'word')} recur in the names of files of several objects: {listed(found)}. "
-        text += "A split by recording mixes them. If they are persons or days, "
+    for part in _likely(parts, recurring, is_flat=is_flat):
+        words = sorted(set(parts[part]))
+        text = f"{several(len(words), 'word')} recur in the names of files of several objects: "
+        text += f"{listed(words)}. A split by recording mixes them. If they are persons or days, "
         text += _remedy(parts, part, mark, layout, is_flat=is_flat, has_labels=has_labels)
         notes.append(Note(f"{text}.", "warning", "names"))
     return notes
 
 
 def _parted(names: list[str]) -> tuple[str, list[list[str]]]:
-    """The mark that parts all names equally often, and for each part its texts in all names.
+    """Return the mark that parts all names equally often, and for each part its texts in all names.
 
     Without a mark the parts are letters with a number after them, as in S01T03; else the names
     themselves.
@@ -85,10 +74,12 @@ def _parted(names: list[str]) -> tuple[str, list[list[str]]]:
         counts = {name.count(mark) for name in names}
         if len(counts) == 1 and counts != {0}:
             return mark, _columns([name.split(mark) for name in names])
-    words = [re.findall(r"[A-Za-z]+\d+", name) for name in names]
-    are_all = all("".join(found) == name for found, name in zip(words, names, strict=True))
-    if are_all and len({len(found) for found in words}) == 1:
-        return "", _columns(words)
+    words_of_name = [re.findall(r"[A-Za-z]+\d+", name) for name in names]
+    are_words = all(
+        "".join(words) == name for words, name in zip(words_of_name, names, strict=True)
+    )
+    if are_words and len({len(words) for words in words_of_name}) == 1:
+        return "", _columns(words_of_name)
     return "", [names]
 
 
@@ -96,16 +87,81 @@ def _columns(rows: list[list[str]]) -> list[list[str]]:
     return [list(column) for column in zip(*rows, strict=True)]
 
 
+def _once_each_recording(
+    objects: Sequence[str | None], parts: list[list[str]], named: list[int]
+) -> tuple[Sequence[str | None], list[list[str]]]:
+    """Return objects and parts with the files of one recording once.
+
+    Args:
+        objects: of each file.
+        parts: for each part of the names its texts in all files.
+        named: the parts that are no hand and no piece of a recording; the others become empty.
+    """
+    columns = [parts[part] for part in named]
+    recordings = dict.fromkeys(zip(objects, *columns, strict=True))
+    of_recordings = list(zip(*recordings, strict=True))
+    merged = [[""] for _ in parts]
+    for part, texts in zip(named, of_recordings[1:], strict=True):
+        merged[part] = list(texts)
+    return of_recordings[0], merged
+
+
+def _recurring(
+    objects: Sequence[str | None], parts: list[list[str]], named: list[int], *, is_flat: bool
+) -> list[int]:
+    """Return the parts that recur and may be persons.
+
+    Args:
+        objects: of each recording.
+        parts: for each part of the names its texts in all recordings.
+        named: the parts that are no hand and no piece of a recording.
+        is_flat: objects stand in the names.
+    """
+    last = len(parts) - 1
+    recurring = list[int]()
+    for part in named:
+        others: Sequence[object] = objects
+        if is_flat and part == last:
+            continue
+        if is_flat:  # what is called the object holds the part itself
+            columns = [parts[other] for other in named if other not in (part, last)]
+            others = list(zip(*columns, strict=True))
+        if others and _recurs(parts[part], others, is_whole_name=last == 0):
+            recurring.append(part)
+    recurring = [part for part in recurring if not all(map(_is_no_person, parts[part]))]
+    # the numbers begin anew in each set of a split
+    if any(all(map(_is_set_of_split, parts[part])) for part in named):
+        recurring = [part for part in recurring if not _are_digits(parts[part])]
+    return recurring
+
+
+def _likely(parts: list[list[str]], recurring: list[int], *, is_flat: bool) -> list[int]:
+    """Return those of the recurring parts that look like persons; all of them if none does."""
+    if is_flat:  # of two words, the word with numbers is rather a person
+        likely = [part for part in recurring if _have_digits(parts[part])]
+    else:
+        likely = [part for part in recurring if not _are_digits(parts[part])]
+    return likely or recurring
+
+
 def _recurs(texts: Sequence[str], objects: Sequence[object], *, is_whole_name: bool) -> bool:
-    """Whether each text of a part is with several objects, and mostly with several files of each."""
+    """Return whether each text of a part is with several objects, and mostly in several files."""
     files = Counter(zip(texts, objects, strict=True))
     objects_of = Counter(text for text, _ in files)
     if len(objects_of) < 2 or min(objects_of.values()) < 2:
         return False
     if is_whole_name:
         return all(re.fullmatch(f"{PERSON}|{NAME}", text) for text in texts)
-    several_files = [count > 1 for count in files.values()]
-    return sum(several_files) > MOSTLY * len(several_files)
+    repeated = [count > 1 for count in files.values()]
+    return sum(repeated) > REPEATED_SHARE * len(repeated)
+
+
+def _are_digits(texts: list[str]) -> bool:
+    return all(text.isdigit() for text in texts)
+
+
+def _have_digits(texts: list[str]) -> bool:
+    return all(re.search(r"\d", text) for text in texts)
 
 
 def _is_hand_or_piece(text: str) -> bool:
@@ -113,24 +169,25 @@ def _is_hand_or_piece(text: str) -> bool:
 
 
 def _is_no_person(text: str) -> bool:
-    return re.fullmatch(REPEATS, text) is not None or _is_side(text)
+    return re.fullmatch(REPEATS, text) is not None or _is_set_of_split(text)
 
 
-def _is_side(text: str) -> bool:
-    """Whether a part of a name is a side of a split, such as `train`."""
+def _is_set_of_split(text: str) -> bool:
+    """Return whether a part of a name is a set of a split, such as `train`."""
     return SIDE.fullmatch(text.lower()) is not None
 
 
 def _remedy(
     parts: list[list[str]], part: int, mark: str, layout: str, *, is_flat: bool, has_labels: bool
 ) -> str:
-    """What to type, so that a part of the names is the session."""
+    """Return what to type, so that a part of the names is the session."""
     last = len(parts) - 1
     if has_labels:
         return "add them to labels.csv as a column `session`"
     if not mark and last:
         example = "_".join(texts[0] for texts in parts)
-        return f"rename the files with a mark between, as {example}, and {setting('data.layout=OBJECT/SESSION_FILE')}"
+        change = setting("data.layout=OBJECT/SESSION_FILE")
+        return f"rename the files with a mark between, as {example}, and {change}"
     pattern = ""
     if is_flat and part == 0:
         pattern = layout.replace("OBJECT", f"SESSION{mark}OBJECT")

@@ -12,7 +12,7 @@ from benchmarks.recordings.__main__ import COLUMNS, MINIROCKET, SIMPLE, main
 
 
 def write_set(folder, shape, level, sessions):
-    """Two objects of 8 recordings whose readings differ by `level`, in that many sessions, or none."""
+    """Two objects of 8 recordings whose readings differ by `level`, in some sessions, or none."""
     rng, groups = np.random.default_rng(0), {}
     for number in range(16):
         file = folder / "ab"[number % 2] / f"{number}.npy"

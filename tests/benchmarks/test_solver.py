@@ -1,4 +1,4 @@
-"""The work-precision benchmark: all integrators solve the same equation, and measures their error."""
+"""The work-precision benchmark: all integrators solve one equation; it measures their error."""
 
 import numpy as np
 import pytest

@@ -101,14 +101,20 @@ def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tm
         assert json.loads((tmp_path / f"{name}.json").read_text()) == tree
     heading, *by_trial = rows("trials.csv")
     assert heading == ["protocol", "trial", "error"] and by_trial == [
-        ["object", "0", "0.25"], ["object", "1", "0.5"], ["recording", "0", "0.5"], ["recording", "1", "0.75"],
+        ["object", "0", "0.25"],
+        ["object", "1", "0.5"],
+        ["recording", "0", "0.5"],
+        ["recording", "1", "0.75"],
         ["whole", "0", "0.5"],
-    ]  # fmt: skip
+    ]
     heading, *by_views = rows("views.csv")
     assert heading == ["protocol", "views", "error", "low", "high"]
     assert [row[:3] for row in by_views] == [
-        ["object", "4", "0.375"], ["recording", "1", "0.875"], ["recording", "4", "0.625"], ["recording", "30", "0.5"]
-    ]  # fmt: skip
+        ["object", "4", "0.375"],
+        ["recording", "1", "0.875"],
+        ["recording", "4", "0.625"],
+        ["recording", "30", "0.5"],
+    ]
     assert by_views[0][3:] == [str(metrics["object"]["error"][end]) for end in ("low", "high")]
     heading, *by_object = rows("per_class.csv")
     assert heading == ["protocol", "object", "answers", "error"] and len(by_object) == 3 * 2

@@ -24,15 +24,22 @@ def tremble(size=1.0):
 #: Readings (24, frames) of a column that has nothing of touch, and of sensors that predict the
 #: object.
 NO_SENSORS = {
-    "number of the recording": R + 0 * N, "number in no order": SHUFFLED + 0 * N,
-    "label": np.array([7, 1, 9, 4])[OBJECT] + 0 * N, "person of two objects each": OBJECT // 2 + 0 * N,
-    "clock": (STARTED + N) / 30, "row": 40 * R + N,
-    "milliseconds since 1970": 1.7e12 + (STARTED + N) * 33, "clock that jitters": STARTED + N + tremble(0.15),
-    "clock of two days": OF_DAY + N, "clock with a gap in each": STARTED + N + 90 * (N > 17),
+    "number of the recording": R + 0 * N,
+    "number in no order": SHUFFLED + 0 * N,
+    "label": np.array([7, 1, 9, 4])[OBJECT] + 0 * N,
+    "person of two objects each": OBJECT // 2 + 0 * N,
+    "clock": (STARTED + N) / 30,
+    "row": 40 * R + N,
+    "milliseconds since 1970": 1.7e12 + (STARTED + N) * 33,
+    "clock that jitters": STARTED + N + tremble(0.15),
+    "clock of two days": OF_DAY + N,
+    "clock with a gap in each": STARTED + N + 90 * (N > 17),
     "clock that restarts in some": STARTED + N - 5000 * ((R % 5 == 2) & (N > 30)),
-    "clock in bursts": STARTED + 8 * (N // 8), "countdown": -(STARTED + N) / 30,
-    "seconds": (STARTED + N) // 30, "minutes": (STARTED + N) // 1800,
-}  # fmt: skip
+    "clock in bursts": STARTED + 8 * (N // 8),
+    "countdown": -(STARTED + N) / 30,
+    "seconds": (STARTED + N) // 30,
+    "minutes": (STARTED + N) // 1800,
+}
 MIXED = 100.0 * np.random.default_rng(1).permutation(24)[:, None]
 WIDE = {"clock of mixed objects": MIXED + N, "number of mixed objects": MIXED + 0 * N}
 #: A clock is one, whatever it tells; it may begin alike in each recording.
@@ -45,13 +52,18 @@ CLOCKS = {
     "counts down to an alarm": 100.0 - N + 0 * R, "flag that tells nothing": 1.0 * (R % 2) + 0 * N,
 }  # fmt: skip
 SENSORS = {
-    "bent": 40 * OBJECT + 9 * tremble()[:, :1] + tremble(), "bent, of eight levels": (60 * OBJECT + tremble(20)) // 60,
-    "closes evenly": (1 + OBJECT) * N / 9.0, "closes from about the same": 2 * N + tremble(3)[:, :1] + tremble(),
-    "closes by strain": 30 * OBJECT + (2 + tremble()[:, :1]) * N + tremble(2), "trembles": tremble() * (1 + OBJECT),
+    "bent": 40 * OBJECT + 9 * tremble()[:, :1] + tremble(),
+    "bent, of eight levels": (60 * OBJECT + tremble(20)) // 60,
+    "closes evenly": (1 + OBJECT) * N / 9.0,
+    "closes from about the same": 2 * N + tremble(3)[:, :1] + tremble(),
+    "closes by strain": 30 * OBJECT + (2 + tremble()[:, :1]) * N + tremble(2),
+    "trembles": tremble() * (1 + OBJECT),
     "of another unit": 1000 * tremble(),
-    "pressed until the end": np.minimum(N, 9 + R % 7) * (1 + R % 4) / 9.0, "way of a wheel": N * (1 + R % 5) / 3.0,
-    "switch": 1.0 * (N > 30 - 7 * OBJECT), "switch of either kind": 1.0 * ((N > 20) == (OBJECT > 1)),
-}  # fmt: skip
+    "pressed until the end": np.minimum(N, 9 + R % 7) * (1 + R % 4) / 9.0,
+    "way of a wheel": N * (1 + R % 5) / 3.0,
+    "switch": 1.0 * (N > 30 - 7 * OBJECT),
+    "switch of either kind": 1.0 * ((N > 20) == (OBJECT > 1)),
+}
 
 
 def recordings_of(*columns, names):

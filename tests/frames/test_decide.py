@@ -137,7 +137,7 @@ def test_contact_is_no_filter_where_more_than_a_twentieth_of_the_recordings_has_
         (1e30, 1e30), (1.1e30, None), (1e-30, 1e-30), (9e-31, None),
     ],
 )  # fmt: skip
-def test_the_released_scale_is_kept_at_one_to_ten_times_the_readings_and_none_is_taken_that_params_refuses(
+def test_the_released_scale_is_kept_near_the_readings_and_none_is_taken_that_params_refuses(
     glove, reading, scale, monkeypatch
 ):
     # one alone is stronger

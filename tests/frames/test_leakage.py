@@ -71,7 +71,7 @@ def test_no_reading_of_the_other_sides_reaches_the_training_side(
     read 0.
     """
     monkeypatch.setattr(filter, "CONTACT_SHARE", 0.042)  # 3 of 71 sensors, 4 of 72
-    monkeypatch.setattr(split, "MINIMUM", 4)
+    monkeypatch.setattr(split, "FEWEST_ANCHORS", 4)
     label, number, grasp = (glove.columns[name] for name in ("object", "recording", "grasp"))
     number = number % 4
     part = (label > 0) | (empty == EMPTY)

@@ -95,7 +95,7 @@ def test_contact_differs_from_drift(case):
     assert module.is_contact(np.array(excess), np.full(40, 5.0)) == expected
 
 
-def test_a_grasp_begins_when_the_hand_opens_after_contact_and_frames_between_belong_to_the_one_before():
+def test_a_grasp_begins_when_the_hand_opens_after_contact_and_ends_with_the_frames_between():
     states = "oo--##-#--oo-oo##o##--"
     opened, contact = (np.array([state == letter for state in states]) for letter in "o#")
     assert "".join(map(str, grasps(opened, contact))) == "1" * 10 + "2" * 7 + "3" * 5

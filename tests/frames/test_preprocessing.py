@@ -191,20 +191,20 @@ REFUSED = {
     ),
     "one class": (NO_EMPTY, COLUMNS | {"object": np.minimum(OBJECT, 1)}, "one class, object1"),
     "one class left": (NO_EMPTY, COLUMNS | {"valid": OBJECT < 2}, r"two classes .*\(object1\)"),
-    "no test side": (
+    "no test set": (
         (),
         COLUMNS | {"split": 0 * COLUMNS["split"]},
-        r"the test side of split\.by source",
+        r"the test set of split\.by source",
     ),
     "no group for the fold": (
         ("split.by=recording", "split.folds=9", "split.fold=8"),
         COLUMNS,
-        "test side .*8 of 9",
+        "test set .*8 of 9",
     ),
     "no group to validate": (
         ("split.by=session", "split.folds=2", "split.validation=0.5"),
         COLUMNS,
-        "validation side",
+        "validation set",
     ),
 }
 

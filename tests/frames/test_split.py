@@ -1,9 +1,10 @@
-"""Train, validation and test sides by groups of frames, and anchors."""
+"""Training, validation and test sets by groups of frames, and anchors."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sklearn.model_selection import GroupShuffleSplit, StratifiedGroupKFold
 
 from tactile_viewgcn.frames import split as module
 from tactile_viewgcn.frames.folds import complete_folds, in_fold, left_out
@@ -12,7 +13,7 @@ from tactile_viewgcn.frames.split import (
     published_test,
     split_groups,
     surplus_groups,
-    validation_sides,
+    with_validation_set,
 )
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 
@@ -43,7 +44,7 @@ def test_groups_are_numbered_in_the_order_of_the_recordings():
     assert split_groups(columns, "session").tolist() == [1, 1, 0, 0, 0, 0]
 
 
-def test_the_published_validation_is_tested_where_there_is_no_test_side():
+def test_the_published_validation_is_tested_where_there_is_no_test_set():
     assert published_test(np.array([TRAIN, TEST, VALIDATION])).tolist() == [False, True, False]
     assert published_test(np.array([TRAIN, TRAIN, VALIDATION])).tolist() == [False, False, True]
 
@@ -92,14 +93,14 @@ def test_a_deal_shuffles_the_groups_of_each_class_independently_of_other_classes
 @given(
     st.tuples(*(st.integers(1, most) for most in (4, 4, 3))), st.integers(2, 5), st.integers(0, 9)
 )
-def test_every_group_is_on_one_side_and_is_tested_in_exactly_one_fold(by, size, folds, deal):
+def test_every_group_is_in_one_set_and_is_tested_in_exactly_one_fold(by, size, folds, deal):
     columns = made(*size)
     groups, label, across = split_groups(columns, by), columns["object"], by == "session"
     times = np.zeros(len(label), dtype=int)
     for fold in range(folds):
         inside = in_fold(groups, label, folds=folds, fold=fold, across=across, deal=deal)
         side = np.where(inside, TEST, TRAIN).astype(np.int8)
-        side = validation_sides(
+        side = with_validation_set(
             side, groups, label, share=0.2, across=across, rng=np.random.default_rng(0)
         )
         assert len(np.unique(np.stack([groups, side]), axis=1).T) == len(np.unique(groups))
@@ -129,7 +130,7 @@ def test_a_share_of_each_class_s_training_groups_is_drawn_and_the_last_stays(
     groups, labels = np.concatenate([each, each + 100 * (not across)]), np.repeat([0, 1], len(each))
     side = np.tile(np.where(each < tested, TEST, TRAIN), 2).astype(np.int8)
     for seed in range(6):
-        drawn = validation_sides(
+        drawn = with_validation_set(
             side, groups, labels, share=share, across=across, rng=np.random.default_rng(seed)
         )
         of_class = [
@@ -147,7 +148,7 @@ def test_anchors_number_the_smallest_class_or_the_minimum_or_all_there_are(sizes
     side = np.repeat([TRAIN] * 3 + [VALIDATION] * 3, sizes)
     keep = np.arange(len(side)) % 3 > 0
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "MINIMUM", minimum)
+        patch.setattr(module, "FEWEST_ANCHORS", minimum)
         anchor = draw_anchors(
             {"object": labels}, side, keep, np.random.default_rng(0), published=False
         )
@@ -162,7 +163,7 @@ def test_anchors_number_the_smallest_class_or_the_minimum_or_all_there_are(sizes
 
 
 def test_every_frame_is_as_often_an_anchor(monkeypatch):
-    monkeypatch.setattr(module, "MINIMUM", 5)
+    monkeypatch.setattr(module, "FEWEST_ANCHORS", 5)
     side, keep, rng = np.full(22, TRAIN), np.ones(22, bool), np.random.default_rng(0)
     columns = {"object": np.repeat([0, 1], [20, 2])}
     share = np.mean(
@@ -171,7 +172,7 @@ def test_every_frame_is_as_often_an_anchor(monkeypatch):
     np.testing.assert_allclose(share, np.repeat([0.25, 1], [20, 2]), atol=0.06)
 
 
-def test_surplus_groups_are_those_after_the_first_of_each_class_on_the_training_side():
+def test_surplus_groups_are_those_after_the_first_of_each_class_in_the_training_set():
     side = np.array([TRAIN] * 8 + [VALIDATION] * 2 + [TEST] * 2)
     groups = np.array([4, 4, 2, 9, 9, 5, 7, 8, 1, 3, 0, 6])
     labels = np.array([0, 0, 0, 0, 0, 1, 1, 1, 0, 1, 0, 1])
@@ -189,7 +190,44 @@ def test_what_a_fit_answers_is_left_out_of_it_and_every_class_stays_in():
     assert [np.flatnonzero(left).tolist() for left in masks] == [[0, 3], [1, 4], [2, 5]]
 
 
-def test_complete_folds_hold_out_every_class_of_two_groups_and_are_those_of_left_out_where_these_do():
+def test_every_class_keeps_a_group_where_folds_of_scikit_learn_would_take_all():
+    """If this fails for the library's folds, they may take the place of ours."""
+    # three recordings of each object, as simulated, and five folds
+    groups = np.arange(12)
+    labels = np.repeat([0, 1, 2, 3], 3)
+    masks = complete_folds(groups, labels, 5)
+    assert np.sum(masks, axis=0).tolist() == [1] * 12
+    assert all(set(labels[~held_out]) == {0, 1, 2, 3} for held_out in masks)
+    with pytest.raises(ValueError, match="cannot be greater than the number of members"):
+        list(StratifiedGroupKFold(5).split(groups, labels, groups))
+    # each object is in two or three of six sessions
+    session = np.array([5, 0, 5, 0, 1, 2, 4, 4, 5, 3, 2, 3, 1])
+    label = np.array([0, 0, 1, 1, 1, 2, 2, 3, 3, 3, 4, 4, 4])
+    masks = complete_folds(session, label, 2)
+    assert np.sum(masks, axis=0).tolist() == [1] * 13
+    assert all(set(label[~held_out]) == set(label) for held_out in masks)
+    folds = StratifiedGroupKFold(2).split(session, label, session)
+    assert any(set(label[training]) != set(label) for training, _ in folds)
+
+
+def test_a_class_keeps_a_training_group_where_the_groups_of_all_are_drawn_at_once():
+    """`GroupShuffleSplit` takes both groups of class 2 in some draws."""
+    groups = np.arange(12)
+    labels = np.repeat([0, 1, 2], [6, 4, 2])
+    side = np.full(12, TRAIN)
+    lost = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        drawn = with_validation_set(side, groups, labels, share=0.5, across=False, rng=rng)
+        trained = [int(np.sum((drawn == TRAIN) & (labels == label))) for label in range(3)]
+        assert trained == [3, 2, 1]
+        shuffled = GroupShuffleSplit(1, test_size=0.5, random_state=seed)
+        kept, _ = next(shuffled.split(groups, labels, groups))
+        lost += 2 not in labels[kept]
+    assert lost > 0
+
+
+def test_complete_folds_hold_out_every_class_of_two_groups_in_turn_where_that_is_enough():
     for seed in range(200):
         rng = np.random.default_rng(seed)
         classes, spanning, folds = rng.integers(1, 9), rng.integers(2, 10), int(rng.integers(2, 5))

@@ -208,7 +208,8 @@ def test_what_is_recommended_and_the_network_input_do_not_depend_on_the_unit(row
         ),
         (
             2e28,
-            "strongest hundredth of the sensors in contact .* expected 1e-30 to 1e.30: rescale the readings",
+            "strongest hundredth of the sensors in contact .* expected 1e-30 to 1e.30: "
+            "rescale the readings",
         ),
         (1e30, r"expected real numbers from -1e\+30 to 1e\+30"),
     ],

@@ -20,10 +20,16 @@ FRAME = 1 / RATE  # s
 LAYER = Layer(2.5e7, THICKNESS, 0.02, 60.0)
 #: of a grasp, for each decade of lambda h: skin Pa/m, object Pa/m, joints N m s/rad, object N s/m
 GRASPS = (
-    (3e4, 1e6, 5.0, 2e4), (3e4, 1e6, 0.5, 2e3), (4e6, 1e7, 0.1, 300.0), (2.5e7, 2e7, 0.02, 60.0),
-    (2e8, 1e9, 0.01, 30.0), (5e9, 2.5e10, 0.01, 30.0), (5e10, 2.5e11, 0.01, 30.0), (3e10, 1e11, 0.0007, 2.0),
+    (3e4, 1e6, 5.0, 2e4),
+    (3e4, 1e6, 0.5, 2e3),
+    (4e6, 1e7, 0.1, 300.0),
+    (2.5e7, 2e7, 0.02, 60.0),
+    (2e8, 1e9, 0.01, 30.0),
+    (5e9, 2.5e10, 0.01, 30.0),
+    (5e10, 2.5e11, 0.01, 30.0),
+    (3e10, 1e11, 0.0007, 2.0),
     (3e11, 1e12, 0.0007, 2.0),
-)  # fmt: skip
+)
 # m: above the palm, so that only fingers touch it at first
 BALL, BALL_AT = sphere(0.034), (0.075, 0.0, 0.037)
 TILES = 4  # patches of a bed along each side
@@ -61,9 +67,20 @@ def bed(count: int, width: float, *, hands: int = 1) -> Hands:
 
 
 def scene(
-    parts: list[list[Primitive]], position, *, posture=0.0, hands: Hands | None = None, stiffness=2e7, layer=LAYER,
-    motion=True, knots=2, squeeze=0.0, opposition=0.3, rotation=(0.0, 0.0, 0.0), load=(0.0, 0.0, 0.0),
-) -> Mechanics:  # fmt: skip
+    parts: list[list[Primitive]],
+    position,
+    *,
+    posture=0.0,
+    hands: Hands | None = None,
+    stiffness=2e7,
+    layer=LAYER,
+    motion=True,
+    knots=2,
+    squeeze=0.0,
+    opposition=0.3,
+    rotation=(0.0, 0.0, 0.0),
+    load=(0.0, 0.0, 0.0),
+) -> Mechanics:
     """B hands around objects, the drive the same at all knots: one union of `parts` for all, or one
     each.
 
@@ -80,9 +97,13 @@ def scene(
         "load": (3,),
     }
     values = {
-        "posture": posture, "squeeze": squeeze, "opposition": opposition, "position": position[:, None],
-        "rotation": rotation, "load": load,
-    }  # fmt: skip
+        "posture": posture,
+        "squeeze": squeeze,
+        "opposition": opposition,
+        "position": position[:, None],
+        "rotation": rotation,
+        "load": load,
+    }
     drive = Drive(
         **{
             name: np.broadcast_to(values[name], (count, knots, *size)).astype(float)
@@ -128,9 +149,15 @@ def sphere_on_bed() -> tuple[Mechanics, np.ndarray]:
     state (1, 13).
     """
     mechanics = scene(
-        [[sphere(SPHERE_RADIUS)]], [0.002, 0.001, SPHERE_RADIUS - 0.001], posture=0.3, hands=bed(4, 0.01),
-        stiffness=1e12, layer=replace(LAYER, stiffness=1e6), load=(0, 0, -3.0), squeeze=0.05,
-    )  # fmt: skip
+        [[sphere(SPHERE_RADIUS)]],
+        [0.002, 0.001, SPHERE_RADIUS - 0.001],
+        posture=0.3,
+        hands=bed(4, 0.01),
+        stiffness=1e12,
+        layer=replace(LAYER, stiffness=1e6),
+        load=(0, 0, -3.0),
+        squeeze=0.05,
+    )
     return mechanics, np.array([[0.1] * 10 + [0, 0, SPHERE_RADIUS - 0.003]])
 
 

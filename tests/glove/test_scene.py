@@ -38,7 +38,7 @@ def holds(grasp):
     return 1 + np.flatnonzero((PHASE == scene.HOLD) & (grasp == GRASP))
 
 
-def test_a_recording_begins_with_an_open_hand_and_between_grasps_the_object_is_away_and_nothing_squeezes():
+def test_a_recording_begins_with_an_open_hand_and_between_grasps_the_object_is_away():
     drive, opening = planned(["ball", "mug"]), 1 + np.flatnonzero(PHASE == -1)
     for number in range(GRASPS):
         first, end = holds(number)[0], 1 + np.flatnonzero(number == GRASP)[-1]

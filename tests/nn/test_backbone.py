@@ -46,7 +46,7 @@ def test_the_stem_is_convolution_normalisation_relu_and_pooling():
 
 
 def maps_and_features(backbone, frames):
-    """The last maps of the backbone in evaluation mode, and the features that it reads out of them."""
+    """The last maps of the backbone in evaluation mode, and the features that it reads there."""
     maps = []
     hook = backbone.stage2.register_forward_hook(lambda _, __, out: maps.append(out))
     features = backbone.eval()(frames)

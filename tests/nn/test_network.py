@@ -65,7 +65,7 @@ def test_logits_of_view_sets_are_those_of_each_alone(monkeypatch, most, batches,
 @pytest.mark.parametrize(
     ("count", "views"), [(1, 3), (7, 8), (8, 8), (9, 8), (48, 8), (50, 8), (5, 1), (3, 2)]
 )
-def test_the_fewest_sets_use_each_frame_in_the_order_of_time_and_none_more_than_twice_if_there_are_v(
+def test_the_fewest_sets_use_each_frame_in_order_and_none_more_than_twice_if_there_are_v(
     count, views
 ):
     sets = recording_sets(count, views)

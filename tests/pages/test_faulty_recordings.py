@@ -64,9 +64,14 @@ def amplified(readings, label, number):
 
 #: The fault of all recordings of the mug, and what is named.
 FAULTS = {
-    frozen: "mug/0", frozen_later: "mug/0", loose_cable: "s3", padded: "mug/0", padded_before: "mug/0",
-    in_volts: "mug/0", amplified: "mug/0",
-}  # fmt: skip
+    frozen: "mug/0",
+    frozen_later: "mug/0",
+    loose_cable: "s3",
+    padded: "mug/0",
+    padded_before: "mug/0",
+    in_volts: "mug/0",
+    amplified: "mug/0",
+}
 
 
 def rigidity(label, number, frames):

@@ -14,7 +14,8 @@ from tactile_viewgcn.pages.html import Verdict, environment, write
 NASTY = '<script>alert("x")</script> & "Öl" 気'
 PAGE = """{% extends "page.html" %}
 {% import "macros.html" as page %}
-{% block head %}<h1>{{ text }}</h1>{{ page.verdict(verdict) }}{{ page.tile(text, text) }}{% endblock %}
+{% block head %}<h1>{{ text }}</h1>
+{{ page.verdict(verdict) }}{{ page.tile(text, text) }}{% endblock %}
 {% block sections %}
 {% call page.section(text) %}
 {{ page.steps([step]) }}

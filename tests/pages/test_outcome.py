@@ -156,7 +156,8 @@ def test_verdict_and_steps_follow_from_error_interval_and_split(
 
 
 def test_a_warning_comes_first_with_the_remedies_that_are_values(elsewhere):
-    line = f"dvc exp run -S views=4 -S 'data.columns=[\"time:t\"]' -S 'data.source=\"{elsewhere}/my glove\"'"
+    line = "dvc exp run -S views=4 -S 'data.columns=[\"time:t\"]' "
+    line += f"-S 'data.source=\"{elsewhere}/my glove\"'"
     beside, line = (
         line.replace(':t"', ':t","leave_out:my clock, s"'),
         f"{line} -S preprocess.baseline=grasp",

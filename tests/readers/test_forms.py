@@ -468,22 +468,70 @@ def soft_link(path):
 # a function that writes mug/1, its ending, the form, the frames, and the columns that are no
 # default
 FILES = {
-    "one frame by its shape": (partial(save, content=COUNTS[0]), "npy", {"shape": [5, 7]}, COUNTS[:1], {}),
+    "one frame by its shape": (
+        partial(save, content=COUNTS[0]),
+        "npy",
+        {"shape": [5, 7]},
+        COUNTS[:1],
+        {},
+    ),
     "cells of one row": (partial(save, content=COUNTS[0]), "npy", {}, COUNTS[0][:, None], {}),
-    "a named column": (partial(save, content="a,b\n1,2\n"), "csv", {"columns": ["pressure:b"]}, [[[2]]], {}),
-    "integers and a fraction": (partial(save, content="1,2\n3,8.5\n"), "csv", {}, [[[1, 2]], [[3, 8.5]]], {}),
-    "MATLAB 5": (lambda path: io.savemat(path, {"emg": COUNTS, "fs": 4.0, "unit": "mV"}), "mat", {}, COUNTS, {}),
+    "a named column": (
+        partial(save, content="a,b\n1,2\n"),
+        "csv",
+        {"columns": ["pressure:b"]},
+        [[[2]]],
+        {},
+    ),
+    "integers and a fraction": (
+        partial(save, content="1,2\n3,8.5\n"),
+        "csv",
+        {},
+        [[[1, 2]], [[3, 8.5]]],
+        {},
+    ),
+    "MATLAB 5": (
+        lambda path: io.savemat(path, {"emg": COUNTS, "fs": 4.0, "unit": "mV"}),
+        "mat",
+        {},
+        COUNTS,
+        {},
+    ),
     "MATLAB, frames last": (
-        lambda path: io.savemat(path, {"emg": np.moveaxis(COUNTS, 0, -1)}), "mat", {"shape": "frames_last"}, COUNTS, {},
+        lambda path: io.savemat(path, {"emg": np.moveaxis(COUNTS, 0, -1)}),
+        "mat",
+        {"shape": "frames_last"},
+        COUNTS,
+        {},
     ),
-    "MATLAB 7.3": (with_letters, "mat", {"columns": ["time:t"]}, COUNTS, {"time": np.arange(4) / 8}),
+    "MATLAB 7.3": (
+        with_letters,
+        "mat",
+        {"columns": ["time:t"]},
+        COUNTS,
+        {"time": np.arange(4) / 8},
+    ),
     "a link inside HDF5": (soft_link, "h5", {}, COUNTS, {}),
-    "a side": (partial(record, attributes={"split": np.bytes_("Test")}), "h5", {}, COUNTS, {"split": [TEST] * 4}),
-    "flags and late times": (
-        partial(record, time=1.7e9 + np.arange(4) / 4, grasp=np.array([0, 0, 1, 1]), valid=np.array([0.0, 1, 1, 1])),
-        "h5", {}, COUNTS, {"time": np.arange(4) / 4, "grasp": [0, 0, 1, 1], "valid": [False, True, True, True]},
+    "a side": (
+        partial(record, attributes={"split": np.bytes_("Test")}),
+        "h5",
+        {},
+        COUNTS,
+        {"split": [TEST] * 4},
     ),
-}  # fmt: skip
+    "flags and late times": (
+        partial(
+            record,
+            time=1.7e9 + np.arange(4) / 4,
+            grasp=np.array([0, 0, 1, 1]),
+            valid=np.array([0.0, 1, 1, 1]),
+        ),
+        "h5",
+        {},
+        COUNTS,
+        {"time": np.arange(4) / 4, "grasp": [0, 0, 1, 1], "valid": [False, True, True, True]},
+    ),
+}
 
 
 @pytest.mark.parametrize("name", FILES)

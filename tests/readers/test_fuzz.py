@@ -39,7 +39,7 @@ KINDS = {  # the name of a file, and a function that makes a good one
 
 
 def damaged(data: bytes, rng: np.random.Generator) -> bytes:
-    """The bytes with one to six faults: pieces that are lost, doubled or moved, and wrong numbers."""
+    """The bytes with one to six faults: pieces lost, doubled or moved, and wrong numbers."""
     out = bytearray(data)
     for _ in range(rng.integers(1, 7)):
         at, other = rng.integers(max(1, len(out)), size=2).tolist()

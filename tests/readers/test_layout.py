@@ -85,7 +85,7 @@ def test_a_table_of_files_names_their_objects_and_sessions(tmp_path, place):
         ("1_aug2023 1_aug2024", None, ""),  # years
     ],
 )
-def test_recordings_whose_names_differ_by_a_hand_an_axis_a_device_a_part_or_a_copy_are_held_out_together_or_joined(
+def test_recordings_whose_names_differ_by_a_part_or_a_copy_are_held_out_together_or_joined(
     tmp_path, names, takes, joined
 ):
     for number, name in enumerate(names.split()):

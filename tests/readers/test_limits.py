@@ -41,7 +41,7 @@ def equal_frames(path, shape=(16, 16), chunk=2**14):
 
 
 def one_chunk(path):
-    """HDF5 whose only chunk holds all frames, so that each block of frames would unpack it again."""
+    """HDF5 whose only chunk holds all frames, so that each block would unpack it again."""
     with h5py.File(path, "w") as file:
         file.create_dataset(
             "pressure", (2**21, 8, 8), "i2", chunks=(2**21, 8, 8), compression="gzip"

@@ -89,25 +89,51 @@ def saved(folder, name, content=COUNTS, below=True):
 
 #: By a name: a function that makes a source in a folder, and words of the line that refuses it.
 SOURCES = {
-    **{f"HDF5: {name}": (partial(lambda folder, content: record(folder / "bad.h5", **content), content=content), words)
-       for name, (content, words) in MISTAKES.items()},
-    **{f"MATLAB {kind}: {name}": (partial(changed_matlab, save_as=save_as, changes=changes), f"metadata.mat|{words}")
-       for name, (changes, words) in MATLAB.items()
-       for kind, save_as in (("5", save_matlab5), ("7.3", save_matlab73))
-       if kind == "5" or " as " not in name},  # what save_matlab73 writes follows the field's name
-    **{f"{save_as.__name__} cut to {share}": (partial(cut_short, save_as=save_as, last=last, share=share), words)
-       for save_as, last, words in (
-           (save_matlab5, ".", "metadata.mat: "), (save_matlab73, ".", "metadata.mat: "),
-           (save_folder, "000/001-object1/pressuredata.mat", "001-object1/pressuredata.mat: "),
-           (save_hdf5, "001-object1.h5", "001-object1.h5: "))
-       for share in (0.02, 0.9)},
-    "lines of text as MATLAB": (partial(saved, name="a.mat", content="0,513\n" * 99, below=False), "a.mat: damaged"),
+    **{
+        f"HDF5: {name}": (
+            partial(lambda folder, content: record(folder / "bad.h5", **content), content=content),
+            words,
+        )
+        for name, (content, words) in MISTAKES.items()
+    },
+    **{
+        f"MATLAB {kind}: {name}": (
+            partial(changed_matlab, save_as=save_as, changes=changes),
+            f"metadata.mat|{words}",
+        )
+        for name, (changes, words) in MATLAB.items()
+        for kind, save_as in (("5", save_matlab5), ("7.3", save_matlab73))
+        if kind == "5" or " as " not in name
+    },  # what save_matlab73 writes follows the field's name
+    **{
+        f"{save_as.__name__} cut to {share}": (
+            partial(cut_short, save_as=save_as, last=last, share=share),
+            words,
+        )
+        for save_as, last, words in (
+            (save_matlab5, ".", "metadata.mat: "),
+            (save_matlab73, ".", "metadata.mat: "),
+            (save_folder, "000/001-object1/pressuredata.mat", "001-object1/pressuredata.mat: "),
+            (save_hdf5, "001-object1.h5", "001-object1.h5: "),
+        )
+        for share in (0.02, 0.9)
+    },
+    "lines of text as MATLAB": (
+        partial(saved, name="a.mat", content="0,513\n" * 99, below=False),
+        "a.mat: damaged",
+    ),
     "pictures": (partial(saved, name="photos/000000.jpg", content=b"\xff\xd8"), "STAG"),
-    "a text": (partial(saved, name="table.json", content="time,pressure\n0,513\n", below=False), "table.json|STAG"),
+    "a text": (
+        partial(saved, name="table.json", content="time,pressure\n0,513\n", below=False),
+        "table.json|STAG",
+    ),
     "arrays at other places beside HDF5": (both_forms, "mug/1.npy: names no object"),
-    "labels alone": (partial(saved, name="labels.csv", content="file,object\na,mug\n"), "no recordings beside labels"),
+    "labels alone": (
+        partial(saved, name="labels.csv", content="file,object\na,mug\n"),
+        "no recordings beside labels",
+    ),
     "an array without an object": (partial(saved, name="1.npy"), "1.npy: names no object"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", SOURCES)
@@ -322,16 +348,25 @@ def array(folder, size, shape):
 
 
 CHANGES = {  # of an HDF5 file, and words of the line
-    "external link that nothing uses": (lambda file: file.update(far=h5py.ExternalLink("../other.h5", "/")), "/far"),
+    "external link that nothing uses": (
+        lambda file: file.update(far=h5py.ExternalLink("../other.h5", "/")),
+        "/far",
+    ),
     "external storage": (
-        lambda file: file.create_dataset("pressure", (4, 5, 7), "i2", external=[("../other.h5", 0, 280)]), "leads out",
+        lambda file: file.create_dataset(
+            "pressure", (4, 5, 7), "i2", external=[("../other.h5", 0, 280)]
+        ),
+        "leads out",
     ),
     "virtual": (virtual, "leads out"),
-    "dangling link": (lambda file: file.update(pressure=h5py.SoftLink("/nowhere/else")), "pressure"),
+    "dangling link": (
+        lambda file: file.update(pressure=h5py.SoftLink("/nowhere/else")),
+        "pressure",
+    ),
     "group": (lambda file: file.create_group("pressure"), "of another form"),
     "name that is no UTF-8": (lambda file: file.attrs.update({"object": np.bytes_(b"m\xffg")}), ""),
     "cell outside": (cell_outside, "leads out"),
-}  # fmt: skip
+}
 REFUSED = {
     **{name: (partial(hdf5, change=change), words) for name, (change, words) in CHANGES.items()},
     **{

@@ -62,10 +62,10 @@ def test_a_number_of_groups_of_three_digits_is_refused_and_the_line_writes_it_pl
     path = save(tmp_path / "lab" / "mug" / f"1.{ending}", text)
     line = refusal(tmp_path / "lab", tmp_path)
     assert f"mug/1.{ending}: line " in line and "column 1" in line
-    run_line(
-        line,
-        f"if it is {numbers[-1][0] if name != 'quoted, all' and name != 'millions' else numbers[0][0]}: ",
-    )
+    number = numbers[-1][0]
+    if name in ("quoted, all", "millions"):
+        number = numbers[0][0]
+    run_line(line, f"if it is {number}: ")
     counts, _ = ingested(path.parents[1])
     np.testing.assert_array_equal(counts[:, 0], numbers)
 
@@ -189,9 +189,9 @@ def one_table(label, *, words):
     for run in range(4):
         for number, name in enumerate(OBJECTS):
             for frame in range(5):
-                rows.append(
-                    f"{len(rows) - 1},{run + 0.5},{number}.75,{frame}.25,{name if words else number + 7}"
-                )
+                of_object = name if words else number + 7
+                readings = f"{run + 0.5},{number}.75,{frame}.25"
+                rows.append(f"{len(rows) - 1},{readings},{of_object}")
     return "\n".join(rows) + "\n"
 
 
@@ -386,10 +386,16 @@ def test_a_word_that_recurs_in_file_names_is_offered_as_the_session(tmp_path, na
 @pytest.mark.parametrize(
     "place",
     [
-        "{o}/{i}.npy", "{o}/{o}_{i}.npy", "{o}/rec_{i}.npy", "{o}/trial_{i}.npy", "{o}/2024_{i}.npy", "mon/{o}/{i}.npy",
-        "{o}/take{i}.npy", "{o}/{i}_right.npy",
+        "{o}/{i}.npy",
+        "{o}/{o}_{i}.npy",
+        "{o}/rec_{i}.npy",
+        "{o}/trial_{i}.npy",
+        "{o}/2024_{i}.npy",
+        "mon/{o}/{i}.npy",
+        "{o}/take{i}.npy",
+        "{o}/{i}_right.npy",
     ],
-)  # fmt: skip
+)
 def test_numbers_of_recordings_are_no_persons(tmp_path, place):
     for index in range(4):
         for at, name in enumerate(OBJECTS):

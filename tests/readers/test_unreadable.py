@@ -62,10 +62,14 @@ def test_a_first_line_that_is_cut_is_named_and_the_command_deletes_it(tmp_path, 
 @pytest.mark.parametrize(
     "text",
     [
-        "Mon Nov 28 05:32:05 2026\n1,2\n3,4\n5,6\n", "Fs: 100\nGain: 2\n1,2\n3,4\n5,6\n7,8\n",
-        ",0,1\n0,1,2\n1,3,4\n2,5,6\n", "time,a\n12:30:01,5\n12:30:02,6\n", "a\n1\n2\n3\n", "1,2\n3,4\n5,6\n7\n,\n",
+        "Mon Nov 28 05:32:05 2026\n1,2\n3,4\n5,6\n",
+        "Fs: 100\nGain: 2\n1,2\n3,4\n5,6\n7,8\n",
+        ",0,1\n0,1,2\n1,3,4\n2,5,6\n",
+        "time,a\n12:30:01,5\n12:30:02,6\n",
+        "a\n1\n2\n3\n",
+        "1,2\n3,4\n5,6\n7\n,\n",
     ],
-)  # fmt: skip
+)
 def test_an_ordinary_table_is_none_of_these(tmp_path, text):
     save(tmp_path / "lab" / "mug" / "1.csv", text)
     assert not [

@@ -1,4 +1,4 @@
-"""Temperatures: those that labels were drawn with, fitted to answers on groups that were left out."""
+"""Temperatures that labels were drawn with are fitted to answers on held-out groups."""
 
 from dataclasses import replace
 

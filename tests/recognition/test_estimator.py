@@ -178,7 +178,7 @@ def test_a_channel_that_is_the_label_and_a_copy_are_warned_of_as_by_ingest():
     assert topics >= {"columns", "copies"}
 
 
-def test_columns_called_time_index_or_label_or_left_out_by_name_are_not_read_and_sensors_keep_their_order():
+def test_columns_called_time_or_label_or_left_out_by_name_are_not_read_and_sensors_keep_order():
     """By the time, or the one left out by its name, alone the objects would be told apart."""
     label, rng = np.repeat(["a", "b"], 9), np.random.default_rng(0)
 

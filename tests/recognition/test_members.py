@@ -1,4 +1,4 @@
-"""The members that `best` weighs on an array, and that none of them answers twice on single frames."""
+"""The members that `best` weighs on an array; none of them answers twice on single frames."""
 
 import numpy as np
 import pytest

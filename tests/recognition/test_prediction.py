@@ -1,4 +1,4 @@
-"""The command `predict`: what it prints and writes, where it finds the model, and what it refuses."""
+"""The command `predict`: what it prints, writes and refuses, and where it finds the model."""
 
 import csv
 from itertools import islice
@@ -23,7 +23,7 @@ from tests.readers.files import save
 
 @pytest.fixture
 def place(tmp_path):
-    """A folder with a model, an unlabelled folder of three recordings and a labelled one of five."""
+    """A folder with a model, an unlabelled folder of 3 recordings and a labelled one of 5."""
     model_file(tmp_path / "classifier.pt")
     for number, name in enumerate(OBJECTS):
         write(tmp_path / "new" / f"{number}.h5", recording(name, 80 + number))

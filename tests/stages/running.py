@@ -33,8 +33,13 @@ FILES = {
     "preprocess": "--recordings data/recordings --out data/frames",
     "cluster": "--needs data/needs.json --frames data/frames --out data/views",
     "pretrain": "--needs data/needs.json --frames data/frames --out models/backbone.pt",
-    "finetune": "--frames data/frames --views data/views --backbone models/backbone.pt --out models/classifier.pt",
-    "evaluate": "--frames data/frames --classifier models/classifier.pt --records runs --out results",
+    "finetune": (
+        "--frames data/frames --views data/views --backbone models/backbone.pt "
+        "--out models/classifier.pt"
+    ),
+    "evaluate": (
+        "--frames data/frames --classifier models/classifier.pt --records runs --out results"
+    ),
 }
 
 

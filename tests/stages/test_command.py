@@ -80,7 +80,7 @@ def test_a_source_that_a_temporary_workspace_lacks_is_named_with_its_path_in_the
 
 
 @pytest.mark.parametrize("record", ["record.json", "y/record.json"])
-def test_a_stage_whose_record_has_no_room_does_not_say_that_it_is_done_and_leaves_no_files_beside_it(
+def test_a_stage_whose_record_has_no_room_does_not_say_that_it_is_done_and_leaves_no_files(
     place, record
 ):
     def needs(job, out):

@@ -19,7 +19,7 @@ SESSIONS, REPEATS = 2, 3
 
 
 def recordings(objects, shape, frames=30):
-    """Object, session, number and counts (frames, *shape) of recordings that are easily told apart."""
+    """Object, session, number and counts (frames, *shape) of recordings easily told apart."""
     rng = np.random.default_rng(0)
     patterns = {name: 90 * (rng.random(shape) < 0.5) for name in objects}
     rise = np.clip(np.linspace(-0.5, 1, frames), 0, 1).reshape(-1, *[1] * len(shape))

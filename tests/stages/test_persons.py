@@ -86,8 +86,8 @@ def test_one_run_has_the_errors_for_a_new_recording_and_for_a_new_person(
             and percent_interval(*(each[key] for key in ("mean", "low", "high"))) in text
         )
     assert (
-        f"not yet reliable. The whole interval lies below the error of chance. For {NEW} the error is higher"
-        in text
+        "not yet reliable. The whole interval lies below the error of chance. "
+        f"For {NEW} the error is higher" in text
     )
     assert "-S split.by=session" in text
 

@@ -32,7 +32,7 @@ def test_a_training_is_at_its_end_where_the_loss_is_small_and_hardly_falls(curve
     assert losses.before == [3.0, *curve][-2]
 
 
-def test_a_system_that_is_not_fine_tuned_has_the_losses_of_pretraining_and_one_on_the_sensors_none():
+def test_a_system_without_fine_tuning_has_losses_of_pretraining_and_one_on_the_sensors_none():
     assert losses_of(record(9.0, 8.0, guessing=9.5), record()).end == 8.0
     losses = losses_of(record(), record())
     assert losses.trained and np.isnan([losses.guessing, losses.before, losses.end]).all()

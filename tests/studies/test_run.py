@@ -39,9 +39,11 @@ TWO = {key: CELLS[key] for key in KEYS[:2]}
 STAGE = """stages:
   evaluate:
     cmd: >-
-      sed -n 's/^seed: \\([0-9]\\).*/\\1/p' params.yaml | tee {log}.last >> {log} && cp -r {cell}/* . &&
+      sed -n 's/^seed: \\([0-9]\\).*/\\1/p' params.yaml | tee {log}.last >> {log} &&
+      cp -r {cell}/* . &&
       if grep -q "^seed: 1" params.yaml && mkdir {log}.stuck; then sleep 300; fi &&
-      if grep -q "^seed: 2" params.yaml && mkdir {log}.failed; then echo "Error: the glove is on fire"; exit 1; fi
+      if grep -q "^seed: 2" params.yaml && mkdir {log}.failed;
+      then echo "Error: the glove is on fire"; exit 1; fi
     params: [seed]
     outs: [{outs}]
 """
@@ -138,7 +140,8 @@ def test_a_failed_cell_is_named_and_the_same_command_runs_it_again_and_no_other(
 @with_dvc
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_ctrl_c_in_a_terminal_ends_the_cells_and_the_others_are_run_later(machine, tmp_path, jobs):
-    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)  # which a background job ignores\n"
+    # a background job ignores the signal
+    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
     code += f"from studies.__main__ import main; main(['made', '--jobs', '{jobs}'])"
     (machine / "studies").mkdir()
     (machine / "studies/made.yaml").write_text(yaml.safe_dump(LEAST | {"seeds": [0, 1]}))

@@ -1,4 +1,4 @@
-"""The network that equations 1 to 6 make, against plain loops over nodes, and equation 6 by hand."""
+"""The network of equations 1 to 6 against plain loops over nodes, and equation 6 by hand."""
 
 import math
 from pathlib import Path

@@ -66,7 +66,7 @@ def run(loss_of, parameters, *, epochs, steps=2, rate=0.25, validate=dict, sched
     return progress, taken
 
 
-def test_a_step_goes_down_by_its_epoch_s_rate_and_the_curves_are_means_and_what_is_validated():
+def test_a_step_goes_down_the_loss_by_its_epoch_s_rate_and_the_curves_are_means_over_batches():
     weight, values = nn.Parameter(torch.zeros(())), iter([0.5, 0.25])
     options = {
         "epochs": 2,
