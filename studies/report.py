@@ -20,24 +20,25 @@ from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import several
 from tactile_viewgcn.params import VIRTUAL, Params, default_params
 
-EXPLAINED = """Errors are in per cent, means over folds, trials and a variant's trainings, each from
-one seed on all folds of one deal; every split group counts once. In brackets: the 95 % interval
-that resamples these groups, conditional on the trainings; where a view set mixes an object's
-groups, as under `object`, it is optimistic. `std` is the standard deviation over the trainings."""
-DEALT = """The groups were dealt to the folds in {deals} ways, so that each is tested {deals} times;
-each is resampled as one unit."""
-COMPARED = """Differences are paired, over the seeds and deals that both were trained on by one kind
-of machine. Of the two intervals of 95 % `over groups` resamples the split groups, and
-`over trainings` is Student's, the range for other seeds. The verdict needs both. A variant without
-common trainings has no row."""
-TRAINED = f"""Losses of the training: of the first batch, which guesses, and means of the last epoch
-but one and of the last; in some systems a loss is the sum of several. A row with † is not trained
-to its end, and decides nothing: its loss at the end is above {LEFT:.0%} of guessing, or fell by
-more than {FALL:.0%} of it in the last epoch. A system that is not fine-tuned has the losses of
-pretraining; a system on the sensors has none, nor has its member `network`."""
-PAID = """Costs are those of the cheapest training, since other work only adds to them: seconds are
-summed over folds, milliseconds are of an answer, the memory is that of the stage that needs
-most."""
+EXPLAINED = """Errors are in per cent: means over folds, trials and a variant's training runs. A
+training run has one seed and one deal, and covers all folds. Every split group counts once. The
+brackets hold the 95 % interval that resamples these groups, for these training runs. It is
+optimistic where a view set mixes an object's groups, as under `object`. `std` is the standard
+deviation over the training runs."""
+DEALT = """The groups were dealt to the folds in {deals} ways, so that each is tested {deals} times.
+Each is resampled as one unit."""
+COMPARED = """Differences are paired, over the seeds and deals that both variants were trained on by
+one kind of machine. There are two intervals of 95 %: `over groups` resamples the split groups, and
+`over trainings` is Student's interval for other seeds. The verdict needs both. A variant without
+common training runs has no row."""
+TRAINED = f"""`guessing` is the loss of the first batch, before a step; `before` and `end` are means
+of the last epoch but one and of the last epoch. In some systems a loss is the sum of several. A row
+with † is not trained to its end, and decides nothing: its loss at the end is above {LEFT:.0%} of
+`guessing`, or fell by more than {FALL:.0%} of it in the last epoch. A system that is not fine-tuned
+has the losses of pretraining. A system on the sensors has none, nor has its member `network`."""
+PAID = """Costs are of the cheapest training run, since other work only adds to them. Seconds are
+summed over folds, milliseconds are for one answer, and the memory is the peak of the stage that
+needs most."""
 
 
 def write_report(
@@ -73,7 +74,7 @@ def write_report(
         text.append(DEALT.format(deals=deals))
     absent = missing(cells, answers)
     if absent:
-        text.append(f"Trainings that have not been run: {', '.join(absent)}.")
+        text.append(f"Missing training runs: {', '.join(absent)}.")
     if references:
         text.append(COMPARED)
     parts = [*map(_paragraph, text), *tables(rows, references, study.columns)]
