@@ -9,7 +9,7 @@ from scipy.stats import t as student
 
 from studies.cells import Answers
 from studies.grid import COLUMNS
-from tactile_viewgcn.evaluation.trials import ASKED
+from tactile_viewgcn.evaluation.trials import TITLES
 from tactile_viewgcn.intervals import group_interval, proportion_interval
 from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.randomness import stream
@@ -54,7 +54,7 @@ def errors_of(answers: list[Answers]) -> pd.DataFrame:
 
     Returns:
         columns `variant`, `seed`, `deal` and `machine`; `protocol`, one of the titles of
-            `trials.ASKED`; `group`; `answers`, their number; and `wrong`, the mean over the group's
+            `trials.TITLES`; `group`; `answers`, their number; and `wrong`, the mean over the group's
             answers and all trials.
     """
     parts = []
@@ -67,7 +67,7 @@ def errors_of(answers: list[Answers]) -> pd.DataFrame:
             part["deal"] = answer.cell.deal
             part["machine"] = answer.machine
             part["variant"] = answer.cell.variant
-            part["protocol"] = ASKED[protocol]
+            part["protocol"] = TITLES[protocol]
             parts.append(part)
     rows = pd.concat(parts, ignore_index=True)
     # the folds of a training run may have run on several machines

@@ -9,7 +9,7 @@ from studies.comparison import OPEN, UNTRAINED, complete, pareto_front, power, r
 from studies.grid import Cell, Study
 from studies.losses import Losses
 from studies.report import write_report
-from tactile_viewgcn.evaluation.trials import ASKED, Predictions, Trials
+from tactile_viewgcn.evaluation.trials import TITLES, Predictions, Trials
 from tactile_viewgcn.messages import UserError
 
 LABELS, GROUPS = np.repeat([0, 1], 40), np.repeat(np.arange(8), 10)
@@ -32,7 +32,7 @@ def answers(
     mistaken = np.tile(np.arange(10) < wrong, 8)
     predicted, names = np.tile(np.where(mistaken, 1 - LABELS, LABELS), (2, 1)), groups.astype(str)
     trials = {
-        asked: Trials(predicted[..., None].copy(), LABELS, groups, names, 8) for asked in ASKED
+        asked: Trials(predicted[..., None].copy(), LABELS, groups, names, 8) for asked in TITLES
     }
     predictions = Predictions(trials, np.array(["mug", "pen"]))
     cell = Cell(variant=variant, seed=seed, deal=deal, fold=fold, changes=(f"seed={seed}",))
