@@ -53,9 +53,9 @@ def errors_of(answers: list[Answers]) -> pd.DataFrame:
     """Return a row for each variant, training run, protocol and split group.
 
     Returns:
-        columns `variant`, `seed`, `deal` and `machine`; `protocol`, one of the titles of
-            `trials.TITLES`; `group`; `answers`, their number; and `wrong`, the mean over the group's
-            answers and all trials.
+        columns `variant`, `seed`, `deal` and `machine`; `protocol`, one of `trials.TITLES`;
+            `group`; `answers`, their number; and `wrong`, the mean over the group's answers and all
+            trials.
     """
     parts = []
     for answer in answers:

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from tactile_viewgcn.evaluation.trials import (
-    TITLES,
     PROTOCOLS,
+    TITLES,
     WHOLE,
     Predictions,
     write_predictions,
