@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
+from typing import Any
 
 import click
 import pandas as pd
@@ -12,14 +13,19 @@ from tactile_viewgcn.files import new_files
 from tactile_viewgcn.messages import program
 from tactile_viewgcn.params import Params, load
 
-Result = tuple[str, list[dict], Figure | None]  # text above the table, its rows, and the picture
+Row = dict[str, Any]  # of a table, by column
+Result = tuple[str, list[Row], Figure | None]  # text above the table, its rows, and the picture
 
 
 def benchmark(measure: Callable[[Params, bool], Result]) -> click.Command:
-    """Command of `measure(params, quick)`, named after it.
+    """Return the command of a benchmark.
 
     It prints text and table, and writes results.csv, .md and .png into benchmarks/NAME, or where
     --out says.
+
+    Args:
+        measure: function of params.yaml and of whether to measure less. The command has its name
+            and its docstring.
     """
     folder = Path("benchmarks", measure.__name__)
 
@@ -43,8 +49,15 @@ def benchmark(measure: Callable[[Params, bool], Result]) -> click.Command:
     return command
 
 
-def write_table(folder: Path, rows: list[dict], text: str, picture: Figure | None = None) -> None:
-    """`results.csv` of the rows, `results.md` with a text above them, and a picture as `results.png`."""
+def write_table(folder: Path, rows: list[Row], text: str, picture: Figure | None = None) -> None:
+    """Write results.csv, results.md and results.png.
+
+    Args:
+        folder: place of the files.
+        rows: of the table, in results.csv and results.md.
+        text: above the table in results.md.
+        picture: None: there is no results.png.
+    """
     with new_files(folder) as part:
         pd.DataFrame(rows, dtype=object).to_csv(part / "results.csv", index=False)
         (part / "results.md").write_text(f"{text.strip()}\n\n{markdown(rows)}\n")
@@ -52,9 +65,15 @@ def write_table(folder: Path, rows: list[dict], text: str, picture: Figure | Non
             picture.savefig(part / "results.png")
 
 
-def markdown(rows: list[dict]) -> str:
-    """Rows as a Markdown table, numbers at three digits."""
-    table = pd.DataFrame(rows, dtype=object).map(
-        lambda value: f"{value:.3g}" if isinstance(value, float) else value
-    )
-    return table.to_markdown(index=False, disable_numparse=True)
+def markdown(rows: list[Row]) -> str:
+    """Return rows as a Markdown table, numbers at three digits."""
+    table = pd.DataFrame(rows, dtype=object).map(_cell)
+    text: str = table.to_markdown(index=False, disable_numparse=True)
+    return text
+
+
+def _cell(value: Any) -> Any:
+    """Return a fraction as a text of three digits, and anything else unchanged."""
+    if isinstance(value, float):
+        return f"{value:.3g}"
+    return value

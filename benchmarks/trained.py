@@ -9,13 +9,23 @@ from tactile_viewgcn.recognition.calibration import Classifier
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.tables.frames import Frames, load_table
 
-FRAMES, CLASSIFIER = Path("data/frames"), Path("models/classifier.pt")  # as `dvc repro` leaves them
+# as `dvc repro` leaves them
+FRAMES = Path("data/frames")
+CLASSIFIER = Path("models/classifier.pt")
 
 
 def read_trained(
     frames: Path, classifier: Path, params: Params
 ) -> tuple[Classifier, Frames, Params]:
-    """The classifier in evaluation mode, the frames it was trained and is tested on, and parameters with its `model`.
+    """Return the classifier, its frames, and parameters with its `model`.
+
+    Args:
+        frames: table of the frames that it was trained and is tested on.
+        classifier: file of the classifier.
+        params: all other parameters.
+
+    Returns:
+        the classifier in evaluation mode, the table, and the parameters.
 
     Raises:
         UserError: a file is missing, or the classifier is of other classes or sensors than the
@@ -26,7 +36,9 @@ def read_trained(
             raise UserError(f"{path}: no such file; run `dvc repro`, which makes it")
     table = load_table(frames, Frames)
     trained, content = load_classifier(classifier)
-    if (content.classes, content.plan.live.shape) != (table.classes, table.live.shape):
+    same_classes = content.classes == table.classes
+    same_sensors = content.plan.live.shape == table.live.shape
+    if not (same_classes and same_sensors):
         raise UserError(
             f"{classifier}: of other classes or sensors than {frames}; train it on these frames"
         )

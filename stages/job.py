@@ -29,7 +29,7 @@ class Job:
 
     Attributes:
         params: the parameters that the stage's `params` in dvc.yaml name, and no others.
-        record: what is written beside the outputs; the stage puts its numbers into `record.counts`.
+        record: what is written with the outputs; the stage puts its numbers into `record.counts`.
         needed: whether `model.system` needs the stage, which otherwise writes a placeholder.
         run: the stage's run in MLflow.
         afterwards: contexts that end after output and record have taken their places, or after an

@@ -51,21 +51,27 @@ def main(name: str | None, changes: tuple[str, ...], **options: Any) -> None:
             raise UserError("--take runs no cell: expected python -m studies NAME --take FOLDER")
         if changes and not options["out"]:
             raise UserError(
-                "--set without --out: name a folder, as the study's own results are those without changes"
+                "--set without --out: name a folder, as the study's own results are those without "
+                "changes"
             )
         if name is None:
-            rows = [
-                f"{study.name:<15} {len(study.cells()):>5}  {study.question}"
-                for study in map(read_study, names())
-            ]
-            print(f"{'study':<15} {'cells':>5}  question", *rows, sep="\n")
-        else:
-            try:
-                run(read_study(name), changes=changes, **options)
-            except KeyboardInterrupt:
-                raise SystemExit(
-                    "stopped: finished cells are kept; the same command goes on with the others"
-                ) from None
+            print_studies()
+            return
+        try:
+            run(read_study(name), changes=changes, **options)
+        except KeyboardInterrupt:
+            raise SystemExit(
+                "stopped: finished cells are kept; the same command goes on with the others"
+            ) from None
+
+
+def print_studies() -> None:
+    """Print a line for each study: its name, number of cells and question."""
+    lines = [f"{'study':<15} {'cells':>5}  question"]
+    for name in names():
+        study = read_study(name)
+        lines.append(f"{study.name:<15} {len(study.cells()):>5}  {study.question}")
+    print(*lines, sep="\n")  # no list begins where a study is wrong
 
 
 def run(
@@ -77,50 +83,76 @@ def run(
     changes: tuple[str, ...] = (),
     out: Path | None = None,
 ) -> None:
-    """Run the cells that are missing, or take those of a folder; then write the report of all finished ones.
+    """Run the cells that are missing, or take those of a folder; then write the report.
 
-    The arguments are the options of `main`.
+    The report is of all finished cells.
+
+    Args:
+        study: the study.
+        jobs: number of cells at once on this machine.
+        scheduler: address of Dask's scheduler, whose workers run the cells.
+        take: folder of cells that ran elsewhere; no cell is run then.
+        changes: changes of every cell, `key=value`.
+        out: folder of the results; the study's own by default.
 
     Raises:
-        UserError: a cell's parameters are wrong, two cells are the same training, cells failed, or
-            see `take_cells`.
+        UserError: a cell's parameters are wrong, two cells are the same training run, cells failed,
+            or see `take_cells`.
     """
     from studies.report import write_report  # here, since it loads Matplotlib
 
-    code = code_of_stages()
-    cells: dict[str, Cell] = {}
-    for cell in study.cells(changes):
-        same = cells.setdefault(key_of(cell, code), cell)
-        if same is not cell:
-            raise UserError(
-                f"{study.name}: the same training twice ({same}; {cell}): --set what the study does not vary"
-            )
+    cells = _cells_by_key(study, changes)
     if unlike_the_file(committed_params(Path("params.yaml"))):
         print("note: params.yaml differs from the last commit, whose values the cells have")
     folder = out or FOLDER / study.name
-    try:  # before the first cell runs
-        TemporaryFile(
-            dir=next(place for place in (folder, *folder.parents) if place.exists())
-        ).close()
-    except OSError as error:
-        raise UserError(
-            f"{folder}: {error.strerror}; with --out name a folder that you can write into"
-        ) from None
-    print(
-        f"{study.name}: {several(len(cells), 'cell')}, finished before: {sum(map(stored, cells))}",
-        flush=True,
-    )
+    _check_writable(folder)  # before the first cell runs
+    finished = sum(stored(key) for key in cells)
+    print(f"{study.name}: {several(len(cells), 'cell')}, finished before: {finished}", flush=True)
+    faults: dict[str, str] = {}
     if take:
-        print(f"{study.name}: {several(take_cells(take, cells), 'cell')} taken from {take}")
-    faults = {} if take else run_cells(study.name, cells, jobs=jobs, scheduler=scheduler)
+        taken = take_cells(take, cells)
+        print(f"{study.name}: {several(taken, 'cell')} taken from {take}")
+    else:
+        faults = run_cells(study.name, cells, jobs=jobs, scheduler=scheduler)
     answers = [answers_of(cell, read_results(key)) for key, cell in cells.items() if stored(key)]
     if answers:
         print(write_report(study, answers, folder, changes))
         print(f"written: {folder}/results.csv, results.md and a picture, if any")
     if faults:
         raise UserError(
-            f"{len(faults)} of {several(len(cells), 'cell')} failed, see above; the same command tries them again"
+            f"{len(faults)} of {several(len(cells), 'cell')} failed, see above; "
+            "the same command tries them again"
         )
+
+
+def _cells_by_key(study: Study, changes: tuple[str, ...]) -> dict[str, Cell]:
+    """Return the study's cells by their keys.
+
+    Raises:
+        UserError: a cell's parameters are wrong, or two cells are the same training run.
+    """
+    code = code_of_stages()
+    cells: dict[str, Cell] = {}
+    for cell in study.cells(changes):
+        key = key_of(cell, code)
+        if key in cells:
+            raise UserError(
+                f"{study.name}: the same training twice ({cells[key]}; {cell}): "
+                "--set what the study does not vary"
+            )
+        cells[key] = cell
+    return cells
+
+
+def _check_writable(folder: Path) -> None:
+    """Raise a UserError if nothing can be written into a folder that may not exist yet."""
+    existing = next(place for place in (folder, *folder.parents) if place.exists())
+    try:
+        TemporaryFile(dir=existing).close()
+    except OSError as error:
+        raise UserError(
+            f"{folder}: {error.strerror}; with --out name a folder that you can write into"
+        ) from None
 
 
 if __name__ == "__main__":

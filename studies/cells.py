@@ -1,4 +1,4 @@
-"""The results of finished cells, stored by a hash of everything they depend on, so that no cell runs twice."""
+"""The results of finished cells, by a hash of what they depend on: no cell runs twice."""
 
 import hashlib
 import json
@@ -25,62 +25,97 @@ RESULTS = ("results/predictions.npz", "results/timing.json", *RECORDS)  # what i
 
 @dataclass(frozen=True)
 class Answers:
-    """The results of a finished cell."""
+    """The results of a finished cell.
+
+    Attributes:
+        cell: the cell.
+        predictions: its answers to the evaluated set.
+        costs: by the names in `grid.COLUMNS`.
+        losses: of its training run.
+        machine: name of the GPU that trained it, or of the CPU.
+        frames: md5 of its table of frames.
+    """
 
     cell: Cell
     predictions: Predictions
-    costs: dict[str, float]  # by the names in `grid.COLUMNS`
+    costs: dict[str, float]
     losses: Losses
-    machine: str  # name of the card that trained it, or of the processor
-    frames: str  # their md5
+    machine: str
+    frames: str
 
 
 def key_of(cell: Cell, code: str) -> str:
-    """16 hexadecimal digits of a hash of everything the cell's results depend on: parameters, code and data source.
+    """Return 16 hexadecimal digits of a hash of everything that the cell's results depend on.
+
+    Args:
+        cell: its parameters count, and the content of its data source.
+        code: see `code_of_stages`.
 
     Raises:
         UserError: the cell's parameters are wrong, or its data source is missing.
     """
-    params, content = flatten(default_params(cell.changes, f"variant {cell.variant}")), ""
+    params = flatten(default_params(cell.changes, f"variant {cell.variant}"))
+    content = ""
     if params["data.source"] != VIRTUAL:  # files may have a different place on each machine
         source = params.pop("data.source")
         if not Path(source).exists():
             raise UserError(f"data.source is {source}; expected an existing file or folder")
         content = md5(source)
-    return hashlib.sha256(repr((sorted(params.items()), code, content)).encode()).hexdigest()[:16]
+    everything = repr((sorted(params.items()), code, content))
+    return hashlib.sha256(everything.encode()).hexdigest()[:16]
 
 
 def code_of_stages() -> str:
-    """A digest of both pipelines and of the code that their stages depend on."""
+    """Return a digest of both pipelines and of the code that their stages depend on."""
     entries = stages()
-    return hashlib.sha256(
-        repr((entries, [code_of(entry) for entry in entries.values()])).encode()
-    ).hexdigest()
+    code = [code_of(entry) for entry in entries.values()]
+    return hashlib.sha256(repr((entries, code)).encode()).hexdigest()
 
 
 def store(key: str, contents: dict[str, bytes]) -> None:
-    """Keep the `RESULTS` of a finished cell, in one folder."""
+    """Keep the results of a finished cell, in one folder.
+
+    Args:
+        key: see `key_of`.
+        contents: of the files `RESULTS`, by their paths.
+    """
     with new_files(STORE / key) as folder:
         for name, content in contents.items():
             (folder / Path(name).name).write_bytes(content)
 
 
 def stored(key: str) -> bool:
-    """Whether the cell with this key has been finished."""
+    """Return whether the cell with this key has been finished."""
     return (STORE / key).is_dir()
 
 
 def read_results(key: str) -> dict[str, bytes]:
-    """The `RESULTS` of a stored cell."""
+    """Return the contents of the files `RESULTS` of a stored cell, by their paths."""
     return {name: (STORE / key / Path(name).name).read_bytes() for name in RESULTS}
 
 
 def answers_of(cell: Cell, contents: dict[str, bytes]) -> Answers:
-    """The results of a cell from its `RESULTS`; any exception where one is damaged."""
+    """Return the results of a cell.
+
+    Args:
+        cell: the cell.
+        contents: of the files `RESULTS`, by their paths.
+
+    Raises:
+        Exception: of any kind, where a file is damaged.
+    """
     timing = json.loads(contents["results/timing.json"])
     costs = {name: reduce(getitem, keys, timing) for name, keys in COLUMNS.items()}
-    pretrain, finetune = (Record.read(contents[name]) for name in RECORDS[1:])
-    origin, frames = finetune.origin, finetune.inputs["frames"]["md5"]
-    machine = origin["processor"] if origin["device"] == "cpu" else origin["device"]
-    predictions = read_predictions(BytesIO(contents["results/predictions.npz"]))
-    return Answers(cell, predictions, costs, losses_of(pretrain, finetune), machine, frames)
+    pretrain = Record.read(contents["runs/pretrain.json"])
+    finetune = Record.read(contents["runs/finetune.json"])
+    machine = finetune.origin["device"]
+    if machine == "cpu":
+        machine = finetune.origin["processor"]
+    return Answers(
+        cell=cell,
+        predictions=read_predictions(BytesIO(contents["results/predictions.npz"])),
+        costs=costs,
+        losses=losses_of(pretrain, finetune),
+        machine=machine,
+        frames=finetune.inputs["frames"]["md5"],
+    )

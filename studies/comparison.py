@@ -1,6 +1,6 @@
-"""Comparison of a study's variants: errors with intervals, paired differences to the references, costs, power."""
+"""Comparison of a study's variants: errors, paired differences to the references, costs, power."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
 import numpy as np
@@ -9,221 +9,320 @@ from scipy.stats import t as student
 
 from studies.cells import Answers
 from studies.grid import COLUMNS
-from tactile_viewgcn.evaluation.trials import ASKED
+from tactile_viewgcn.evaluation.trials import TITLES
 from tactile_viewgcn.intervals import group_interval, proportion_interval
 from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.randomness import stream
 
-MIN_SEEDS = 3  # for an interval over trainings
-ENOUGH = 5.0  # points: largest acceptable detectable difference of a study
-OPEN, UNTRAINED = "not decided", "not trained to its end"
-TRAINING = ["seed", "deal"]  # a training is the cells of all folds
-# trainings are paired on one kind of machine: they differ by points
+Interval = Callable[[np.ndarray, np.ndarray, np.random.Generator], tuple[float, float] | None]
+
+MIN_SEEDS = 3  # for an interval over training runs
+ENOUGH = 5.0  # percentage points: largest acceptable detectable difference of a study
+OPEN = "not decided"
+UNTRAINED = "not trained to its end"
+TRAINING = ["seed", "deal"]  # a training run is the cells of all folds
+# training runs are paired on one kind of machine: they differ by percentage points
 PAIRED = [*TRAINING, "machine"]
 
 
 def complete(answers: list[Answers], folds: int) -> list[Answers]:
-    """The answers without those of trainings that lack one of the folds.
+    """Return the answers of training runs that have finished on all folds.
+
+    Args:
+        answers: of finished cells.
+        folds: their number.
 
     Raises:
-        UserError: no training has all folds.
+        UserError: no training run has all folds.
     """
-    trainings = pd.Series([(each.cell.variant, each.cell.seed, each.cell.deal) for each in answers])
+    cells = [answer.cell for answer in answers]
+    runs = pd.Series([(cell.variant, cell.seed, cell.deal) for cell in cells])
+    finished_folds = runs.map(runs.value_counts())
     whole = [
-        each
-        for each, count in zip(answers, trainings.map(trainings.value_counts()), strict=True)
-        if count == folds
+        answer for answer, count in zip(answers, finished_folds, strict=True) if count == folds
     ]
     if not whole:
         raise UserError(
-            f"no training has finished on all {folds} folds, so that there is no table: run the study again"
+            f"no training has finished on all {folds} folds, so that there is no table: "
+            "run the study again"
         )
     return whole
 
 
 def errors_of(answers: list[Answers]) -> pd.DataFrame:
-    """Rows of variant, training, protocol and split group, with machine, number of answers and share of wrong ones.
+    """Return a row for each variant, training run, protocol and split group.
 
-    `protocol` has the titles of `trials.ASKED`; `wrong` is a mean over the group's answers and all
-    trials.
+    Returns:
+        columns `variant`, `seed`, `deal` and `machine`; `protocol`, one of `trials.TITLES`;
+            `group`; `answers`, their number; and `wrong`, the mean over the group's answers and all
+            trials.
     """
     parts = []
-    for each in answers:
-        cell = each.cell
-        for asked, trials in each.predictions.trials.items():
+    for answer in answers:
+        for protocol, trials in answer.predictions.trials.items():
             wrong = pd.Series(1 - trials.correct.mean(axis=0))
-            part = (
-                wrong.groupby(trials.groups)
-                .agg(answers="size", wrong="mean")
-                .rename_axis("group")
-                .reset_index()
-            )
-            training = {"seed": cell.seed, "deal": cell.deal, "machine": each.machine}
-            parts.append(part.assign(variant=cell.variant, protocol=ASKED[asked], **training))
+            by_group = wrong.groupby(trials.groups).agg(answers="size", wrong="mean")
+            part = by_group.rename_axis("group").reset_index()
+            part["seed"] = answer.cell.seed
+            part["deal"] = answer.cell.deal
+            part["machine"] = answer.machine
+            part["variant"] = answer.cell.variant
+            part["protocol"] = TITLES[protocol]
+            parts.append(part)
     rows = pd.concat(parts, ignore_index=True)
-    machines = rows.groupby(["variant", *TRAINING])["machine"]  # of a training's folds
+    # the folds of a training run may have run on several machines
+    machines = rows.groupby(["variant", *TRAINING])["machine"]
     return rows.assign(machine=machines.transform(lambda names: ", ".join(sorted(set(names)))))
 
 
 def costs_of(answers: list[Answers]) -> pd.DataFrame:
-    """Costs of the cheapest training of each variant: seconds summed over folds, other costs the maximum over folds."""
-    rows = [vars(each.cell) | each.costs for each in answers]
+    """Return the costs of the cheapest training run of each variant.
+
+    Seconds are summed over folds, other costs are the maximum over folds.
+
+    Returns:
+        columns `grid.COLUMNS`, by variant.
+    """
+    rows = pd.DataFrame([vars(answer.cell) | answer.costs for answer in answers])
     over_folds = {name: "sum" if name.endswith(" s") else "max" for name in COLUMNS}
-    return (
-        pd.DataFrame(rows).groupby(["variant", *TRAINING]).agg(over_folds).groupby("variant").min()
-    )
+    of_runs = rows.groupby(["variant", *TRAINING]).agg(over_folds)
+    return of_runs.groupby("variant").min()
 
 
 def trainings_of(answers: list[Answers]) -> pd.DataFrame:
-    """Mean losses of each variant, whether all of its cells are trained to their end, and the machines."""
-    rows = [
-        {"variant": each.cell.variant, "machine": each.machine} | vars(each.losses)
-        for each in answers
-    ]
-    functions = dict.fromkeys(("guessing", "before", "end"), "mean") | {"trained": "all"}
-    return (
-        pd.DataFrame(rows)
-        .groupby("variant")
-        .agg(functions | {"machine": lambda names: ", ".join(names.unique())})
+    """Return mean losses of each variant, whether all its cells are trained, and the machines.
+
+    Returns:
+        columns of `losses.Losses` and `machine`, by variant.
+    """
+    rows = pd.DataFrame(
+        [
+            {"variant": answer.cell.variant, "machine": answer.machine} | vars(answer.losses)
+            for answer in answers
+        ]
     )
+    functions: dict[str, Any] = {
+        "guessing": "mean",
+        "before": "mean",
+        "end": "mean",
+        "trained": "all",
+        "machine": lambda names: ", ".join(names.unique()),
+    }
+    return rows.groupby("variant").agg(functions)
 
 
 def rows_of(answers: list[Answers], references: Iterable[str]) -> pd.DataFrame:
-    """A row for each protocol and variant, in per cent; every split group counts once. NaN: a missing number.
+    """Return a row for each protocol and variant, in per cent; every split group counts once.
 
     The columns `vs R more`, `low` and `high` have the paired difference to the reference R and its
     interval over groups, NaN for R itself; `seeds_low` and `seeds_high` are its interval over
-    trainings, and `verdict` needs both intervals, and both trained to their end. In a crossed study
-    `A / x` is compared with `R / x`.
+    training runs, and `verdict` needs both intervals, and both variants trained to their end. A
+    missing number is NaN.
+
+    Args:
+        answers: of complete training runs.
+        references: variants to compare with; in a crossed study also their first part.
 
     Raises:
         UserError: a variant and a reference were tested on different view sets.
     """
-    errors, once, rows = errors_of(answers), costs_of(answers).join(trainings_of(answers)), []
+    errors = errors_of(answers)
+    once = costs_of(answers).join(trainings_of(answers))
+    rows = []
     for protocol, of_protocol in errors.groupby("protocol", sort=False):
         parts = dict(iter(of_protocol.groupby("variant", sort=False)))
-        for name, part in parts.items():
-            by_group = part.groupby("group")["wrong"].mean()
-            trainings = 100 * part.groupby(TRAINING)["wrong"].mean()
-            row: dict[str, Any] = {"variant": name, "protocol": protocol}
-            row |= percent(("error", "low", "high"), by_group, proportion_interval)
-            row |= {"trainings": len(trainings), "std": trainings.std()} | dict(once.loc[name])
+        for variant, part in parts.items():
+            row: dict[str, Any] = {"variant": variant, "protocol": protocol}
+            row |= _error_columns(part) | dict(once.loc[variant])
             for reference in references:
-                same_place = f"{reference} / {name.partition(' / ')[2]}"
-                other = reference if reference in parts else same_place
-                row |= compared(
-                    part, parts.get(other) if other != name else None, f"vs {reference} "
-                )
-                trained = once["trained"].reindex([name, other]).all()
-                row[f"vs {reference} verdict"] = (
-                    verdict(row, f"vs {reference} ") if trained else UNTRAINED
-                )
+                other = counterpart(variant, reference, parts)
+                other_part = None
+                if other != variant:
+                    other_part = parts.get(other)
+                head = f"vs {reference} "
+                row |= compared(part, other_part, head)
+                row[f"{head}verdict"] = UNTRAINED
+                if once["trained"].reindex([variant, other]).all():
+                    row[f"{head}verdict"] = verdict(row, head)
             rows.append(row)
     return pd.DataFrame(rows)
 
 
+def _error_columns(part: pd.DataFrame) -> dict[str, Any]:
+    """Return error, interval, number of training runs and their standard deviation, in per cent."""
+    by_group = part.groupby("group")["wrong"].mean()
+    of_runs = 100 * part.groupby(TRAINING)["wrong"].mean()
+    columns: dict[str, Any] = percent(("error", "low", "high"), by_group, proportion_interval)
+    columns["trainings"] = len(of_runs)
+    columns["std"] = of_runs.std()
+    return columns
+
+
+def counterpart(variant: str, reference: str, variants: Collection[str]) -> str:
+    """Return the variant that a variant is compared with.
+
+    It is the reference. In a crossed study `A / x` is compared with `R / x`.
+
+    Args:
+        variant: name, such as `A / x`.
+        reference: name, such as `R`.
+        variants: names of all variants.
+    """
+    if reference in variants:
+        return reference
+    _, _, place = variant.partition(" / ")
+    return f"{reference} / {place}"
+
+
 def percent(
-    names: tuple[str, ...], by_group: pd.Series, interval: Callable[..., tuple[float, float] | None]
+    names: tuple[str, str, str], by_group: "pd.Series[float]", interval: Interval
 ) -> dict[str, float]:
-    """The groups' mean and the ends of its interval, in per cent, under these names; all draw the same numbers."""
-    ends = interval(by_group.to_numpy(), by_group.index.to_numpy(), stream(0, "study")) or (
-        np.nan,
-        np.nan,
-    )
-    return {
-        name: 100 * float(value)
-        for name, value in zip(names, (by_group.mean(), *ends), strict=True)
-    }
+    """Return the groups' mean and the ends of its interval, in per cent.
+
+    All intervals draw the same random numbers.
+
+    Args:
+        names: of the mean and of the two ends.
+        by_group: a value for each split group.
+        interval: function of values, groups and a generator.
+    """
+    ends = interval(by_group.to_numpy(), by_group.index.to_numpy(), stream(0, "study"))
+    low, high = ends or (np.nan, np.nan)
+    values = (by_group.mean(), low, high)
+    return {name: 100 * float(value) for name, value in zip(names, values, strict=True)}
 
 
 def compared(part: pd.DataFrame, reference: pd.DataFrame | None, head: str) -> dict[str, float]:
-    """The paired difference over common trainings; NaN for the reference itself, or without common trainings."""
-    names = tuple(f"{head}{name}" for name in ("more", "low", "high", "seeds_low", "seeds_high"))
-    row = dict.fromkeys(names, np.nan)
+    """Return the paired difference to a reference over common training runs.
+
+    Args:
+        part: rows of a variant, see `errors_of`.
+        reference: rows of the reference; None for the reference itself.
+        head: beginning of the columns' names.
+
+    Returns:
+        columns `more`, `low`, `high`, `seeds_low` and `seeds_high`; NaN for the reference itself,
+            and without common training runs.
+
+    Raises:
+        UserError: the two were tested on different view sets.
+    """
+    of_groups = (f"{head}more", f"{head}low", f"{head}high")
+    of_seeds = (f"{head}seeds_low", f"{head}seeds_high")
+    row = dict.fromkeys((*of_groups, *of_seeds), np.nan)
     if reference is None:
         return row
-    ours, theirs = (
-        one.merge(other[PAIRED].drop_duplicates())
-        for one, other in ((part, reference), (reference, part))
-    )
-    pairs = ours.merge(theirs, on=[*PAIRED, "group", "answers"], suffixes=("", " of the reference"))
-    if pairs.empty and ours.empty:
+    ours = part.merge(reference[PAIRED].drop_duplicates())
+    theirs = reference.merge(part[PAIRED].drop_duplicates())
+    if ours.empty:
         return row
+    pairs = ours.merge(theirs, on=[*PAIRED, "group", "answers"], suffixes=("", " of the reference"))
     if not len(pairs) == len(ours) == len(theirs):
-        ours, theirs = (one["variant"].iloc[0] for one in (part, reference))
+        names = [rows["variant"].iloc[0] for rows in (part, reference)]
         raise UserError(
-            f"variant {ours} was tested on other view sets than {theirs}; set reference: null"
+            f"variant {names[0]} was tested on other view sets than {names[1]}; set reference: null"
         )
-    more = pairs.assign(more=pairs["wrong"] - pairs["wrong of the reference"])
-    by_group, by_seed = (
-        more.groupby("group")["more"].mean(),
-        100 * more.groupby("seed")["more"].mean(),
-    )
-    row |= percent(names[:3], by_group, group_interval)
-    if len(by_seed) >= MIN_SEEDS and more["deal"].nunique() == 1:
-        # Student's interval of the mean difference; trainings on several deals share groups and are
-        # not independent
+    pairs["more"] = pairs["wrong"] - pairs["wrong of the reference"]
+    row |= percent(of_groups, pairs.groupby("group")["more"].mean(), group_interval)
+    by_seed = 100 * pairs.groupby("seed")["more"].mean()
+    # training runs on several deals share groups and are not independent
+    if len(by_seed) >= MIN_SEEDS and pairs["deal"].nunique() == 1:
+        # Student's interval of the mean difference
         half = student.ppf(0.975, len(by_seed) - 1) * by_seed.std() / len(by_seed) ** 0.5
-        row |= dict(zip(names[3:], (by_seed.mean() - half, by_seed.mean() + half), strict=True))
+        row[of_seeds[0]] = by_seed.mean() - half
+        row[of_seeds[1]] = by_seed.mean() + half
     return row
 
 
 def verdict(row: dict[str, Any], head: str) -> str:
-    """Whether a variant errs more or less than its reference by both intervals, else `OPEN`; empty without both."""
-    lows, highs = (
-        np.array([row[f"{head}{kind}{end}"] for kind in ("", "seeds_")]) for end in ("low", "high")
-    )
+    """Return whether a variant errs more or less than its reference by both intervals.
+
+    Args:
+        row: with the columns of `compared`.
+        head: beginning of their names.
+
+    Returns:
+        `OPEN` where an interval has 0 in it; empty where an interval is missing.
+    """
+    lows = np.array([row[f"{head}low"], row[f"{head}seeds_low"]])
+    highs = np.array([row[f"{head}high"], row[f"{head}seeds_high"]])
     if np.isnan(lows).any():
         return ""
-    return "errs more" if (lows > 0).all() else "errs less" if (highs < 0).all() else OPEN
+    if (lows > 0).all():
+        return "errs more"
+    if (highs < 0).all():
+        return "errs less"
+    return OPEN
 
 
 def power(rows: pd.DataFrame, groups: int) -> str:
-    """A sentence on the detectable difference: half of the widest interval over groups, and over trainings.
+    """Return a sentence on the smallest difference that a study detects.
 
-    Comparisons with what is not trained to its end do not count.
+    It is half of the widest interval, over groups and over training runs. Comparisons with a
+    variant that is not trained to its end do not count.
+
+    Args:
+        rows: see `rows_of`; only the last protocol counts.
+        groups: number of split groups.
     """
-    protocol, widest = rows["protocol"].iloc[-1], {}
-    chosen = rows[rows["protocol"] == protocol]
-    for verdicts in chosen.filter(regex="^vs .* verdict$"):
-        ends = chosen.columns[chosen.columns.str.startswith(verdicts.removesuffix("verdict"))]
-        chosen = chosen.assign(**chosen[ends].where(chosen[verdicts] != UNTRAINED))
-    for kind, end in (
-        (f"over {several(groups, 'split group')}", " "),
-        ("over trainings", " seeds_"),
-    ):
-        low, high = (
-            chosen.filter(regex=f"^vs .*{end}{side}$").to_numpy() for side in ("low", "high")
-        )
-        if not np.isnan(high - low).all():
-            widest[kind] = np.nanmax(high - low) / 2
-    most = max(widest.values(), default=0)
+    protocol = rows["protocol"].iloc[-1]
+    widths = _half_widths(rows[rows["protocol"] == protocol], groups)
+    if not widths:
+        return "Nothing is compared in pairs here, so no detectable difference can be stated."
+    most = max(widths.values())
     if not most:
-        why = (
-            "All compared variants answered alike"
-            if widest
-            else "Nothing is compared in pairs here"
+        return "All compared variants answered alike, so no detectable difference can be stated."
+    if most < ENOUGH:
+        meaning = f"below {ENOUGH:g} points: where it shows no difference, there is no larger one"
+    else:
+        meaning = (
+            f"above {ENOUGH:g} points: where it shows no difference there may be one, "
+            "and it needs more data"
         )
-        return f"{why}, so no detectable difference can be stated."
-    verdict = (
-        f"below {ENOUGH:g} points: where it shows no difference, there is no larger one"
-        if most < ENOUGH
-        else f"above {ENOUGH:g} points: where it shows no difference there may be one, and it needs more data"
-    )
-    points = ", ".join(f"{width:.1f} points {kind}" for kind, width in widest.items())
+    points = ", ".join(f"{width:.1f} points {kind}" for kind, width in widths.items())
     return (
         f"The smallest difference that this study detects is {points} ({protocol}, half of the "
-        f"widest paired interval), {verdict}."
+        f"widest paired interval), {meaning}."
     )
+
+
+def _half_widths(rows: pd.DataFrame, groups: int) -> dict[str, float]:
+    """Return half of the widest interval of a protocol's rows, by kind, if there is any."""
+    for verdicts in rows.filter(regex="^vs .* verdict$"):
+        head = verdicts.removesuffix("verdict")
+        columns = rows.columns[rows.columns.str.startswith(head)]
+        trained = rows[verdicts] != UNTRAINED
+        rows = rows.assign(**rows[columns].where(trained))
+    kinds = {f"over {several(groups, 'split group')}": " ", "over trainings": " seeds_"}
+    widths = {}
+    for kind, ends in kinds.items():
+        low = rows.filter(regex=f"^vs .*{ends}low$").to_numpy()
+        high = rows.filter(regex=f"^vs .*{ends}high$").to_numpy()
+        if not np.isnan(high - low).all():
+            widths[kind] = np.nanmax(high - low) / 2
+    return widths
 
 
 def pareto_front(costs: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """Indices of the points that no other point beats in cost or error without losing in the other, cheapest first.
+    """Return the points that no other point beats in cost or error without losing in the other.
 
-    Of points that are equal in both all belong to the front; a point without one of the two
+    Of points that are equal in both all belong to the front. A point without one of the two
     numbers, NaN, does not.
+
+    Args:
+        costs: (n,).
+        errors: (n,).
+
+    Returns:
+        Indices, the cheapest first.
     """
     points = np.stack([costs, errors], axis=1)
-    beaten = [((points <= one).all(axis=1) & (points < one).any(axis=1)).any() for one in points]
-    outside = np.array(beaten, dtype=bool) | np.isnan(points).any(axis=1)
-    return (order := np.lexsort((errors, costs)))[~outside[order]]
+    is_outside = np.isnan(points).any(axis=1)
+    for index, point in enumerate(points):
+        no_worse = (points <= point).all(axis=1)
+        better = (points < point).any(axis=1)
+        if (no_worse & better).any():
+            is_outside[index] = True
+    order = np.lexsort((errors, costs))
+    front: np.ndarray = order[~is_outside[order]]
+    return front

@@ -1,4 +1,4 @@
-"""The cells of studies/NAME.yaml: each is one training, as changes to params.yaml."""
+"""The cells of studies/NAME.yaml: each is one training run, as changes to params.yaml."""
 
 from collections.abc import Iterator
 from dataclasses import field
@@ -32,12 +32,20 @@ Variants = Annotated[dict[StrictStr, dict[StrictStr, Any]], MinLen(1)]
 
 @dataclass(frozen=True)
 class Cell:
-    """One training of a variant and its evaluation; `changes` to the defaults are `key=value`."""
+    """One training run of a variant and its evaluation.
+
+    Attributes:
+        variant: name of the variant.
+        seed: value of `seed`.
+        deal: value of `split.deal`.
+        fold: value of `split.fold`.
+        changes: `key=value`, to the defaults.
+    """
 
     variant: str
     seed: int
-    deal: int  # `split.deal`
-    fold: int  # `split.fold`
+    deal: int
+    fold: int
     changes: tuple[str, ...]
 
     def __str__(self) -> str:
@@ -46,55 +54,70 @@ class Cell:
 
 @dataclass(frozen=True, config=SECTION)
 class Study:
-    """The content of studies/NAME.yaml."""
+    """The content of studies/NAME.yaml.
+
+    Attributes:
+        name: of the file.
+        question: what the list of studies prints.
+        variants: changes to params.yaml by name of the variant; the key `preset` among them stands
+            for a preset's.
+        reference: the variants that the others are compared with; or, with `cross`, their first
+            part.
+        seeds: every variant is trained from each.
+        folds: every variant is trained on each; `all`: as many as `split.folds` says.
+        columns: costs in the table.
+        deals: values of `split.deal`.
+        set: changes of every cell.
+        cross: further variants; every combination is trained.
+        one_seed: variants that are trained from the first seed only.
+        one_deal: variants that are trained on the first deal only.
+        picture: error against seconds, or along numbered names of `cross`.
+    """
 
     name: str
-    question: Annotated[StrictStr, MaxLen(41)]  # what the list of studies prints
-    variants: Variants  # the key `preset` among the changes stands for a preset's
-    # what the others are compared with; or, with `cross`, its first part
+    question: Annotated[StrictStr, MaxLen(41)]
+    variants: Variants
     reference: StrictStr | list[StrictStr] | None
-    seeds: Seeds  # every variant is trained from each
-    # and on each; all: as many as `split.folds` says
+    seeds: Seeds
     folds: Literal["all"] | Annotated[list[Natural], MinLen(1)]
-    columns: list[Literal[tuple(COLUMNS)]]  # costs in the table
-    deals: Seeds = field(default_factory=lambda: [0])  # values of `split.deal`
-    set: dict[StrictStr, Any] = field(default_factory=dict)  # changes of every cell
-    # further variants; every combination is trained
+    columns: list[Literal[tuple(COLUMNS)]]  # type: ignore[valid-type]
+    deals: Seeds = field(default_factory=lambda: [0])
+    set: dict[StrictStr, Any] = field(default_factory=dict)
     cross: list[Variants] = field(default_factory=list)
-    # variants that are trained from the first seed alone
     one_seed: list[StrictStr] = field(default_factory=list)
-    one_deal: list[StrictStr] = field(default_factory=list)  # on the first deal alone
-    # error against seconds, or along numbered names of `cross`
+    one_deal: list[StrictStr] = field(default_factory=list)
     picture: Literal["seconds", "curves"] | None = None
 
     @property
     def references(self) -> list[str]:
-        return [self.reference] if isinstance(self.reference, str) else self.reference or []
+        """The names under `reference`, possibly none."""
+        if isinstance(self.reference, str):
+            return [self.reference]
+        return self.reference or []
 
     def cells(self, on_top: tuple[str, ...] = ()) -> list[Cell]:
-        """All cells, seed by seed and deal by deal: changes to the committed params.yaml, `on_top` the last ones.
+        """Return all cells, seed by seed and deal by deal.
+
+        Their changes begin with the committed params.yaml.
+
+        Args:
+            on_top: changes of every cell, `key=value`, after all others.
 
         Raises:
             UserError: `on_top` names one of `AXES`, or git's HEAD has no params.yaml, or a wrong
                 one.
         """
-        if axis := [key for key in (change.partition("=")[0] for change in on_top) if key in AXES]:
-            raise UserError(
-                f"--set {axis[0]}: every cell has its own; set it in {FOLDER}/{self.name}.yaml"
-            )
-        if not (committed := committed_params(Path("params.yaml"))):
-            raise UserError(
-                "no params.yaml in git's HEAD; expected the root of a clone: cells are DVC experiments"
-            )
-        default_params(
-            values := tuple(map(as_change, committed, committed.values())),
-            "params.yaml in git's HEAD",
-        )
-        shared, folds = (*values, *_changes(self.set)), self.folds
+        for change in on_top:
+            key = change.partition("=")[0]
+            if key in AXES:
+                raise UserError(
+                    f"--set {key}: every cell has its own; set it in {FOLDER}/{self.name}.yaml"
+                )
+        shared = (*_committed_changes(), *_changes(self.set))
+        folds = self.folds
         if folds == "all":
-            folds = list(
-                range(default_params((*shared, *on_top, "split.fold=0"), self.name).split.folds)
-            )
+            params = default_params((*shared, *on_top, "split.fold=0"), self.name)
+            folds = list(range(params.split.folds))
         cells = []
         for seed, deal, (variant, changes), fold in product(
             self.seeds, self.deals, self.crossed(), folds
@@ -103,26 +126,29 @@ class Study:
                 continue
             if deal != self.deals[0] and variant in self.one_deal:
                 continue
-            place = (f"{key}={at}" for key, at in zip(AXES, (seed, deal, fold), strict=True))
+            place = (f"seed={seed}", f"split.deal={deal}", f"split.fold={fold}")
             whole = (*shared, *changes, *on_top, *place)
             cells.append(Cell(variant=variant, seed=seed, deal=deal, fold=fold, changes=whole))
         return cells
 
     def crossed(self) -> Iterator[tuple[str, list[str]]]:
-        """Name and changes of every combination of `variants` and `cross`."""
-        for entries in product(*(axis.items() for axis in [self.variants, *self.cross])):
-            yield (
-                " / ".join(name for name, _ in entries),
-                [one for _, part in entries for one in _changes(part)],
-            )
+        """Yield name and changes of every combination of `variants` and `cross`."""
+        axes = [self.variants, *self.cross]
+        for entries in product(*(axis.items() for axis in axes)):
+            names_of_parts = [name for name, _ in entries]
+            changes: list[str] = []
+            for _, part in entries:
+                changes += _changes(part)
+            yield " / ".join(names_of_parts), changes
 
 
 def names() -> list[str]:
+    """Return the names of all studies."""
     return sorted(path.stem for path in FOLDER.glob("*.yaml"))
 
 
 def read_study(name: str) -> Study:
-    """The study of that name.
+    """Return the study of that name.
 
     Raises:
         UserError: there is none, its keys or types are not those of `Study`, or it refers to an
@@ -133,20 +159,43 @@ def read_study(name: str) -> Study:
         raise UserError(
             f"study is {name!r}; expected one of {', '.join(names())} (in the repository's root)"
         )
-    study = build(Study, {**read_yaml(path), "name": name}, str(path))
+    study: Study = build(Study, {**read_yaml(path), "name": name}, str(path))
     variants = [variant for variant, _ in study.crossed()]
-    allowed = {
-        "reference": [*variants, *study.variants],
-        "one_seed": variants,
-        "one_deal": variants,
-    }
-    for key, names_of in allowed.items():
-        for each in study.references if key == "reference" else getattr(study, key):
-            if each not in names_of:
-                raise UserError(f"{path}: {key} is {each!r}; expected one of {', '.join(names_of)}")
+    _check_names(path, "reference", study.references, [*variants, *study.variants])
+    _check_names(path, "one_seed", study.one_seed, variants)
+    _check_names(path, "one_deal", study.one_deal, variants)
     return study
 
 
-def _changes(part: dict[str, Any]) -> Iterator[str]:
+def _check_names(path: Path, key: str, found: list[str], expected: list[str]) -> None:
+    """Raise a UserError if a key of a study's file has another name than the expected ones."""
+    for name in found:
+        if name not in expected:
+            raise UserError(f"{path}: {key} is {name!r}; expected one of {', '.join(expected)}")
+
+
+def _committed_changes() -> tuple[str, ...]:
+    """Return the values of params.yaml in git's HEAD as changes to the defaults.
+
+    Raises:
+        UserError: git's HEAD has no params.yaml, or a wrong one.
+    """
+    committed = committed_params(Path("params.yaml"))
+    if not committed:
+        raise UserError(
+            "no params.yaml in git's HEAD; expected the root of a clone: cells are DVC experiments"
+        )
+    changes = tuple(as_change(key, value) for key, value in committed.items())
+    default_params(changes, "params.yaml in git's HEAD")  # checks them
+    return changes
+
+
+def _changes(part: dict[str, Any]) -> list[str]:
+    """Return the changes `key=value` of a variant, or of `set`."""
+    changes: list[str] = []
     for key, value in part.items():
-        yield from preset_changes(value) if key == "preset" else [as_change(key, value)]
+        if key == "preset":
+            changes += preset_changes(value)
+        else:
+            changes.append(as_change(key, value))
+    return changes

@@ -1,31 +1,48 @@
-"""Whether a network is trained to its end: the training losses of its last epochs, beside that of guessing."""
+"""Whether a network is trained to its end, by the training losses of its last epochs."""
 
 from dataclasses import dataclass
 from math import nan
 
 from tactile_viewgcn.provenance import Record
 
-LEFT = 1 / 3  # ours: largest loss at the end of a finished training, as a share of guessing
-FALL = 0.03  # ours: largest fall in its last epoch, likewise
+# ours: as shares of the loss of a network that guesses
+LEFT = 1 / 3  # largest loss at the end of a finished training run
+FALL = 0.03  # largest fall of the loss in its last epoch
 
 
 @dataclass(frozen=True)
 class Losses:
-    """Losses of a training: means of an epoch; NaN where nothing is trained in epochs."""
+    """Losses of a training run, means of an epoch; NaN where nothing is trained in epochs.
 
-    guessing: float = nan  # of the first batch, before a step
-    before: float = nan  # of the epoch before the last; of one epoch that of guessing
-    end: float = nan  # of the last epoch
-    trained: bool = True  # whether to its end
+    Attributes:
+        guessing: loss of the first batch, before a step.
+        before: of the epoch before the last; of a single epoch the loss of the first batch.
+        end: of the last epoch.
+        trained: whether the network is trained to its end.
+    """
+
+    guessing: float = nan
+    before: float = nan
+    end: float = nan
+    trained: bool = True
 
 
 def losses_of(pretrain: Record, finetune: Record) -> Losses:
-    """The losses of fine-tuning, or of pretraining if the system is not fine-tuned."""
-    record = finetune if finetune.curves else pretrain
+    """Return the losses of fine-tuning, or of pretraining if the system is not fine-tuned.
+
+    Args:
+        pretrain: record of this stage.
+        finetune: record of this stage.
+    """
+    record = finetune
+    if not finetune.curves:
+        record = pretrain
     if not record.curves:
         return Losses()
     guessing = record.counts["loss.first"]
-    before, end = [guessing, *record.curves["loss"]][-2:]
-    return Losses(
-        guessing, before, end, trained=end <= LEFT * guessing and before - end <= FALL * guessing
-    )
+    losses = [guessing, *record.curves["loss"]]
+    before = losses[-2]
+    end = losses[-1]
+    is_small = end <= LEFT * guessing
+    hardly_falls = before - end <= FALL * guessing
+    return Losses(guessing, before, end, trained=is_small and hardly_falls)

@@ -4,6 +4,7 @@ from collections.abc import Collection
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
@@ -11,48 +12,69 @@ from studies.comparison import pareto_front
 
 
 def errors_by_seconds(rows: pd.DataFrame, references: Collection[str], title: str) -> Figure:
-    """Error against seconds of training, a panel for each protocol, with numbers for Pareto fronts and references."""
-    rows = rows.assign(seconds=rows["pretrain s"] + rows["finetune s"])
+    """Return a picture of error against seconds of training, a panel for each protocol.
+
+    The points on Pareto fronts and the references have numbers.
+
+    Args:
+        rows: see `comparison.rows_of`.
+        references: names of variants, or their first parts.
+        title: text above the panels.
+    """
     panels = [panel for _, panel in rows.groupby("protocol", sort=False)]
-    variants, costs = panels[0]["variant"].reset_index(drop=True), panels[0]["seconds"].to_numpy()
-    fronts = [pareto_front(costs, panel["error"].to_numpy()) for panel in panels]
-    named = (
-        variants.isin(references) | variants.str.partition(" / ")[0].isin(references)
-    ).to_numpy()
-    numbered = sorted({*np.hstack(fronts), *np.flatnonzero(named)}, key=costs.__getitem__)
+    first = panels[0].reset_index(drop=True)
+    variants = first["variant"]
+    seconds = (first["pretrain s"] + first["finetune s"]).to_numpy()
+    fronts = [pareto_front(seconds, panel["error"].to_numpy()) for panel in panels]
+    is_reference = variants.isin(references) | variants.str.partition(" / ")[0].isin(references)
+    starred = np.flatnonzero(is_reference)
+    numbered = sorted({*np.hstack(fronts), *starred}, key=lambda index: seconds[index])
     figure = Figure(figsize=(5.6 * len(panels), 5.4), layout="constrained")
     figure.subplots(1, len(panels), sharey=True)
     for axes, panel, front in zip(figure.axes, panels, fronts, strict=True):
         errors = panel["error"].to_numpy()
-        axes.errorbar(costs, errors, yerr=_bars(panel), fmt="o", color="0.6", ms=4, elinewidth=0.6)
-        axes.plot(costs[front], errors[front], "o-", drawstyle="steps-post", color="C0", ms=6)
-        axes.plot(costs[named], errors[named], "*", color="C3", ms=14)
-        for number, place in enumerate(numbered, start=1):
-            at = costs[place], errors[place]
-            axes.annotate(
-                str(number),
-                at,
-                (-7, 0),
-                textcoords="offset points",
-                ha="right",
-                va="center",
-                fontsize=9,
-            )
-            axes.plot([], [], " ", label=f"{number}  {variants[place]}")
+        axes.errorbar(
+            seconds, errors, yerr=_bars(panel), fmt="o", color="0.6", ms=4, elinewidth=0.6
+        )
+        axes.plot(seconds[front], errors[front], "o-", drawstyle="steps-post", color="C0", ms=6)
+        axes.plot(seconds[starred], errors[starred], "*", color="C3", ms=14)
+        for number, index in enumerate(numbered, start=1):
+            _write_number(axes, number, (seconds[index], errors[index]))
+            axes.plot([], [], " ", label=f"{number}  {variants[index]}")
         axes.grid(alpha=0.3)
-        axes.set(xscale="log", xlabel="seconds of both trainings", title=panel["protocol"].iloc[0])
-    stars = "; ".join(["blue: Pareto front", *(f"star: {name}" for name in variants[named])])
-    _finish(figure, f"{title}\n{stars}", handlelength=0, handletextpad=0)
+        protocol = panel["protocol"].iloc[0]
+        axes.set(xscale="log", xlabel="seconds of both training runs", title=protocol)
+    explained = ["blue: Pareto front"]
+    explained += [f"star: {name}" for name in variants[starred]]
+    _finish(figure, f"{title}\n{'; '.join(explained)}", handlelength=0, handletextpad=0)
     return figure
 
 
+def _write_number(axes: Axes, number: int, point: tuple[float, float]) -> None:
+    """Write a number to the left of a point."""
+    axes.annotate(
+        str(number),
+        point,
+        (-7, 0),
+        textcoords="offset points",
+        ha="right",
+        va="center",
+        fontsize=9,
+    )
+
+
 def error_curves(rows: pd.DataFrame, title: str) -> Figure:
-    """A panel for each protocol, a line in it for each variant: the error along the crossing.
+    """Return a panel for each protocol, a line in it for each variant: the error along a crossing.
 
     A crossing's names begin with a number, as in `8 recordings`; the other words label the axis.
+
+    Args:
+        rows: see `comparison.rows_of`.
+        title: text above the panels.
     """
     rows = rows.join(rows["variant"].str.extract(r"(?P<name>.*) / (?P<number>\d+) ?(?P<unit>.*)"))
     rows["number"] = rows["number"].astype(int)
+    numbers = rows["number"].unique()
     protocols = rows["protocol"].unique()
     figure = Figure(figsize=(4.8 * len(protocols), 5), layout="constrained")
     figure.subplots(1, len(protocols), sharey=True)
@@ -70,7 +92,7 @@ def error_curves(rows: pd.DataFrame, title: str) -> Figure:
         axes.set(title=protocol, xlabel=rows.loc[rows["number"].idxmax(), "unit"])  # in the plural
         axes.set_xscale("log")
         axes.xaxis.set(minor_locator=NullLocator())
-        axes.set_xticks(rows["number"].unique(), rows["number"].unique().astype(str))
+        axes.set_xticks(numbers, numbers.astype(str))
         axes.grid(alpha=0.3)
     _finish(figure, title)
     return figure
@@ -85,5 +107,10 @@ def _finish(figure: Figure, title: str, **legend: float) -> None:
 
 
 def _bars(rows: pd.DataFrame) -> np.ndarray:
-    """(2, n) lengths of the intervals below and above the errors; NaN, which draws nothing, where there is none."""
-    return np.diff(rows[["low", "error", "high"]].to_numpy().T, axis=0).clip(0)
+    """Return lengths (2, n) of the intervals below and above the errors.
+
+    They are NaN, which draws nothing, where there is no interval.
+    """
+    ends = rows[["low", "error", "high"]].to_numpy().T
+    lengths: np.ndarray = np.diff(ends, axis=0).clip(0)
+    return lengths

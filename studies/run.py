@@ -1,4 +1,4 @@
-"""Run the missing cells of a study as DVC experiments, started by joblib: here, or on Dask's workers."""
+"""Run the missing cells of a study as DVC experiments: here, or on Dask's workers."""
 
 import os
 import re
@@ -23,14 +23,16 @@ from tactile_viewgcn.params import VIRTUAL, default_params
 from tactile_viewgcn.schema import as_change, flatten
 
 one_reader = Lock()  # threads must not share DVC's index of the cache
+DVC = ("-P", "-m", "dvc", "--wait-for-lock")  # options of Python, and DVC's own
 
 
 def run_cells(
     name: str, cells: dict[str, Cell], *, jobs: int = 1, scheduler: str | None = None
 ) -> dict[str, str]:
-    """Run every cell that is not stored, store its results, and print its seconds and error, or why it failed.
+    """Run every cell that is not stored, and store its results.
 
-    A reason that was printed before stands as `the same as of` its first cell.
+    Prints the seconds and the error rate of each cell, or why it failed. A reason that was printed
+    before stands as `the same as of` its first cell.
 
     Args:
         name: name of the study.
@@ -44,24 +46,19 @@ def run_cells(
     Raises:
         UserError: Dask is not installed, or there is no such scheduler, or it has no worker.
     """
-    missing, faults, commit = (
-        [key for key in cells if not stored(key)],
-        {},
-        git("rev-parse", "HEAD").strip(),
-    )
+    missing = [key for key in cells if not stored(key)]
+    commit = git("rev-parse", "HEAD").strip()
+    faults: dict[str, str] = {}
     with workers(jobs, scheduler) as parallel:
         tasks = (delayed(run_cell)(f"{name}-{key}", key, cells[key], commit) for key in missing)
-        for number, (key, contents, text) in enumerate(parallel(tasks), start=1):
-            same = [
-                f"failed: the same as of {cells[other]}"
-                for other, fault in faults.items()
-                if fault == text
-            ]
-            print(
-                f"{cells[key]}: {[*same, text][0]}; {len(missing) - number} left\n",
-                end="",
-                flush=True,
-            )
+        for count, (key, contents, text) in enumerate(parallel(tasks), start=1):
+            outcome = text
+            for other, fault in faults.items():
+                if fault == text:
+                    outcome = f"failed: the same as of {cells[other]}"
+                    break
+            line = f"{cells[key]}: {outcome}; {len(missing) - count} left\n"
+            print(line, end="", flush=True)
             if contents:
                 store(key, contents)
             else:
@@ -71,7 +68,15 @@ def run_cells(
 
 @contextmanager
 def workers(jobs: int, scheduler: str | None) -> Iterator[Parallel]:
-    """What starts the cells: threads here, each of which waits for a process of DVC, or Dask's workers."""
+    """Yield what starts the cells: threads here, each with a process of DVC, or Dask's workers.
+
+    Args:
+        jobs: number of threads.
+        scheduler: address of Dask's scheduler; None: threads.
+
+    Raises:
+        UserError: Dask is not installed, or there is no such scheduler, or it has no worker.
+    """
     if not scheduler:
         yield Parallel(
             jobs,
@@ -102,15 +107,26 @@ def workers(jobs: int, scheduler: str | None) -> Iterator[Parallel]:
 def run_cell(
     experiment: str, key: str, cell: Cell, commit: str
 ) -> tuple[str, dict[str, bytes], str]:
-    """The key of a cell; the contents of its `RESULTS`, and its seconds and error; or none, and why it failed.
+    """Run a cell as `dvc exp run --temp`, unless its experiment exists already.
 
-    The cell is run as `dvc exp run --temp`, unless its experiment exists already, in the repository
-    of the working folder, which for a Dask worker is a separate clone. An exception would stop the
-    other cells.
+    It runs in the repository of the working folder, which for a Dask worker is a separate clone.
+    Nothing is raised, since an exception would stop the other cells.
+
+    Args:
+        experiment: name of DVC's experiment.
+        key: key of the cell.
+        cell: the cell.
+        commit: the study's.
+
+    Returns:
+        the key; the contents of the files `RESULTS`, or none; and seconds and error rate, or why
+            the cell failed.
     """
-    place, start = f"{node()}:{Path.cwd()}", monotonic()
+    place = f"{node()}:{Path.cwd()}"
+    start = monotonic()
     try:
-        if (head := git("rev-parse", "HEAD").strip()) != commit:
+        head = git("rev-parse", "HEAD").strip()
+        if head != commit:
             raise UserError(f"at commit {head[:9]}; expected {commit[:9]}, the study's")
         revision = experiments().get(experiment) or trained(experiment, key, cell)
         # which restores them
@@ -129,6 +145,11 @@ def run_cell(
 def trained(experiment: str, key: str, cell: Cell) -> str:
     """Train a cell, and return the commit of its experiment.
 
+    Args:
+        experiment: name of DVC's experiment.
+        key: key of the cell when the study began.
+        cell: the cell.
+
     Raises:
         UserError: the cell failed, or code or data are not the study's.
     """
@@ -139,28 +160,17 @@ def trained(experiment: str, key: str, cell: Cell) -> str:
         if key_of(cell, code_of_stages()) != key:
             raise UserError("code or data have changed since the study began; undo the change")
     print(f"{cell} ...\n", end="", flush=True)  # in one write: lines of two threads do not merge
-    dvc = [
-        sys.executable,
-        "-P",
-        "-m",
-        "dvc",
-        "--wait-for-lock",
-        "exp",
-        "run",
-        "--temp",
-        "--name",
-        experiment,
-    ]
-    dvc += [word for change in settings(cell) for word in ("--set-param", change)]
+    command = [sys.executable, *DVC, "exp", "run", "--temp", "--name", experiment]
+    for change in settings(cell):
+        command += ["--set-param", change]
     # the experiment's `python` is this one
-    environment = os.environ | {
-        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    }
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environment = os.environ | {"PATH": path}
     log = STORE / f"{experiment}.log"
     log.parent.mkdir(parents=True, exist_ok=True)
     with log.open("w") as file:
         process = subprocess.Popen(
-            dvc, stdin=subprocess.DEVNULL, stdout=file, stderr=file, env=environment
+            command, stdin=subprocess.DEVNULL, stdout=file, stderr=file, env=environment
         )
         try:
             process.wait()
@@ -168,17 +178,18 @@ def trained(experiment: str, key: str, cell: Cell) -> str:
         except KeyboardInterrupt:
             process.wait()
             raise
-    if not (commit := experiments().get(experiment)):
+    commit = experiments().get(experiment)
+    if not commit:
         raise UserError(f"{last_error(log.read_text(errors='replace'))}; see {log}")
     log.unlink()
     return commit
 
 
 def settings(cell: Cell) -> list[str]:
-    """Every parameter of the cell for `dvc exp run --set-param`; with `++` the file may lack the key.
+    """Return every parameter of the cell for `dvc exp run --set-param`.
 
-    params.yaml may change while the study runs. The source becomes an absolute path: an experiment
-    is elsewhere.
+    All are given, since params.yaml may change while the study runs; with `++` the file may lack
+    the key. The source becomes an absolute path, since an experiment runs elsewhere.
     """
     values = flatten(default_params(cell.changes))
     if values["data.source"] != VIRTUAL:
@@ -187,13 +198,20 @@ def settings(cell: Cell) -> list[str]:
 
 
 def experiments() -> dict[str, str]:
-    """Commits of all successful experiments, by name."""
-    lines = git("for-each-ref", "--format=%(objectname) %(refname)", "refs/exps/").splitlines()
-    return {ref.rpartition("/")[2]: commit for commit, ref in map(str.split, lines)}
+    """Return the commits of all successful experiments, by name."""
+    commits = {}
+    for line in git("for-each-ref", "--format=%(objectname) %(refname)", "refs/exps/").splitlines():
+        commit, reference = line.split()
+        commits[reference.rpartition("/")[2]] = commit
+    return commits
 
 
 def results(revision: str) -> dict[str, bytes]:
-    """The contents of `RESULTS` of a finished experiment, from DVC's cache or its remote."""
+    """Return the contents of `RESULTS` of a finished experiment, from DVC's cache or its remote.
+
+    Args:
+        revision: commit of the experiment.
+    """
     from dvc.api import DVCFileSystem
 
     with one_reader:
@@ -202,10 +220,18 @@ def results(revision: str) -> dict[str, bytes]:
 
 
 def last_error(log: str) -> str:
-    """The last error of a Python program in a log, else DVC's last error, else `no error`."""
-    errors = re.findall(r"^\w*(?:Error|Exception): .*", log, re.MULTILINE)
-    return (errors or re.findall(r"^ERROR: .*", log, re.MULTILINE) or ["no error in the log"])[-1]
+    """Return the last error of a Python program in a log, else DVC's last error, if any."""
+    for pattern in (r"^\w*(?:Error|Exception): .*", r"^ERROR: .*"):
+        errors: list[str] = re.findall(pattern, log, re.MULTILINE)
+        if errors:
+            return errors[-1]
+    return "no error in the log"
 
 
 def git(*words: str) -> str:
+    """Return the output of git.
+
+    Raises:
+        CalledProcessError: git refuses.
+    """
     return subprocess.run(["git", *words], capture_output=True, text=True, check=True).stdout

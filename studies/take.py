@@ -1,4 +1,4 @@
-"""Results of cells that ran elsewhere, as on a machine with a card and without DVC, become the study's."""
+"""Results of cells that ran elsewhere, as on a machine with a GPU and without DVC."""
 
 import re
 from pathlib import Path
@@ -20,7 +20,7 @@ FRAMES = ("data", "preprocess", "split", "glove")
 
 
 def take_cells(folder: Path, cells: dict[str, Cell]) -> int:
-    """Store the results in a folder of those cells that are not stored yet, and return their number.
+    """Store the results in a folder of cells that are not stored yet, and return their number.
 
     Args:
         folder: each folder in it has the folders `results` and `runs` that the stages wrote for one
@@ -33,89 +33,107 @@ def take_cells(folder: Path, cells: dict[str, Cell]) -> int:
             with the same parameters for them. Nothing is stored then.
     """
     recipes = {key: flatten(default_params(cell.changes)) for key, cell in cells.items()}
-    before = [key for key in cells if stored(key)]
-    md5s = {
-        _of_frames(recipes[key]): answers_of(cells[key], read_results(key)).frames for key in before
-    }
+    known = [key for key in cells if stored(key)]
+    md5s: dict[str, str] = {}  # of the frames, by what they depend on
+    for key in known:
+        md5s[_of_frames(recipes[key])] = answers_of(cells[key], read_results(key)).frames
     ready: dict[str, dict[str, bytes]] = {}
     for place in sorted(path for path in folder.iterdir() if path.is_dir()):
-        with readable(
-            place, "not the results of a cell", "each folder has the `results` and `runs` of one"
-        ):
-            contents = {name: (place / name).read_bytes() for name in RESULTS}
-            records = [Record.read(contents[name]) for name in RECORDS]
-            key = _key_of(place, records[0].params["values"], recipes)
-            answers = answers_of(cells[key], contents)
-            for record in records:
-                _check_code(place, record)
-                if any(
-                    recipes[key].get(name) != value
-                    for name, value in record.params["values"].items()
-                ):
-                    raise UserError(
-                        f"{place}: {record.stage}.json is of a different recipe than evaluate.json"
-                    )
+        key, contents, frames = _read_cell(place, cells, recipes)
         if key in ready:
             raise UserError(f"{place}: the second folder of the cell {cells[key]}")
-        if (first := md5s.setdefault(_of_frames(recipes[key]), answers.frames)) != answers.frames:
+        first = md5s.setdefault(_of_frames(recipes[key]), frames)
+        if first != frames:
             raise UserError(
-                f"{place}: its frames have the md5 {answers.frames}; those of other cells have {first}"
+                f"{place}: its frames have the md5 {frames}; those of other cells have {first}"
             )
         ready[key] = contents
     if not ready:
         raise UserError(
             f"{folder}: no folder of a cell in it; each has the `results` and `runs` of one"
         )
-    new = [key for key in ready if key not in before]
+    new = [key for key in ready if key not in known]
     for key in new:
         store(key, ready[key])
     return len(new)
 
 
+def _read_cell(
+    place: Path, cells: dict[str, Cell], recipes: dict[str, dict[str, Any]]
+) -> tuple[str, dict[str, bytes], str]:
+    """Return key, contents of the files `RESULTS` and md5 of the frames of a folder.
+
+    Args:
+        place: folder with the results of a cell.
+        cells: the study's cells, by their keys.
+        recipes: their parameters, by their keys.
+
+    Raises:
+        UserError: see `take_cells`.
+    """
+    with readable(
+        place, "not the results of a cell", "each folder has the `results` and `runs` of one"
+    ):
+        contents = {name: (place / name).read_bytes() for name in RESULTS}
+        records = [Record.read(contents[name]) for name in RECORDS]
+        key = _key_of(place, records[0].params["values"], recipes)
+        answers = answers_of(cells[key], contents)
+        for record in records:
+            _check_code(place, record)
+            for name, value in record.params["values"].items():
+                if recipes[key].get(name) != value:
+                    raise UserError(
+                        f"{place}: {record.stage}.json is of a different recipe than evaluate.json"
+                    )
+    return key, contents, answers.frames
+
+
 def _of_frames(recipe: dict[str, Any]) -> str:
-    """What the frames depend on, of a cell's parameters."""
-    return repr(
-        sorted((name, value) for name, value in recipe.items() if name.partition(".")[0] in FRAMES)
-    )
+    """Return the part of a cell's parameters that its frames depend on."""
+    values = [(name, value) for name, value in recipe.items() if name.partition(".")[0] in FRAMES]
+    return repr(sorted(values))
 
 
 def _key_of(place: Path, values: dict[str, Any], recipes: dict[str, dict[str, Any]]) -> str:
-    """The key of the cell with these parameters."""
+    """Return the key of the cell with these parameters.
 
-    def differing(key: str) -> list[str]:
-        recipe = recipes[key]
-        return [name for name in recipe | values if recipe.get(name) != values.get(name)]
-
-    key = min(recipes, key=lambda key: len(differing(key)))
-    if names := differing(key):
-        has = ", ".join(as_change(name, values.get(name)) for name in names)
+    Raises:
+        UserError: there is none; the message names what differs in the most similar one.
+    """
+    differing: dict[str, list[str]] = {}
+    for key, recipe in recipes.items():
+        names = recipe | values
+        differing[key] = [name for name in names if recipe.get(name) != values.get(name)]
+    nearest = min(recipes, key=lambda key: len(differing[key]))
+    if differing[nearest]:
+        has = ", ".join(as_change(name, values.get(name)) for name in differing[nearest])
         raise UserError(
-            f"{place}: no cell of the study has its parameters; the most similar one differs in {has}"
+            f"{place}: no cell of the study has its parameters; "
+            f"the most similar one differs in {has}"
         )
-    return key
+    return nearest
 
 
 def _check_code(place: Path, record: Record) -> None:
-    """Raise a UserError if a stage ran with code that differs from that of the working tree."""
-    commit, entries = record.origin["mlflow.source.git.commit"], stages().values()
-    code = {
-        dep.replace("${model.system}", "*")
-        for entry in entries
-        for dep in entry["deps"]
-        if dep.startswith(CODE)
-    }
+    """Raise a UserError if a stage ran with code that differs from the working tree's."""
+    stage = record.stage
+    commit = record.origin["mlflow.source.git.commit"]
     if not re.fullmatch("[0-9a-f]{40}", commit):
         raise UserError(
-            f"{place}: {record.stage}.json is of the commit {commit!r}; expected 40 hexadecimal digits"
+            f"{place}: {stage}.json is of the commit {commit!r}; expected 40 hexadecimal digits"
         )
+    code: set[str] = set()
+    for entry in stages().values():
+        code |= {dep.replace("${model.system}", "*") for dep in entry["deps"]}
+    code = {dep for dep in code if dep.startswith(CODE)}
     try:
         changed = git("diff", "--name-only", commit, "--", *PIPELINES, *sorted(code)).split()
     except CalledProcessError:
         raise UserError(
-            f"{place}: {record.stage} ran at commit {commit}, which this repository lacks"
+            f"{place}: {stage} ran at commit {commit}, which this repository lacks"
         ) from None
     if changed or record.origin["git.dirty"] != "false":
         what = ", ".join(changed[:3]) or "files that were not committed"
         raise UserError(
-            f"{place}: {record.stage} ran at commit {commit[:9]} with a different code: {what}"
+            f"{place}: {stage} ran at commit {commit[:9]} with a different code: {what}"
         )

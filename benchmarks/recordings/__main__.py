@@ -1,4 +1,4 @@
-"""Errors of the classifier on sets of labelled recordings, beside those of plain methods on the same folds.
+"""Errors of the classifier and of plain methods, on the same folds of labelled recordings.
 
 A set is a folder of OBJECT/RECORDING.npy, (T, C) or (T, H, W). Its groups.csv, if any, has columns
 file and group. With `--groups sessions` it is any source that the package reads, and its sessions,
@@ -9,7 +9,7 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import click
 import numpy as np
@@ -21,23 +21,29 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
-from benchmarks.command import markdown
+from benchmarks.command import Row, markdown
 from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.files import write_file
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.tables.recordings import frames_by_recording, recordings_of
 
-SEED, ERROR, SECONDS = 0, "{}, error, %", "{}, s"
-SIMPLE = {  # on statistics of a recording
+Recordings = list[np.ndarray]  # each (T, H, W)
+
+SEED = 0
+# columns of a method
+ERROR = "{}, error, %"
+SECONDS = "{}, s"
+SIMPLE: dict[str, Callable[[], Any]] = {  # on statistics of a recording
     "trees": lambda: ExtraTreesClassifier(300, random_state=SEED),
     "svc": lambda: make_pipeline(StandardScaler(), SVC(C=10)),
     "logistic": lambda: make_pipeline(StandardScaler(), LogisticRegression(max_iter=1000)),
 }
-OURS, MINIROCKET = "ours", "minirocket"
+OURS = "ours"
+MINIROCKET = "minirocket"
 METHODS = [OURS, *SIMPLE, MINIROCKET]
-WITH_AEON = METHODS if find_spec("aeon") else METHODS[:-1]  # that can run here
-LEAST_LENGTH = 9  # frames that a kernel of MiniRocket has
+WITH_AEON = METHODS if find_spec("aeon") else METHODS[:-1]  # methods that can run here
+LEAST_LENGTH = 9  # frames of a kernel of MiniRocket
 COLUMNS = ["set", "channels", "recordings", "classes", "groups"]
 for _method in METHODS:
     COLUMNS += [ERROR.format(_method), SECONDS.format(_method)]
@@ -47,12 +53,12 @@ class LabelledSet(NamedTuple):
     """Labelled recordings.
 
     Attributes:
-        recordings: arrays (T, H, W).
+        recordings: n arrays (T, H, W).
         labels: (n,) object of each.
         groups: (n,) number of the group that each is held out with.
     """
 
-    recordings: list[np.ndarray]
+    recordings: Recordings
     labels: np.ndarray
     groups: np.ndarray
 
@@ -70,7 +76,8 @@ class LabelledSet(NamedTuple):
     type=click.Choice(["file", "sessions", "none"]),
     default="file",
     show_default=True,
-    help="What is held out together: by groups.csv, else each recording; sessions, such as persons; each recording.",
+    help="What is held out together. file: the groups of groups.csv, else each recording; "
+    "sessions: sessions, such as persons; none: each recording.",
 )
 @click.option(
     "--layout",
@@ -87,57 +94,67 @@ class LabelledSet(NamedTuple):
 def main(
     folders: tuple[Path, ...], folds: int, groups: str, layout: str, out: Path | None, only: str
 ) -> None:
-    """Compare methods on the sets in FOLDERS. Regret: error of ours above the least of trees, svc and logistic."""
-    names = only.split(",")
-    wrong = sorted(set(names) - set(METHODS))
-    if wrong:
-        raise click.ClickException(
-            f"--only has {', '.join(wrong)}; expected some of {', '.join(METHODS)}"
-        )
-    if MINIROCKET in names and MINIROCKET not in WITH_AEON:
-        raise click.ClickException(f"--only has {MINIROCKET}, which needs aeon: `pip install aeon`")
-    rows = {}
+    """Compare methods on the sets in FOLDERS.
+
+    Regret: error of ours above the least error of trees, svc and logistic.
+    """
+    methods = only.split(",")
+    check_methods(methods)
+    rows: dict[str, Row] = {}
     if out and out.exists():
         rows = {row["set"]: row for row in pd.read_csv(out).to_dict("records")}
     for folder in folders:
         try:
-            labelled = (
-                read_sessions(folder, layout)
-                if groups == "sessions"
-                else read_folder(folder, groups == "file")
-            )
+            if groups == "sessions":
+                labelled = read_sessions(folder, layout)
+            else:
+                labelled = read_folder(folder, by_file=groups == "file")
         except UserError as error:
             raise click.ClickException(str(error)) from None
-        rows[folder.name] = (
-            rows.get(folder.name, {}) | {"set": folder.name} | measured(labelled, folds, names)
-        )
+        row = rows.setdefault(folder.name, {"set": folder.name})
+        row |= measured(labelled, folds, methods)
         if out:
-            write_file(
-                out,
-                pd.DataFrame(rows.values(), columns=COLUMNS).to_csv(
-                    index=False, float_format="%.2f"
-                ),
-            )
-    table = pd.DataFrame(
-        [rows[folder.name] for folder in folders], [folder.name for folder in folders], COLUMNS
-    )
-    click.echo(markdown(table.astype(object).where(table.notna(), "-").to_dict("records")))
-    regret = (
-        table[ERROR.format(OURS)] - table[[ERROR.format(name) for name in SIMPLE]].min(axis=1)
-    ).dropna()
+            table = pd.DataFrame(rows.values(), columns=COLUMNS)
+            write_file(out, table.to_csv(index=False, float_format="%.2f"))
+    names = [folder.name for folder in folders]
+    table = pd.DataFrame([rows[name] for name in names], names, COLUMNS)
+    cells = table.astype(object).where(table.notna(), "-")
+    click.echo(markdown(cells.to_dict("records")))
+    least = table[[ERROR.format(name) for name in SIMPLE]].min(axis=1)
+    regret = (table[ERROR.format(OURS)] - least).dropna()
     if len(regret):
         click.echo(
-            f"\nRegret: {regret.mean():.1f} points in the mean, {regret.max():.1f} at most, on {regret.idxmax()}."
+            f"\nRegret: {regret.mean():.1f} points in the mean, {regret.max():.1f} at most, "
+            f"on {regret.idxmax()}."
         )
 
 
-def read_folder(folder: Path, by_file: bool) -> LabelledSet:
-    """Read OBJECT/RECORDING.npy; the groups are those of groups.csv, if `by_file` and if there is one."""
+def check_methods(methods: list[str]) -> None:
+    """Raise a ClickException if a method is unknown, or cannot run here."""
+    wrong = sorted(set(methods) - set(METHODS))
+    if wrong:
+        raise click.ClickException(
+            f"--only has {', '.join(wrong)}; expected some of {', '.join(METHODS)}"
+        )
+    if MINIROCKET in methods and MINIROCKET not in WITH_AEON:
+        raise click.ClickException(f"--only has {MINIROCKET}, which needs aeon: `pip install aeon`")
+
+
+def read_folder(folder: Path, *, by_file: bool) -> LabelledSet:
+    """Return the recordings OBJECT/RECORDING.npy of a folder.
+
+    Args:
+        folder: the set.
+        by_file: whether the groups are those of groups.csv, if there is one; else each recording is
+            a group.
+    """
     paths = sorted(folder.glob("*/*.npy"))
     recordings = []
     for path in paths:
         array = np.load(path)
-        recordings.append(array if array.ndim == 3 else array[:, None])
+        if array.ndim == 2:
+            array = array[:, None]
+        recordings.append(array)
     labels = np.array([path.parent.name for path in paths])
     file = folder / "groups.csv"
     if not (by_file and file.exists()):
@@ -148,12 +165,18 @@ def read_folder(folder: Path, by_file: bool) -> LabelledSet:
 
 
 def read_sessions(folder: Path, layout: str) -> LabelledSet:
-    """Read a source of the package, whose sessions are the groups.
+    """Return the recordings of a source of the package, whose sessions are the groups.
+
+    Args:
+        folder: the source.
+        layout: as data.layout in params.yaml.
 
     Raises:
         UserError: it is no source, or has one session only.
     """
-    recordings, labels, groups = [], [], []
+    recordings = []
+    labels = []
+    groups = []
     with recordings_of(str(folder), Form(layout=layout)) as table:
         for index in frames_by_recording(table):
             recordings.append(np.array(table.counts[index]))
@@ -166,68 +189,98 @@ def read_sessions(folder: Path, layout: str) -> LabelledSet:
     return LabelledSet(recordings, np.array(labels), np.array(groups))
 
 
-def measured(labelled: LabelledSet, folds: int, names: list[str]) -> dict:
-    """Row of a set: errors in %, and seconds to learn and answer, the mean over folds; none of a method that fails."""
+def measured(labelled: LabelledSet, folds: int, methods: list[str]) -> Row:
+    """Return the row of a set: error in %, and seconds to learn and answer, for each method.
+
+    The seconds are the mean over folds. A method that fails has neither.
+
+    Args:
+        labelled: the set.
+        folds: their number; fewer where the set has fewer groups.
+        methods: some of `METHODS`.
+    """
     recordings, labels, groups = labelled
     folds = min(folds, len(set(groups)))
-    parts = StratifiedGroupKFold(folds, shuffle=True, random_state=SEED)
-    row = {
+    splits = StratifiedGroupKFold(folds, shuffle=True, random_state=SEED)
+    row: Row = {
         "channels": recordings[0][0].size,
         "recordings": len(recordings),
         "classes": len(set(labels)),
         "groups": len(set(groups)),
     }
-    for name in names:
-        wrong, begin = 0.0, perf_counter()
+    for method in methods:
+        wrong = 0.0
+        begin = perf_counter()
         try:
-            for learnt, asked in parts.split(labels, labels, groups):
-                known = [recordings[number] for number in learnt]
-                new = [recordings[number] for number in asked]
-                wrong += sum(
-                    answers(name, known, labels[learnt], groups[learnt], new) != labels[asked]
-                )
+            for train, test in splits.split(labels, labels, groups):
+                known = LabelledSet([recordings[i] for i in train], labels[train], groups[train])
+                predicted = answers(method, known, [recordings[i] for i in test])
+                wrong += sum(predicted != labels[test])
         except Exception as error:
-            click.echo(f"{name}: {type(error).__name__}: {error}", err=True)
-            wrong = begin = np.nan
-        row[ERROR.format(name)] = 100 * wrong / len(recordings)
-        row[SECONDS.format(name)] = (perf_counter() - begin) / folds
+            click.echo(f"{method}: {type(error).__name__}: {error}", err=True)
+            wrong = np.nan
+            begin = np.nan
+        row[ERROR.format(method)] = 100 * wrong / len(recordings)
+        row[SECONDS.format(method)] = (perf_counter() - begin) / folds
     return row
 
 
-def answers(
-    name: str, learnt: list, labels: np.ndarray, groups: np.ndarray, asked: list
-) -> np.ndarray:
-    """Labels that a method gives to recordings."""
-    if name == OURS:
-        return TactileClassifier().fit(learnt, labels, groups).predict(asked)
-    if name == MINIROCKET:
-        return minirocket(learnt, labels, asked)
-    return SIMPLE[name]().fit(statistics(learnt), labels).predict(statistics(asked))
+def answers(method: str, known: LabelledSet, new: Recordings) -> np.ndarray:
+    """Return the labels (n,) that a method gives to n new recordings.
+
+    Args:
+        method: one of `METHODS`.
+        known: the recordings that it learns from.
+        new: recordings to answer.
+    """
+    if method == MINIROCKET:
+        return minirocket(known, new)
+    predicted: np.ndarray
+    if method == OURS:
+        classifier = TactileClassifier().fit(known.recordings, known.labels, known.groups)
+        predicted = classifier.predict(new)
+    else:
+        estimator = SIMPLE[method]().fit(statistics(known.recordings), known.labels)
+        predicted = estimator.predict(statistics(new))
+    return predicted
 
 
-def minirocket(learnt: list, labels: np.ndarray, asked: list) -> np.ndarray:
-    """Labels by MiniRocket of aeon, which needs one length: all are resampled to the median of the learnt ones."""
+def minirocket(known: LabelledSet, new: Recordings) -> np.ndarray:
+    """Return labels by MiniRocket of aeon.
+
+    It needs one length: all recordings are resampled to the median of the known ones.
+
+    Args:
+        known: the recordings that it learns from.
+        new: recordings to answer.
+    """
     from aeon.classification.convolution_based import MiniRocketClassifier
     from aeon.transformations.collection.unequal_length import Resizer
 
-    def series(recordings: list) -> list[np.ndarray]:
-        """Series (C, T) of recordings (T, H, W)."""
-        return [
-            recording.reshape(len(recording), -1).T.astype(np.float64) for recording in recordings
-        ]
-
-    length = int(np.median([len(recording) for recording in learnt]))
-    resize: Callable = Resizer(max(length, LEAST_LENGTH)).fit_transform
-    classifier = MiniRocketClassifier(random_state=SEED).fit(resize(series(learnt)), labels)
-    return classifier.predict(resize(series(asked)))
+    length = int(np.median([len(recording) for recording in known.recordings]))
+    resizer = Resizer(max(length, LEAST_LENGTH))
+    classifier = MiniRocketClassifier(random_state=SEED)
+    classifier.fit(resizer.fit_transform(_series(known.recordings)), known.labels)
+    predicted: np.ndarray = classifier.predict(resizer.fit_transform(_series(new)))
+    return predicted
 
 
-def statistics(recordings: list) -> np.ndarray:
-    """Mean, standard deviation, minimum, maximum and median (n, 5C) of each channel over all frames."""
+def _series(recordings: Recordings) -> list[np.ndarray]:
+    """Return series (C, T) of recordings (T, H, W)."""
+    return [recording.reshape(len(recording), -1).T.astype(np.float64) for recording in recordings]
+
+
+def statistics(recordings: Recordings) -> np.ndarray:
+    """Return statistics (n, 5C) of each channel over all frames.
+
+    They are mean, standard deviation, minimum, maximum and median.
+    """
     kinds = (np.mean, np.std, np.min, np.max, np.median)
-    return np.array(
-        [np.concatenate([kind(x, axis=0).ravel() for kind in kinds]) for x in recordings]
-    )
+    rows = []
+    for recording in recordings:
+        of_channels = [kind(recording, axis=0).ravel() for kind in kinds]
+        rows.append(np.concatenate(of_channels))
+    return np.array(rows)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,15 @@
-"""Error of the sensors' forces against run time, for several integrators, from soft to stiff contact."""
+"""Error of the sensors' forces against run time, for several integrators and stiffnesses."""
 
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import click
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmarks.command import Result, benchmark
+from benchmarks.command import Result, Row, benchmark
 from benchmarks.solver.other_integrators import (
     IntegrationFailed,
     explicit_euler,
@@ -20,12 +22,18 @@ from tactile_viewgcn.glove.objects import select_objects
 from tactile_viewgcn.glove.simulation import RATE, TOLERANCE, Simulation, recipe_from_params
 from tactile_viewgcn.params import Params
 
+Methods = Mapping[str, Sequence[float]]  # settings of each method, see `solve`
+
 SEED = 3000
-TOLERANCES, RTOLS = (0.2, 0.05, 0.02, 0.005), (1e-1, 1e-2, 1e-3, 1e-4)
+TOLERANCES = (0.2, 0.05, 0.02, 0.005)  # of our integrator
+RTOLS = (1e-1, 1e-2, 1e-3, 1e-4)  # of SciPy's methods
 STEPS = {"ours, fixed steps": (1, 4), "explicit Euler": (1, 8, 64, 256)}  # a frame
-BALL_RTOL, OBJECTS_RTOL, QUICK_RTOL = 1e-10, 1e-7, 1e-5  # of the reference, Radau
-# of a method on a ball; of references, and on objects
-MAX_EVALUATIONS, NO_LIMIT = 10_000, 1_000_000
+# of the reference, Radau
+BALL_RTOL = 1e-10
+OBJECTS_RTOL = 1e-7
+QUICK_RTOL = 1e-5
+MAX_EVALUATIONS = 10_000  # of a method on a ball
+NO_LIMIT = 1_000_000  # evaluations of references, and on objects
 STYLES = {
     "ours": "o-",
     "ours, fixed steps": "o:",
@@ -34,13 +42,16 @@ STYLES = {
     "BDF": "s-",
     "Radau": "D-",
 }
-# errors at the axis' ends, and where a failed run is drawn
-LOWEST, HIGHEST, FAILED = 1e-6, 1e2, 60.0
-TEXT = f"""Relative error of the sensors' forces against processor time: one grasp of {FRAMES} frames, simulated.
+# errors at the axis' ends
+LOWEST = 1e-6
+HIGHEST = 1e2
+FAILED = 60.0  # error at which a failed run is drawn
+TEXT = f"""Relative error of the sensors' forces against CPU time: one grasp of {FRAMES} frames,
+simulated.
 The default tolerance of ours is {{tolerance:g}}.
 The reference is Radau at {{ball_rtol:g}}, for the whole set at {{objects_rtol:g}}.
-All implicit methods are given the Gauss-Newton Hessian. Ours stops at every frame, where the scene's drive has its
-kinks; SciPy's methods step over them, at most a frame at a time."""
+All implicit methods are given the Gauss-Newton Hessian. Ours stops at every frame, where the
+scene's drive has its kinks; SciPy's methods step over them, at most a frame at a time."""
 
 
 @benchmark
@@ -53,16 +64,19 @@ def solver(params: Params, quick: bool) -> Result:
     recipe = replace(
         recipe_from_params(params.glove), sessions=1, frames=FRAMES, grasps=1, seed=SEED
     )
-    settings, ball_rtol, objects_rtol = SETTINGS, BALL_RTOL, OBJECTS_RTOL
-    ours = {"ours": sorted({*TOLERANCES, TOLERANCE}, reverse=True)}
-    on_balls = ours | STEPS | dict.fromkeys(("RK45", "BDF", "Radau"), RTOLS)
-    on_objects = ours | {"Radau": RTOLS[1:]}
+    settings: Sequence[tuple[float, float, float, float]] = SETTINGS
+    ball_rtol = BALL_RTOL
+    objects_rtol = OBJECTS_RTOL
+    ours: dict[str, Sequence[float]] = {"ours": sorted({*TOLERANCES, TOLERANCE}, reverse=True)}
+    on_balls = {**ours, **STEPS, "RK45": RTOLS, "BDF": RTOLS, "Radau": RTOLS}
+    on_objects = {**ours, "Radau": RTOLS[1:]}
     if quick:
-        settings, ball_rtol, objects_rtol = SETTINGS[1:2], QUICK_RTOL, QUICK_RTOL
+        settings = SETTINGS[1:2]
+        ball_rtol = QUICK_RTOL
+        objects_rtol = QUICK_RTOL
         recipe = replace(recipe, objects=select_objects(["coin"]))
-        on_balls, on_objects = (
-            {name: values[:2] for name, values in each.items()} for each in (on_balls, on_objects)
-        )
+        on_balls = {method: values[:2] for method, values in on_balls.items()}
+        on_objects = {method: values[:2] for method, values in on_objects.items()}
     rows = []
     for setting in settings:
         grasp = ball_grasp(*setting, seed=SEED)
@@ -73,108 +87,154 @@ def solver(params: Params, quick: bool) -> Result:
 
 
 def measure(
-    simulation: Simulation, methods: dict, reference_rtol: float, max_evaluations: int
-) -> list[dict]:
-    """A row for each method and setting: error, seconds, evaluations, and why it failed; prints each.
+    simulation: Simulation, methods: Methods, reference_rtol: float, max_evaluations: int
+) -> list[Row]:
+    """Return a row for each method and setting: error, seconds, evaluations, and why it failed.
 
     The scene is named by its stiffness lambda h, or where there are several hands by their number.
+    Each row is printed.
+
+    Args:
+        simulation: one grasp of one or several hands.
+        methods: settings of each method.
+        reference_rtol: relative tolerance of the reference.
+        max_evaluations: of each method.
     """
-    mechanics, frame = simulation.mechanics(0, FRAMES), 1 / RATE
+    mechanics = simulation.mechanics(0, FRAMES)
     exact = solve("Radau", reference_rtol, mechanics, NO_LIMIT)[0]
     exact_pressure = simulation.sensor_inputs(mechanics, exact)[0]
-    scene = (
-        f"{len(exact)} recordings"
-        if len(exact) > 1
-        else f"{stiffness(mechanics, exact, frame):.1e}"
-    )
+    scene = f"{len(exact)} recordings"
+    if len(exact) == 1:
+        scene = f"{stiffness(mechanics, exact, 1 / RATE):.1e}"
     rows = []
-    for method, setting in [
-        (method, setting) for method, settings in methods.items() for setting in settings
-    ]:
-        error, evaluations, remark, begin = np.nan, np.nan, "", time.process_time()
-        try:
-            states, evaluations = solve(method, setting, mechanics, max_evaluations)
-        except IntegrationFailed as reason:
-            remark = str(reason)
-        seconds = time.process_time() - begin  # of the processor: other programs do not count
-        if not remark:
-            error = relative_error(simulation.sensor_inputs(mechanics, states)[0], exact_pressure)
-        row = {
-            "scene": scene,
-            "method": method,
-            "setting": f"{setting:g}",
-            "error": error,
-            "seconds": seconds,
-        }
-        rows.append(row | {"evaluations": evaluations, "remark": remark})
-        outcome = remark or f"error {error:.2g} in {seconds:.3g} s"
-        click.echo(f"{scene:13}  {method:17} {setting:7g}  {outcome}")
+    for method, settings in methods.items():
+        for setting in settings:
+            error = np.nan
+            evaluations: float = np.nan
+            remark = ""
+            begin = time.process_time()
+            try:
+                states, evaluations = solve(method, setting, mechanics, max_evaluations)
+            except IntegrationFailed as reason:
+                remark = str(reason)
+            seconds = time.process_time() - begin  # of the CPU: other programs do not count
+            outcome = remark
+            if not remark:
+                pressure = simulation.sensor_inputs(mechanics, states)[0]
+                error = relative_error(pressure, exact_pressure)
+                outcome = f"error {error:.2g} in {seconds:.3g} s"
+            row: Row = {"scene": scene, "method": method, "setting": f"{setting:g}"}
+            row |= {"error": error, "seconds": seconds}
+            row |= {"evaluations": evaluations, "remark": remark}
+            rows.append(row)
+            click.echo(f"{scene:13}  {method:17} {setting:7g}  {outcome}")
     return rows
 
 
 def solve(
     method: str, setting: float, mechanics: Mechanics, max_evaluations: int
 ) -> tuple[np.ndarray, int]:
-    """States (B, FRAMES, n) and number of evaluations.
+    """Return states (B, FRAMES, n) and number of evaluations.
 
-    The setting is the tolerance of ours and of SciPy's methods, else the number of steps in a
-    frame.
+    Args:
+        method: one of `STYLES`.
+        setting: the tolerance of ours and of SciPy's methods, else the number of steps in a frame.
+        mechanics: the equation of B hands.
+        max_evaluations: SciPy's methods solve hand by hand, each within this limit.
 
     Raises:
-        IntegrationFailed: as in `other_integrators`; SciPy's methods solve hand by hand, each
-            within the limit.
+        IntegrationFailed: as in `other_integrators`.
     """
-    y, frame = mechanics.initial_state(), 1 / RATE
+    y = mechanics.initial_state()
+    frame = 1 / RATE
     if method == "explicit Euler":
-        return explicit_euler(mechanics, y, FRAMES, frame, setting), FRAMES * setting
-    if method.startswith("ours"):
-        tolerance, step = (setting, None) if method == "ours" else (TOLERANCE, frame / setting)
-        integrator = ImplicitIntegrator(mechanics, frame, tolerance, step)
+        steps = int(setting)
+        return explicit_euler(mechanics, y, FRAMES, frame, steps), FRAMES * steps
+    if method == "ours":
+        integrator = ImplicitIntegrator(mechanics, frame, setting, None)
         return integrator.run(y, FRAMES), integrator.statistics["evaluations"]
-    limits = {"rtol": setting, "max_evaluations": max_evaluations}
-    hands = [
-        integrate_with_scipy(method, mechanics, b, y[b], FRAMES, frame, **limits)
-        for b in range(len(y))
-    ]
-    return np.stack([states for states, _ in hands]), sum(evaluations for _, evaluations in hands)
+    if method == "ours, fixed steps":
+        integrator = ImplicitIntegrator(mechanics, frame, TOLERANCE, frame / setting)
+        return integrator.run(y, FRAMES), integrator.statistics["evaluations"]
+    hands = []
+    evaluations = 0
+    for row in range(len(y)):
+        states, count = integrate_with_scipy(
+            method,
+            mechanics,
+            row,
+            y[row],
+            FRAMES,
+            frame,
+            rtol=setting,
+            max_evaluations=max_evaluations,
+        )
+        hands.append(states)
+        evaluations += count
+    return np.stack(hands), evaluations
 
 
 def relative_error(pressure: np.ndarray, exact: np.ndarray) -> float:
-    """Norm of the difference over frames and sensors, over that of `exact` (B, T, S); median of the recordings."""
+    """Return the norm of the difference over the norm of the exact pressure.
+
+    Args:
+        pressure: (B, T, S) of recordings, frames and sensors.
+        exact: (B, T, S).
+
+    Returns:
+        The median of the recordings.
+    """
     difference = np.linalg.norm((pressure - exact).reshape(len(exact), -1), axis=1)
     size = np.linalg.norm(exact.reshape(len(exact), -1), axis=1)
     return float(np.median(difference[size > 0] / size[size > 0]))
 
 
-def diagram(rows: list[dict]) -> Figure:
-    """Error against seconds: a panel for each scene, a line for each method; crosses at the top are failed runs."""
+def diagram(rows: list[Row]) -> Figure:
+    """Return a picture of error against seconds: a panel for each scene, a line for each method.
+
+    Crosses at the top are failed runs.
+
+    Args:
+        rows: see `measure`.
+    """
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
-    columns, lines = min(3, len(scenes)), -(-len(scenes) // 3)
+    columns = min(3, len(scenes))
+    lines = -(-len(scenes) // 3)
     figure = Figure(figsize=(5 * columns, 4.3 * lines), dpi=110, layout="constrained")
     for number, scene in enumerate(scenes, 1):
         panel = figure.add_subplot(
             lines, columns, number, xscale="log", yscale="log", ylim=(LOWEST, HIGHEST)
         )
-        panel.set(xlabel="seconds", ylabel="relative error")
-        panel.set_title(
-            f"{scene}, one grasp each" if "record" in scene else f"lambda h = {float(scene):.0e}"
-        )
+        title = f"{scene}, one grasp each"
+        if "record" not in scene:
+            title = f"lambda h = {float(scene):.0e}"
+        panel.set(xlabel="seconds", ylabel="relative error", title=title)
         panel.axhline(1e-2, color="0.8", lw=1)
-        for color, (method, style) in enumerate(STYLES.items()):
-            runs = [row for row in rows if (row["scene"], row["method"]) == (scene, method)]
-            if not runs:
-                continue
-            seconds, error = np.array([(row["seconds"], row["error"]) for row in runs]).T
-            failed = np.isnan(error)
-            good, crosses = np.clip(error[~failed], LOWEST, HIGHEST), np.full(failed.sum(), FAILED)
-            labels = (None, f"{method}: failed") if failed.all() else (method, None)
-            panel.plot(seconds[~failed], good, style, color=f"C{color}", label=labels[0])
-            panel.plot(seconds[failed], crosses, "x", color=f"C{color}", label=labels[1])
+        for color, method in enumerate(STYLES):
+            runs = [row for row in rows if row["scene"] == scene and row["method"] == method]
+            if runs:
+                _draw(panel, runs, method, f"C{color}")
         panel.legend(fontsize=7)
     figure.suptitle(
         "Error of the sensors' forces against run time\nx: diverged or gave up; grey line: 1 %"
     )
     return figure
+
+
+def _draw(panel: Axes, runs: list[Row], method: str, color: str) -> None:
+    """Draw the line of a method, and crosses for its failed runs."""
+    seconds = np.array([row["seconds"] for row in runs])
+    error = np.array([row["error"] for row in runs])
+    failed = np.isnan(error)
+    good = np.clip(error[~failed], LOWEST, HIGHEST)
+    crosses = np.full(failed.sum(), FAILED)
+    line_label: str | None = method
+    cross_label: str | None = None
+    if failed.all():
+        line_label = None
+        cross_label = f"{method}: failed"
+    panel.plot(seconds[~failed], good, STYLES[method], color=color, label=line_label)
+    panel.plot(seconds[failed], crosses, "x", color=color, label=cross_label)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""Other integrators of the glove's equation: explicit Euler for a batch, and SciPy's for one hand."""
+"""Other integrators of the glove's equation: explicit Euler, and SciPy's methods."""
+
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -14,14 +16,23 @@ class IntegrationFailed(RuntimeError):
 def explicit_euler(
     mechanics: Mechanics, y: np.ndarray, frames: int, frame: float, steps: int
 ) -> np.ndarray:
-    """States (B, frames, n) from y (B, n), with `steps` steps in each frame of `frame` s.
+    """Return states (B, frames, n) from y (B, n).
+
+    Args:
+        mechanics: the equation of B hands.
+        y: first state.
+        frames: number of frames.
+        frame: seconds of a frame.
+        steps: number of steps in each frame.
 
     Raises:
         IntegrationFailed: it diverged.
     """
-    states, rows = np.empty((len(y), frames, y.shape[1])), np.arange(len(y))
+    states = np.empty((len(y), frames, y.shape[1]))
+    rows = np.arange(len(y))
     for step in range(frames * steps):
-        balance = mechanics.evaluate(rows, np.full(len(y), step / steps), y, palm=mechanics.motion)
+        times = np.full(len(y), step / steps)
+        balance = mechanics.evaluate(rows, times, y, palm=mechanics.motion)
         y = y - frame / steps * balance.residual / mechanics.damping
         if not (np.abs(y) < 1e3).all():
             raise IntegrationFailed(f"diverged in frame {step // steps}")
@@ -29,40 +40,76 @@ def explicit_euler(
     return states
 
 
-def integrate_with_scipy(
-    method: str, mechanics: Mechanics, row: int, y: np.ndarray, frames: int, frame: float, *, rtol: float,
-    max_evaluations: int,
-) -> tuple[np.ndarray, int]:  # fmt: skip
-    """States (frames, n) of hand `row` from y (n,) by RK45, BDF or Radau, and the number of evaluations.
+class _Hand:
+    """The equation of one hand, as SciPy's methods take it.
 
-    Implicit methods get the same Hessian as the glove's integrator. The absolute tolerance is rtol
-    / 1000.
+    Attributes:
+        evaluations: number of evaluations so far.
+    """
+
+    def __init__(self, mechanics: Mechanics, row: int, frame: float, max_evaluations: int):
+        self._mechanics = mechanics
+        self._row = row
+        self._frame = frame
+        self._max_evaluations = max_evaluations
+        self.evaluations = 0
+
+    def slope(self, t: float, y: np.ndarray) -> np.ndarray:
+        """Return dy/dt (n,) at time t (s) and state y (n,)."""
+        slope: np.ndarray = -self._evaluate(t, y).residual[0] / self._mechanics.damping
+        return slope
+
+    def jacobian(self, t: float, y: np.ndarray) -> np.ndarray:
+        """Return the Gauss-Newton Jacobian (n, n) of the slope."""
+        whole = hessian(self._mechanics, self._evaluate(t, y))[0]
+        jacobian: np.ndarray = -whole / self._mechanics.damping[:, None]
+        return jacobian
+
+    def _evaluate(self, t: float, y: np.ndarray) -> Balance:
+        self.evaluations += 1
+        if self.evaluations > self._max_evaluations:
+            raise IntegrationFailed(f"spent {self._max_evaluations:,} evaluations")
+        if not np.isfinite(y).all():
+            raise IntegrationFailed("diverged")
+        rows = np.array([self._row])
+        times = np.array([t / self._frame])
+        return self._mechanics.evaluate(rows, times, y[None], palm=self._mechanics.motion)
+
+
+def integrate_with_scipy(
+    method: str,
+    mechanics: Mechanics,
+    row: int,
+    y: np.ndarray,
+    frames: int,
+    frame: float,
+    *,
+    rtol: float,
+    max_evaluations: int,
+) -> tuple[np.ndarray, int]:
+    """Return states (frames, n) of one hand from y (n,), and the number of evaluations.
+
+    Implicit methods get the same Hessian as the glove's integrator.
+
+    Args:
+        method: RK45, BDF or Radau.
+        mechanics: the equation of several hands.
+        row: number of the hand.
+        y: first state.
+        frames: number of frames.
+        frame: seconds of a frame.
+        rtol: relative tolerance; the absolute one is rtol / 1000.
+        max_evaluations: limit of the evaluations.
 
     Raises:
         IntegrationFailed: it failed, diverged, or took more than `max_evaluations`.
     """
-    evaluations = 0
-
-    def evaluate(t: float, y: np.ndarray) -> Balance:
-        nonlocal evaluations
-        evaluations += 1
-        if evaluations > max_evaluations:
-            raise IntegrationFailed(f"spent {max_evaluations:,} evaluations")
-        if not np.isfinite(y).all():
-            raise IntegrationFailed("diverged")
-        return mechanics.evaluate(
-            np.array([row]), np.array([t / frame]), y[None], palm=mechanics.motion
-        )
-
-    def slope(t: float, y: np.ndarray) -> np.ndarray:
-        return -evaluate(t, y).residual[0] / mechanics.damping
-
-    def jacobian(t: float, y: np.ndarray) -> np.ndarray:
-        return -hessian(mechanics, evaluate(t, y))[0] / mechanics.damping[:, None]
-
-    ends, implicit = frame * np.arange(1, frames + 1), {} if method == "RK45" else {"jac": jacobian}
-    limits = {"rtol": rtol, "atol": rtol * 1e-3, "max_step": frame}
-    solution = solve_ivp(slope, (0, ends[-1]), y, method, t_eval=ends, **limits, **implicit)
+    hand = _Hand(mechanics, row, frame, max_evaluations)
+    options: dict[str, Any] = {"rtol": rtol, "atol": rtol * 1e-3, "max_step": frame}
+    if method != "RK45":
+        options["jac"] = hand.jacobian
+    ends = frame * np.arange(1, frames + 1)
+    solution = solve_ivp(hand.slope, (0, ends[-1]), y, method, t_eval=ends, **options)
     if not solution.success:
         raise IntegrationFailed(solution.message)
-    return solution.y.T, evaluations
+    return solution.y.T, hand.evaluations

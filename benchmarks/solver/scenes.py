@@ -1,4 +1,4 @@
-"""Grasps from nearly no contact stiffness to steel on steel, and a measure of how stiff each one is."""
+"""Grasps from nearly no contact stiffness to steel on steel, and how stiff each one is."""
 
 from dataclasses import replace
 
@@ -26,14 +26,27 @@ SETTINGS = (
 def ball_grasp(
     skin: float, surface: float, joint_damping: float, object_damping: float, *, seed: int
 ) -> Simulation:
-    """One grasp of a ball; the first four arguments are one of SETTINGS."""
+    """Return one grasp of a ball; the first four arguments are one of `SETTINGS`.
+
+    Args:
+        skin: stiffness of the skin, Pa/m.
+        surface: stiffness of the ball, Pa/m.
+        joint_damping: N m s / rad.
+        object_damping: N s / m.
+        seed: of the recipe.
+    """
     ball = replace(select_objects(["ball"])[1], stiffness=surface)
     layer = Layer(skin, THICKNESS, joint_damping, object_damping)
     return Simulation(Recipe((ball,), 1, FRAMES, 1, seed, layer))
 
 
 def hessian(mechanics: Mechanics, balance: Balance) -> np.ndarray:
-    """Gauss-Newton Hessian (R, n, n) of the energy U, from its blocks."""
+    """Return the Gauss-Newton Hessian (R, n, n) of the energy U, from its blocks.
+
+    Args:
+        mechanics: the equation.
+        balance: its values at R states.
+    """
     whole = np.zeros((*balance.residual.shape, mechanics.size))
     for finger in range(5):
         block = slice(2 * finger, 2 * finger + 2)
@@ -47,14 +60,19 @@ def hessian(mechanics: Mechanics, balance: Balance) -> np.ndarray:
 
 
 def stiffness(mechanics: Mechanics, states: np.ndarray, frame: float) -> float:
-    """lambda h: largest eigenvalue of the Gauss-Newton Jacobian at states (B, T, n), times the frame interval (s)."""
-    rows, root, largest = np.arange(len(states)), np.sqrt(mechanics.damping), 0.0
+    """Return lambda h: largest eigenvalue of the Gauss-Newton Jacobian, times the frame interval.
+
+    Args:
+        mechanics: the equation of B hands.
+        states: (B, T, n).
+        frame: seconds of a frame.
+    """
+    rows = np.arange(len(states))
+    root = np.sqrt(mechanics.damping)
+    largest = 0.0
     for t in range(states.shape[1]):
-        balance = mechanics.evaluate(
-            rows, np.full(len(rows), t + 1.0), states[:, t], palm=mechanics.motion
-        )
-        largest = max(
-            largest,
-            float(np.linalg.eigvalsh(hessian(mechanics, balance) / root[:, None] / root).max()),
-        )
+        times = np.full(len(rows), t + 1.0)
+        balance = mechanics.evaluate(rows, times, states[:, t], palm=mechanics.motion)
+        scaled = hessian(mechanics, balance) / root[:, None] / root
+        largest = max(largest, float(np.linalg.eigvalsh(scaled).max()))
     return largest * frame

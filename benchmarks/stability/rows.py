@@ -1,68 +1,104 @@
-"""A row of the stability table and what its error is measured with.
+"""A row of the stability table, and the measures of its error.
 
-A quantity is `right` when its error is no more than its tolerance, `refused` when the project says
-in one line that it cannot do that. Otherwise its check fails, and no table is written.
+A quantity is `right` when its error is no more than its tolerance. It is `refused` when the project
+says in one line that it cannot compute it. Otherwise its check fails, and no table is written.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-RIGHT, REFUSED = "right", "refused"
+RIGHT = "right"
+REFUSED = "refused"
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """One quantity of a check."""
+    """One quantity of a check.
 
-    name: str  # what is compared with what
-    # see `max_rel_error` and `share_different`, or a count that should be 0; NaN holds for nothing
+    Attributes:
+        name: what is compared with what.
+        error: see `max_rel_error` and `share_different`, or a count that should be 0; NaN is never
+            right.
+        tolerance: the largest error that is right.
+        remark: what the number does not say.
+        refused: by the project, as it should.
+    """
+
+    name: str
     error: float
-    tolerance: float = 0.0  # the largest error that is right
-    remark: str = ""  # what the number does not say
-    refused: bool = False  # by the project, as it should
+    tolerance: float = 0.0
+    remark: str = ""
+    refused: bool = False
 
     @property
     def holds(self) -> bool:
         """Whether it is right or refused."""
         return self.refused or self.error <= self.tolerance
 
-    def row(self, part: str, check: str, seconds: float, folder: Path) -> dict:
-        """The row of the table; paths in the remark are relative to `folder` or to where one is."""
-        return {
-            "part": part,
-            "check": check,
-            "quantity": self.name,
-            "error": "" if self.refused else float(self.error),
-            "tolerance": "" if self.refused else float(self.tolerance),
-            "seconds": seconds,
-            "verdict": REFUSED if self.refused else RIGHT,
-            "remark": self.remark.replace(f"{folder}/", "").replace(f"{Path.cwd()}/", ""),
-        }
+    def row(self, part: str, check: str, seconds: float, folder: Path) -> dict[str, Any]:
+        """Return the row of the table.
+
+        Args:
+            part: part of the project.
+            check: name of the check.
+            seconds: its run time.
+            folder: paths in the remark are relative to it, or to the working folder.
+        """
+        row: dict[str, Any] = {"part": part, "check": check, "quantity": self.name}
+        if self.refused:
+            row |= {"error": "", "tolerance": "", "seconds": seconds, "verdict": REFUSED}
+        else:
+            row |= {
+                "error": float(self.error),
+                "tolerance": float(self.tolerance),
+                "seconds": seconds,
+                "verdict": RIGHT,
+            }
+        row["remark"] = self.remark.replace(f"{folder}/", "").replace(f"{Path.cwd()}/", "")
+        return row
 
 
 def max_rel_error(values: object, exact: object) -> float:
-    """Largest difference of two arrays over the largest number of the exact one; absolute where that is all 0.
+    """Return the largest difference of two arrays over the largest number of the exact one.
 
-    Infinite where the shapes differ, or a number is not finite.
+    It is absolute where the exact array is all 0, and infinite where the shapes differ or a number
+    is not finite.
+
+    Args:
+        values: numbers.
+        exact: what they should be.
     """
-    values, exact = (np.asarray(array, dtype=np.float64) for array in (values, exact))
-    if values.shape != exact.shape or not (np.isfinite(values).all() and np.isfinite(exact).all()):
+    computed = np.asarray(values, dtype=np.float64)
+    expected = np.asarray(exact, dtype=np.float64)
+    if computed.shape != expected.shape:
         return float("inf")
-    if not values.size:
+    if not (np.isfinite(computed).all() and np.isfinite(expected).all()):
+        return float("inf")
+    if not computed.size:
         return 0.0
-    return float(np.abs(values - exact).max() / (np.abs(exact).max() or 1.0))
+    largest = np.abs(expected).max()
+    return float(np.abs(computed - expected).max() / (largest or 1.0))
 
 
 def share_different(values: object, expected: object) -> float:
-    """Share of the entries in which two arrays differ; infinite where the shapes differ."""
-    values, expected = np.asarray(values), np.asarray(expected)
-    if values.shape != expected.shape:
+    """Return the share of the entries in which two arrays differ; infinite where the shapes do.
+
+    Args:
+        values: entries.
+        expected: what they should be.
+    """
+    computed = np.asarray(values)
+    exact = np.asarray(expected)
+    if computed.shape != exact.shape:
         return float("inf")
-    return float((values != expected).mean()) if values.size else 0.0
+    if not computed.size:
+        return 0.0
+    return float((computed != exact).mean())
 
 
 def share_not_finite(values: object) -> float:
-    """Share of the numbers that are not finite."""
+    """Return the share of the numbers that are not finite."""
     return float((~np.isfinite(np.asarray(values, dtype=np.float64))).mean())

@@ -1,1 +1,1 @@
-"""Trials on the test side, their statistics and report."""
+"""Trials on the evaluated set, their statistics, and the results of a run."""

@@ -66,7 +66,7 @@ def evaluate_table(
 
     Returns:
         All answers; and metrics: sizes, whether no session of the evaluated set is in the training
-            set, and `scores_of` each of `trials.ASKED`. They are equal on every run with one seed.
+            set, and `scores_of` each of `trials.TITLES`. They are equal on every run with one seed.
     """
     side = params.evaluate.side
     train = table.on(TRAIN)

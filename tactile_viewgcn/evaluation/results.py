@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from tactile_viewgcn.evaluation.trials import (
-    ASKED,
     PROTOCOLS,
+    TITLES,
     WHOLE,
     Predictions,
     write_predictions,
@@ -18,10 +18,10 @@ from tactile_viewgcn.messages import NEW_SESSION, csv_text, several
 # titles of the scores by name in metrics.json; pages list them in this order, the terminal in the
 # reverse one
 SCORED = {
-    WHOLE: ASKED[WHOLE],
+    WHOLE: TITLES[WHOLE],
     "new_session": NEW_SESSION,
-    "recording": ASKED["recording"],
-    "object": ASKED["object"],
+    "recording": TITLES["recording"],
+    "object": TITLES["object"],
 }
 
 

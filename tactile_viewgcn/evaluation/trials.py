@@ -20,7 +20,7 @@ from tactile_viewgcn.views.sampling import ViewSets, anchor_first, powers_of_two
 PROTOCOLS = ("object", "recording")
 WHOLE = "whole"
 #: titles of what is answered, by its name in the results, the last one as in use
-ASKED = {"object": "object protocol", "recording": "recording protocol", WHOLE: "whole recordings"}
+TITLES = {"object": "object protocol", "recording": "recording protocol", WHOLE: "whole recordings"}
 MOST_PROBABLE = 3  # classes that an answer keeps
 # attributes of `Trials` that the file has
 OF_TRIALS = ("best", "labels", "groups", "recordings", "frames")
@@ -163,7 +163,7 @@ class Predictions:
     """Answers to the evaluated set.
 
     Attributes:
-        trials: by the names in `trials.ASKED`.
+        trials: by the names in `trials.TITLES`.
         classes: (C,) names.
     """
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from tactile_viewgcn import plots
 from tactile_viewgcn.evaluation.results import SCORED, errors_by_frames
-from tactile_viewgcn.evaluation.trials import ASKED, WHOLE, Predictions, read_predictions
+from tactile_viewgcn.evaluation.trials import TITLES, WHOLE, Predictions, read_predictions
 from tactile_viewgcn.intervals import FEW, percent_interval
 from tactile_viewgcn.messages import NEW_SESSION, Note, UserError, several
 from tactile_viewgcn.pages import html
@@ -322,7 +322,7 @@ def run_page(run: FinishedRun) -> str:
     """
     origin = run.records["evaluate"].origin
     date = f"{datetime.fromisoformat(origin['time']):%d %B %Y, %H:%M} UTC"
-    by_frames = {ASKED[name]: errors for name, errors in errors_by_frames(run.metrics).items()}
+    by_frames = {TITLES[name]: errors for name, errors in errors_by_frames(run.metrics).items()}
     programs = ("python", *PACKAGES)
     page = html.environment().get_template("report.html")
     return page.render(

@@ -35,7 +35,7 @@ class Training(Protocol):
     def loss(self) -> nn.Module:
         """The loss of a batch's tensors.
 
-        A CUDA card does not record it if its attribute `capturable` is False.
+        A GPU does not record it if its attribute `capturable` is False.
         """
 
     @property
@@ -183,7 +183,7 @@ def _train_epoch(
 
 
 def _default_generators() -> list[torch.Generator]:
-    """Return torch's default generators, of the CPU and of a CUDA card that is in use."""
+    """Return torch's default generators, of the CPU and of a GPU that is in use."""
     generators = [torch.default_generator]
     if torch.cuda.is_initialized():  # type: ignore[no-untyped-call]
         generators.append(torch.cuda.default_generators[torch.cuda.current_device()])

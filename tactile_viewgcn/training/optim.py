@@ -61,6 +61,6 @@ def lr_factor(config: Pretrain | Finetune, epoch: int) -> float:
 
 def _cosine(epoch: int, epochs: int) -> float:
     """Return half a period of a cosine, from 1 before the first epoch to 0 after the last."""
-    if epochs == 0:  # the schedule of no epoch is asked for its first factor too
+    if epochs == 0:  # the schedule computes its first factor for no epoch too
         return 1.0
     return (1 + math.cos(math.pi * epoch / epochs)) / 2

@@ -1,4 +1,4 @@
-"""Losses with their gradients, whose kernels a CUDA card repeats as one graph."""
+"""Losses with their gradients, whose kernels a GPU repeats as one graph."""
 
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
@@ -26,7 +26,7 @@ class Recorded(NamedTuple):
 class Replay:
     """A loss function of tensors that sets the gradients of parameters.
 
-    A CUDA card records its kernels and repeats them, since the kernels of small networks take less
+    A GPU records its kernels and repeats them, since the kernels of small networks take less
     time than their launches. Each shape of the arguments is computed as usual at first, recorded
     the second time, and repeated from then on.
 
@@ -34,7 +34,7 @@ class Replay:
         function: tensors -> loss, a scalar. All shapes follow from the arguments'. It draws random
             numbers from torch's default generator only.
         parameters: all that the loss has gradients for.
-        records: False: `function` may wait for the card, and its kernels are launched each time.
+        records: False: `function` may wait for the GPU, and its kernels are launched each time.
     """
 
     def __init__(

@@ -151,7 +151,7 @@ class SetLoss(nn.Module):
 
     Attributes:
         bank: (bank_size, *feature_shape).
-        capturable: whether a CUDA card may record the loss.
+        capturable: whether a GPU may record the loss.
     """
 
     bank: Tensor

@@ -17,9 +17,10 @@ from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.tracking import Run
 from tests.full_disk import room_for
-from tests.stages.running import captured, left, refused, run_stage, set_params
+from tests.stages.running import FILES, captured, left, refused, run_stage, set_params
 
 ROOT = Path(__file__).parents[2]
+STAGES = pipeline.stages()
 
 
 def failing(error, place, *options):
@@ -53,6 +54,27 @@ def failing(error, place, *options):
 def test_what_a_user_can_mend_ends_in_one_line(place, error, says):
     assert says in refused(failing(error, place)) and left(place) == set()
     assert "Traceback" in failing(error, place, "--debug").stderr
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_the_help_has_every_option_in_lines_of_80_columns(place, stage):
+    result = run_stage(stage, "--help", cwd=place)
+    lines = result.stdout.splitlines()
+    assert result.returncode == 0 and lines[0] == f"Usage: python -m stages.{stage} [OPTIONS]"
+    assert max(map(len, lines)) <= 80
+    options = FILES.get(stage, "--out o").split()[::2]
+    for option in [*options, "--params", "--set KEY=VALUE", "--record", "--debug"]:
+        assert f"  {option} " in result.stdout
+
+
+@pytest.mark.parametrize(
+    "words",
+    [(), ("--out", "y", "--oud", "z"), ("--out", "y", "--par", "params.yaml"), ("--out", "y", "z")],
+)
+def test_wrong_options_end_a_stage_with_code_2_and_nothing_written(place, words):
+    result = run_stage("needs", *words, cwd=place)
+    assert result.returncode == 2 and left(place) == set()
+    assert result.stderr.startswith("Usage: python -m stages.needs [OPTIONS]")
 
 
 def test_an_input_that_is_not_there_is_named(place):

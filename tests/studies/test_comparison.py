@@ -9,7 +9,7 @@ from studies.comparison import OPEN, UNTRAINED, complete, pareto_front, power, r
 from studies.grid import Cell, Study
 from studies.losses import Losses
 from studies.report import write_report
-from tactile_viewgcn.evaluation.trials import ASKED, Predictions, Trials
+from tactile_viewgcn.evaluation.trials import TITLES, Predictions, Trials
 from tactile_viewgcn.messages import UserError
 
 LABELS, GROUPS = np.repeat([0, 1], 40), np.repeat(np.arange(8), 10)
@@ -32,7 +32,7 @@ def answers(
     mistaken = np.tile(np.arange(10) < wrong, 8)
     predicted, names = np.tile(np.where(mistaken, 1 - LABELS, LABELS), (2, 1)), groups.astype(str)
     trials = {
-        asked: Trials(predicted[..., None].copy(), LABELS, groups, names, 8) for asked in ASKED
+        asked: Trials(predicted[..., None].copy(), LABELS, groups, names, 8) for asked in TITLES
     }
     predictions = Predictions(trials, np.array(["mug", "pen"]))
     cell = Cell(variant=variant, seed=seed, deal=deal, fold=fold, changes=(f"seed={seed}",))
@@ -254,7 +254,7 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
         "| b †       | 30.0 (" in text
         and "| 20.0 (20.0 to 20.0) | not trained to its end |" in text
     )
-    assert "Trainings that have not been run: a 1 of 2, b 1 of 2." in text
+    assert "Missing training runs: a 1 of 2, b 1 of 2." in text
     for words in (
         "`split.by=grasp`",
         "160 view sets, 160 whole recordings, 2 classes",

@@ -13,7 +13,7 @@ from studies.cells import answers_of, read_results
 from studies.grid import Cell, Study
 from studies.run import git
 from studies.take import take_cells
-from tactile_viewgcn.evaluation.trials import ASKED, Predictions, Trials, write_predictions
+from tactile_viewgcn.evaluation.trials import TITLES, Predictions, Trials, write_predictions
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import load
 from tactile_viewgcn.schema import flatten
@@ -61,7 +61,7 @@ def write_cell(folder, views, *, md5="ab", changes=(), only=None, **origin):
     (folder / "results/timing.json").write_text(json.dumps(timing))
     labels = np.array([0, 1, 0, 1])
     trials = Trials(np.zeros((1, 4, 3), np.int16), labels, labels, labels.astype(str), 8)
-    predictions = Predictions(dict.fromkeys(ASKED, trials), np.array(["a", "b"]))
+    predictions = Predictions(dict.fromkeys(TITLES, trials), np.array(["a", "b"]))
     write_predictions(folder / "results/predictions.npz", predictions)
 
 
