@@ -136,8 +136,9 @@ class ViewGCN(ViewSystem):
     def loss(self, logits: Tensor, aux: list[Tensor], labels: Tensor) -> Tensor:
         """Return equation 6: the cross-entropy of the logits and of the samplers' logits.
 
-        Both are means over the batch. With `model.view_loss: sum` the samplers' part is the sum over
-        their outputs of a view set as the paper has it, else their mean (released code).
+        Both are means over the batch. With `model.view_loss: sum` the samplers' part is the sum
+        over their outputs of a view set, as the paper has it; else it is their mean (released
+        code).
 
         Args:
             logits: (B, classes).
