@@ -338,6 +338,12 @@ class Mechanics:
         return np.concatenate([x_fingers, x_object], axis=1)
 
 
+def part_of(patch: np.ndarray) -> np.ndarray:
+    """Return the part (C,) of the hand that carries patches (C,): finger 0 to 4, or 5, the palm."""
+    part: np.ndarray = np.minimum(patch // LINKS_OF_FINGER, FINGERS)
+    return part
+
+
 def _sums_by_part(
     contacts: Contacts, count: int, force: np.ndarray, stiffness: np.ndarray, slope: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -358,18 +364,12 @@ def _sums_by_part(
     sums = np.zeros((count * PARTS, 5))
     outer = np.zeros((count * PARTS, 5, 5))
     if len(force):
-        group = contacts.row * PARTS + _part_of(contacts.patch)
+        group = contacts.row * PARTS + part_of(contacts.patch)
         present, starts = np.unique(group, return_index=True)
         sums[present] = np.add.reduceat(force[:, None] * slope, starts)
         weighted = (stiffness[:, None] * slope)[:, :, None]
         outer[present] = np.add.reduceat(weighted * slope[:, None, :], starts)
     return sums.reshape(count, PARTS, 5), outer.reshape(count, PARTS, 5, 5)
-
-
-def _part_of(patch: np.ndarray) -> np.ndarray:
-    """Return the part of the hand that carries each patch: finger 0 to 4, or 5 for the palm."""
-    part: np.ndarray = np.minimum(patch // LINKS_OF_FINGER, FINGERS)
-    return part
 
 
 def _inverse_2x2(block: np.ndarray) -> np.ndarray:
