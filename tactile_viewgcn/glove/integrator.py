@@ -311,7 +311,8 @@ class ImplicitIntegrator:
             self.mechanics, hands, begin, self.y[hands], end, self.solver.best[hands]
         )
         self.statistics["evaluations"] += evaluations
-        return candidates[is_tunnelling]
+        tunnelling: np.ndarray = candidates[is_tunnelling]
+        return tunnelling
 
     def _error(self, rows: np.ndarray, balance: Balance, y: np.ndarray) -> np.ndarray:
         """Return the errors (R,), in tolerances, of steps that end at y (R, n).
