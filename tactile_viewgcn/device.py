@@ -84,10 +84,12 @@ def select_device(device: str = "auto", precision: str = "auto") -> Compute:
 
 def _multiplies_bfloat16(device: str) -> bool:
     """Return whether the hardware multiplies bfloat16 natively."""
+    native: bool
     if device == "cuda":
-        return torch.cuda.is_bf16_supported(including_emulation=False)
-    by_cpu: bool = torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()
-    return by_cpu
+        native = torch.cuda.is_bf16_supported(including_emulation=False)
+    else:
+        native = torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()
+    return native
 
 
 def set_threads() -> int:

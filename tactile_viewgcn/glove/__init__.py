@@ -1,1 +1,1 @@
-"""The virtual glove: a simulated hand grasps simulated objects and writes recordings. Start at `simulation.py`."""
+"""The virtual glove: a simulated hand grasps simulated objects. Start at `simulation.py`."""

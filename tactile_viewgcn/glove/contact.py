@@ -1,4 +1,4 @@
-"""Contact mechanics: an elastic skin in series with the object's surface; joints and object move overdamped.
+"""Contact mechanics: an elastic skin in series with the object's surface, all overdamped.
 
 The unknowns y of a hand are ten joint coordinates (5, 2) in rad and, where the object moves, its
 position (3,) in m:
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, Hands, Pose
+from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, LINKS_OF_FINGER, Hands, Pose
 from tactile_viewgcn.glove.shapes import Solids
 
 LIMITS = np.array([[-0.3, 1.6], [-0.1, 1.9]])  # rad: range of the two coordinates of a finger
@@ -29,6 +29,9 @@ TENDON = np.array([1.0, 0.5])  # share of a finger's squeeze that acts on each o
 HOLDING = 1500.0  # N/m: spring between the object and its prescribed position
 GRAVITY = 9.81  # m/s^2
 LEVER = 0.05  # m: converts between forces and torques of comparable size
+FINGERS = 5
+JOINT_COORDINATES = 2 * FINGERS  # unknowns of the joints, the first of a state y
+PARTS = FINGERS + 1  # of a hand: its fingers and the palm
 
 
 @dataclass(frozen=True)
@@ -69,15 +72,23 @@ class Drive:
     load: np.ndarray
 
     def at(self, rows: np.ndarray, time: np.ndarray) -> dict[str, np.ndarray]:
-        """Values by name of rows (R,) at times (R,), in frames since the first knot."""
-        values_at, last = {}, self.squeeze.shape[1] - 1
+        """Return the values of rows (R,) at their times, by name.
+
+        Args:
+            rows: (R,) indices of hands.
+            time: (R,) in frames since the first knot.
+        """
+        now = dict[str, np.ndarray]()
+        last = self.squeeze.shape[1] - 1
         knot = np.minimum(time.astype(int), last - 1)
         fraction = np.minimum(time - knot, 1.0)
         for name, values in vars(self).items():
-            before, after = values[rows, knot], values[rows, knot + 1]
-            weight = fraction.reshape(-1, *[1] * (before.ndim - 1))
-            values_at[name] = before + weight * (after - before)
-        return values_at
+            before = values[rows, knot]
+            after = values[rows, knot + 1]
+            trailing = [1] * (before.ndim - 1)
+            weight = fraction.reshape(-1, *trailing)
+            now[name] = before + weight * (after - before)
+        return now
 
 
 @dataclass(frozen=True)
@@ -90,7 +101,8 @@ class Contacts:
 
     Attributes:
         row: (C,) index of the hand among the rows of the search.
-        sensor: (C,) index of the sensor; patch: (C,) patch that carries it.
+        sensor: (C,) index of the sensor.
+        patch: (C,) patch that carries it.
         depth: (C,) m, above 0.
         normal: (C, 3) unit vector out of the object.
         point: (C, 3) m, position of the sensor.
@@ -137,11 +149,18 @@ class Mechanics:
     """The differential equation of B hands.
 
     Args:
-        hands, solids: B hands and objects.
+        hands: B hands.
+        solids: the B objects that they hold.
         stiffness: (B,) Pa/m of the objects' surfaces.
         drive: prescribed motion and loads.
         layer: skin and damping.
         motion: whether the object's position is unknown too; n is 13 then, else 10.
+
+    Attributes:
+        stiffness: (B,) Pa/m of skin and object in series.
+        size: n.
+        damping: (n,) N m s / rad, and N s / m of the object.
+        lever: (n,) makes torques on joints and forces on the object comparable.
     """
 
     def __init__(
@@ -154,84 +173,86 @@ class Mechanics:
         *,
         motion: bool,
     ):
-        self.hands, self.solids, self.drive, self.layer, self.motion = (
-            hands,
-            solids,
-            drive,
-            layer,
-            motion,
-        )
+        self.hands = hands
+        self.solids = solids
+        self.drive = drive
+        self.layer = layer
+        self.motion = motion
         # in series
         self.stiffness = 1 / (1 / layer.stiffness + 1 / np.asarray(stiffness, dtype=float))
-        self.size = 13 if motion else 10
+        self.size = JOINT_COORDINATES
+        if motion:
+            self.size += 3
         self.damping = np.full(self.size, layer.joint_damping)
-        self.damping[10:] = layer.object_damping
-        # makes torques on joints and forces on the object comparable
+        self.damping[JOINT_COORDINATES:] = layer.object_damping
         self.lever = np.ones(self.size)
-        self.lever[10:] = LEVER
+        self.lever[JOINT_COORDINATES:] = LEVER
 
     def initial_state(self) -> np.ndarray:
-        """States (B, n) in the prescribed posture and position of the first knot."""
+        """Return the states (B, n) in the prescribed posture and position of the first knot."""
         y = np.zeros((len(self.stiffness), self.size))
-        y[:, :10] = self.drive.posture[:, 0].reshape(-1, 10)
+        posture = self.drive.posture[:, 0]
+        y[:, :JOINT_COORDINATES] = posture.reshape(-1, JOINT_COORDINATES)
         if self.motion:
-            y[:, 10:] = self.drive.position[:, 0]
+            y[:, JOINT_COORDINATES:] = self.drive.position[:, 0]
         return y
 
     def evaluate(self, rows: np.ndarray, time: np.ndarray, y: np.ndarray, *, palm: bool) -> Balance:
-        """Forces, energy and Hessian of rows (R,) at times (R,) in frames and states y (R, n).
+        """Return the forces, the energy and the Hessian of some hands.
 
-        `palm`: whether the palm's sensors are tested for contact; their forces matter only where
-        the object moves.
+        Args:
+            rows: (R,) indices of the hands.
+            time: (R,) in frames since the first knot.
+            y: (R, n) states.
+            palm: whether the palm's sensors are tested for contact; their forces matter only where
+                the object moves.
         """
+        count = len(rows)
         now = self.drive.at(rows, time)
-        q, count = y[:, :10].reshape(-1, 5, 2), len(rows)
-        position = y[:, 10:] if self.motion else now["position"]
+        q = y[:, :JOINT_COORDINATES].reshape(-1, FINGERS, 2)
+        position = now["position"]
+        if self.motion:
+            position = y[:, JOINT_COORDINATES:]
         contacts, slope, facing = self._contacts(rows, q, position, now, palm=palm)
-        sensor = rows[contacts.row], contacts.sensor
-        stiffness = self.stiffness[sensor[0]] * self.hands.area[sensor]  # N/m
+        stiffness = self._sensor_stiffness(rows, contacts)
         force = stiffness * contacts.depth
-        # Sums by hand and by finger or palm of force * slope and of stiffness * slope slope';
-        # contacts are sorted so.
-        sums, outer = np.zeros((count * 6, 5)), np.zeros((count * 6, 5, 5))
-        if len(force):
-            group = contacts.row * 6 + np.minimum(contacts.patch // 3, 5)
-            present, starts = np.unique(group, return_index=True)
-            sums[present] = np.add.reduceat(force[:, None] * slope, starts)
-            outer[present] = np.add.reduceat(
-                (stiffness[:, None] * slope)[:, :, None] * slope[:, None, :], starts
-            )
-        gradient, blocks = sums.reshape(count, 6, 5), outer.reshape(count, 6, 5, 5)
+        gradient, blocks = _sums_by_part(contacts, count, force, stiffness, slope)
         residual = np.zeros((count, self.size))
         bend = q - now["posture"]
         beyond = q - np.clip(q, LIMITS[:, 0], LIMITS[:, 1])
         torque = now["squeeze"][..., None] * TENDON
-        residual[:, :10] = (JOINT * bend + LIMIT * beyond + gradient[:, :5, :2] - torque).reshape(
-            count, 10
-        )
-        energy = 0.5 * (JOINT * bend**2 + LIMIT * beyond**2).sum(axis=(1, 2)) - (torque * q).sum(
-            axis=(1, 2)
-        )
+        on_joints = JOINT * bend + LIMIT * beyond + gradient[:, :FINGERS, :2] - torque
+        residual[:, :JOINT_COORDINATES] = on_joints.reshape(count, JOINT_COORDINATES)
+        springs = 0.5 * (JOINT * bend**2 + LIMIT * beyond**2).sum(axis=(1, 2))
+        energy = springs - (torque * q).sum(axis=(1, 2))
         energy += 0.5 * np.bincount(contacts.row, force * contacts.depth, count)
-        fingers = blocks[:, :5, :2, :2].copy()
+        fingers = blocks[:, :FINGERS, :2, :2].copy()
         fingers[..., [0, 1], [0, 1]] += JOINT + LIMIT * (beyond != 0)
         on_object = np.empty((count, 0, 0))
         if self.motion:
             on_object = blocks[:, :, 2:, 2:].sum(axis=1) + HOLDING * np.eye(3)
             offset = position - now["position"]
-            residual[:, 10:] = HOLDING * offset + gradient[:, :, 2:].sum(axis=1) - now["load"]
-            energy += 0.5 * HOLDING * (offset**2).sum(axis=1) - (now["load"] * position).sum(axis=1)
+            pressed = gradient[:, :, 2:].sum(axis=1)
+            residual[:, JOINT_COORDINATES:] = HOLDING * offset + pressed - now["load"]
+            held = 0.5 * HOLDING * (offset**2).sum(axis=1)
+            energy += held - (now["load"] * position).sum(axis=1)
         return Balance(
-            residual,
-            energy,
-            fingers,
-            blocks[:, :5, :2, 2:],
-            on_object,
-            contacts,
-            force,
-            slope,
-            facing,
+            residual=residual,
+            energy=energy,
+            fingers=fingers,
+            cross=blocks[:, :FINGERS, :2, 2:],
+            object=on_object,
+            contacts=contacts,
+            force=force,
+            slope=slope,
+            facing=facing,
         )
+
+    def _sensor_stiffness(self, rows: np.ndarray, contacts: Contacts) -> np.ndarray:
+        """Return the stiffness (C,) N/m of contacts of the hands `rows` (R,)."""
+        hand = rows[contacts.row]
+        stiffness: np.ndarray = self.stiffness[hand] * self.hands.area[hand, contacts.sensor]
+        return stiffness
 
     def _contacts(
         self,
@@ -242,7 +263,7 @@ class Mechanics:
         *,
         palm: bool,
     ) -> tuple[Contacts, np.ndarray, np.ndarray]:
-        """Contacts, with `slope` (C, 5) and `facing` (C,) of `Balance`.
+        """Return the contacts, with `slope` (C, 5) and `facing` (C,) of `Balance`.
 
         The slope by a joint's angle is hinge x arm along the normal; by the object's position it is
         the normal.
@@ -255,71 +276,140 @@ class Mechanics:
         facing = np.maximum(-np.einsum("ni,ni->n", skin, contacts.normal), 0)
         slope = np.zeros((len(contacts.row), 5))
         slope[:, 2:] = contacts.normal
-        on = contacts.patch < LINK_PATCHES
-        r, finger, link = contacts.row[on], contacts.patch[on] // 3, contacts.patch[on] % 3
+        on_link = contacts.patch < LINK_PATCHES
+        row = contacts.row[on_link]
+        finger, link = np.divmod(contacts.patch[on_link], LINKS_OF_FINGER)
         # n . (hinge x arm) = -arm . (hinge x n)
-        spin = np.cross(pose.hinge[r, finger], contacts.normal[on])
+        spin = np.cross(pose.hinge[row, finger], contacts.normal[on_link])
+        joints = LINKS_OF_FINGER * finger[:, None] + np.arange(LINKS_OF_FINGER)
         # (C, 3 joints, 3)
-        arm = contacts.point[on, None] - pose.origin[r[:, None], 3 * finger[:, None] + np.arange(3)]
-        by_joint = np.einsum("nji,ni->nj", arm, spin) * (np.arange(3) <= link[:, None])
-        slope[on, :2] = by_joint @ COUPLING
+        arm = contacts.point[on_link, None] - pose.origin[row[:, None], joints]
+        moves = np.arange(LINKS_OF_FINGER) <= link[:, None]
+        by_joint = np.einsum("nji,ni->nj", arm, spin) * moves
+        slope[on_link, :2] = by_joint @ COUPLING
         return contacts, slope, facing
 
     def force_change(self, balance: Balance, rows: np.ndarray, dy: np.ndarray) -> np.ndarray:
-        """Change (C,) N of the contacts' forces for a change dy (R, n) of the state, to first order."""
-        row, finger = balance.contacts.row, np.minimum(balance.contacts.patch // 3, 4)
-        deeper = np.einsum(
-            "ni,ni->n", balance.slope[:, :2], dy[:, :10].reshape(-1, 5, 2)[row, finger]
-        )
+        """Return the change (C,) N of the contacts' forces for a change of the state.
+
+        It is of first order.
+
+        Args:
+            balance: of the hands at their state.
+            rows: (R,) indices of the hands.
+            dy: (R, n) the change.
+        """
+        row = balance.contacts.row
+        # the palm's slope by a joint is 0, so that any finger may stand for it
+        finger = np.minimum(balance.contacts.patch // LINKS_OF_FINGER, FINGERS - 1)
+        bend = dy[:, :JOINT_COORDINATES].reshape(-1, FINGERS, 2)[row, finger]
+        deeper = np.einsum("ni,ni->n", balance.slope[:, :2], bend)
         if self.motion:
-            deeper += np.einsum("ni,ni->n", balance.slope[:, 2:], dy[row, 10:])
-        return (
-            self.stiffness[rows[row]] * self.hands.area[rows[row], balance.contacts.sensor] * deeper
-        )
+            deeper += np.einsum("ni,ni->n", balance.slope[:, 2:], dy[row, JOINT_COORDINATES:])
+        change: np.ndarray = self._sensor_stiffness(rows, balance.contacts) * deeper
+        return change
 
     def solve(self, balance: Balance, shift: np.ndarray, residual: np.ndarray) -> np.ndarray:
-        """Solution x (R, n) of (Hessian + diag(shift)) x = residual, for shift and residual (R, n).
+        """Return the solution x (R, n) of (Hessian + diag(shift)) x = residual.
 
         The fingers are coupled only through the object, so a 3 x 3 Schur complement is solved, then
         each finger.
+
+        Args:
+            balance: with the Hessian of R hands.
+            shift: (R, n).
+            residual: (R, n).
         """
         count = len(residual)
         block = balance.fingers.copy()
-        block[..., [0, 1], [0, 1]] += shift[:, :10].reshape(count, 5, 2)
-        a, b, c, d = block[..., 0, 0], block[..., 0, 1], block[..., 1, 0], block[..., 1, 1]
-        inverse = (
-            np.stack([d, -b, -c, a], axis=-1).reshape(block.shape)
-            / (a * d - b * c)[..., None, None]
-        )
-        on_fingers = residual[:, :10].reshape(count, 5, 2)
+        block[..., [0, 1], [0, 1]] += shift[:, :JOINT_COORDINATES].reshape(count, FINGERS, 2)
+        inverse = _inverse_2x2(block)
+        on_fingers = residual[:, :JOINT_COORDINATES].reshape(count, FINGERS, 2)
         if not self.motion:
-            return np.einsum("rfij,rfj->rfi", inverse, on_fingers).reshape(count, 10)
+            x: np.ndarray = np.einsum("rfij,rfj->rfi", inverse, on_fingers)
+            return x.reshape(count, JOINT_COORDINATES)
         through = np.einsum("rfji,rfjk->rfik", balance.cross, inverse)  # (R, 5, 3, 2)
         schur = balance.object - np.einsum("rfij,rfjk->rik", through, balance.cross)
-        schur[:, [0, 1, 2], [0, 1, 2]] += shift[:, 10:]
-        on_object = residual[:, 10:] - np.einsum("rfij,rfj->ri", through, on_fingers)
+        schur[:, [0, 1, 2], [0, 1, 2]] += shift[:, JOINT_COORDINATES:]
+        on_object = residual[:, JOINT_COORDINATES:] - np.einsum("rfij,rfj->ri", through, on_fingers)
         x_object = np.linalg.solve(schur, on_object[..., None])[..., 0]
         remainder = on_fingers - np.einsum("rfij,rj->rfi", balance.cross, x_object)
-        x_fingers = np.einsum("rfij,rfj->rfi", inverse, remainder).reshape(count, 10)
+        x_fingers = np.einsum("rfij,rfj->rfi", inverse, remainder).reshape(count, JOINT_COORDINATES)
         return np.concatenate([x_fingers, x_object], axis=1)
 
 
+def part_of(patch: np.ndarray) -> np.ndarray:
+    """Return the part (C,) of the hand that carries patches (C,): finger 0 to 4, or 5, the palm."""
+    part: np.ndarray = np.minimum(patch // LINKS_OF_FINGER, FINGERS)
+    return part
+
+
+def _sums_by_part(
+    contacts: Contacts, count: int, force: np.ndarray, stiffness: np.ndarray, slope: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return sums over the contacts of each part of a hand, its five fingers and the palm.
+
+    Contacts are sorted by hand and part.
+
+    Args:
+        contacts: C contacts of R hands.
+        count: R.
+        force: (C,) N.
+        stiffness: (C,) N/m.
+        slope: (C, 5) of the depths.
+
+    Returns:
+        The sums (R, 6, 5) of force * slope, and (R, 6, 5, 5) of stiffness * slope slope'.
+    """
+    sums = np.zeros((count * PARTS, 5))
+    outer = np.zeros((count * PARTS, 5, 5))
+    if len(force):
+        group = contacts.row * PARTS + part_of(contacts.patch)
+        present, starts = np.unique(group, return_index=True)
+        sums[present] = np.add.reduceat(force[:, None] * slope, starts)
+        weighted = (stiffness[:, None] * slope)[:, :, None]
+        outer[present] = np.add.reduceat(weighted * slope[:, None, :], starts)
+    return sums.reshape(count, PARTS, 5), outer.reshape(count, PARTS, 5, 5)
+
+
+def _inverse_2x2(block: np.ndarray) -> np.ndarray:
+    """Return the inverses of matrices (..., 2, 2)."""
+    a = block[..., 0, 0]
+    b = block[..., 0, 1]
+    c = block[..., 1, 0]
+    d = block[..., 1, 1]
+    adjugate = np.stack([d, -b, -c, a], axis=-1).reshape(block.shape)
+    determinant = (a * d - b * c)[..., None, None]
+    inverse: np.ndarray = adjugate / determinant
+    return inverse
+
+
 def collisions(
-    hands: Hands, solids: Solids, rows: np.ndarray, pose: Pose, position: np.ndarray, rotation: np.ndarray, *,
+    hands: Hands,
+    solids: Solids,
+    rows: np.ndarray,
+    pose: Pose,
+    position: np.ndarray,
+    rotation: np.ndarray,
+    *,
     palm: bool,
-) -> Contacts:  # fmt: skip
-    """Contacts of the hands `rows` with their objects.
+) -> Contacts:
+    """Return the contacts of some hands with their objects.
 
     Pairs of patch and primitive whose bounding spheres do not overlap are skipped.
 
     Args:
-        hands, solids: B hands and the B objects that they hold.
+        hands: B hands.
+        solids: the B objects that they hold.
         rows: (R,) indices of R of these hands.
         pose: pose of the R hands.
-        position: (R, 3) m of the objects; rotation: (R, 3, 3) from the object's axes to the palm's.
+        position: (R, 3) m of the objects.
+        rotation: (R, 3, 3) from the object's axes to the palm's.
         palm: whether the palm's sensors are tested too.
     """
-    patches = len(hands.start) if palm else LINK_PATCHES
+    patches = LINK_PATCHES
+    if palm:
+        patches = len(hands.start)
     # Centres of the bounding spheres of primitives (R, P, 3) and patches (R, N, 3).
     primitive = position[:, None] + np.einsum("rij,rpj->rpi", rotation, solids.centre[rows])
     patch = pose.origin[:, :patches] + np.einsum(
@@ -328,11 +418,15 @@ def collisions(
     # (R, N, P)
     squared = sum((patch[:, :, None, axis] - primitive[:, None, :, axis]) ** 2 for axis in range(3))
     radii = hands.bounding_radius[:patches, None] + solids.bounding_radius[rows][:, None]
+    # indices of hand, patch and primitive of each pair that is close
     r, n, p = np.nonzero(squared < np.maximum(radii, 0) ** 2)
     axes = rotation[r] @ solids.rotation[rows[r], p]
     local = np.einsum("nij,ni->nj", axes, patch[r, n] - primitive[r, p])
-    close = solids.distance(rows[r], p, local) < hands.bounding_radius[n]
-    r, n, p, axes = r[close], n[close], p[close], axes[close]
+    is_close = solids.distance(rows[r], p, local) < hands.bounding_radius[n]
+    r = r[is_close]
+    n = n[is_close]
+    p = p[is_close]
+    axes = axes[is_close]
 
     # One entry for each sensor of the remaining pairs, first in the primitive's axes.
     offset = np.einsum("nij,ni->nj", axes, pose.origin[r, n] - primitive[r, p])
@@ -344,9 +438,17 @@ def collisions(
     local = offset[pair] + np.einsum("nij,nj->ni", turn[pair], hands.local[rows[r[pair]], sensor])
     distance = solids.distance(rows[r[pair]], p[pair], local)
     inside = np.flatnonzero(distance < 0)
-    inside = inside[np.argsort(r[pair[inside]] * len(hands.patch) + sensor[inside], kind="stable")]
-    pair, sensor, local = pair[inside], sensor[inside], local[inside]
-    r, n, p, axes = r[pair], n[pair], p[pair], axes[pair]
+    by_row_and_sensor = r[pair[inside]] * len(hands.patch) + sensor[inside]
+    inside = inside[np.argsort(by_row_and_sensor, kind="stable")]
+    pair = pair[inside]
+    sensor = sensor[inside]
+    local = local[inside]
+    r = r[pair]
+    n = n[pair]
+    p = p[pair]
+    axes = axes[pair]
     normal = np.einsum("nij,nj->ni", axes, solids.gradient(rows[r], p, local))
     point = primitive[r, p] + np.einsum("nij,nj->ni", axes, local)
-    return Contacts(r, sensor, n, -distance[inside], normal, point)
+    return Contacts(
+        row=r, sensor=sensor, patch=n, depth=-distance[inside], normal=normal, point=point
+    )

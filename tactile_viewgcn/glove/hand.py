@@ -44,8 +44,9 @@ SIDE_TILT = 0.45  # rad by which a finger's outer rows of sensors are tilted asi
 PALM = (0.090, 0.084)  # m: length and width that the sensors cover
 PALM_CUP = 0.007  # m by which the palm's edges are higher than its middle
 TILE = 6  # a patch of the palm has TILE x TILE sensors
+LINKS_OF_FINGER = 3
 # the first patches are the fingers' links, three each; the others belong to the palm
-LINK_PATCHES = 15
+LINK_PATCHES = 5 * LINKS_OF_FINGER
 #: of a hand: its size relative to the usual one, and m along and aside by which its glove is
 #: shifted
 Fit = tuple[float, tuple[float, float]]
@@ -76,13 +77,16 @@ class Hands:
     Attributes:
         row, column: (S,) cell in the frame.
         patch: (S,) 3 x finger + link, or LINK_PATCHES and above on the palm.
-        local: (B, S, 3) m, position; normal: (B, S, 3). The axes of a link point along it from its
+        local: (B, S, 3) m, position in the patch's axes. The axes of a link point along it from its
             joint, aside, and out of the skin; on the palm they are the palm's.
+        normal: (B, S, 3) unit vector out of the skin in the patch's axes.
         area: (B, S) m^2 of skin under each sensor.
-        bases: (B, 5, 3) m, the fingers' base joints; links: (B, 5, 3) m, lengths.
-        start, count: (N,) first sensor of each patch, and number of its sensors.
-        centre: (B, N, 3) m in the patch's axes, and bounding_radius: (N,) m, of a sphere around
-            each patch's sensors.
+        bases: (B, 5, 3) m, the fingers' base joints.
+        links: (B, 5, 3) m, lengths of the fingers' links.
+        start: (N,) first sensor of each patch.
+        count: (N,) number of its sensors.
+        centre: (B, N, 3) m in the patch's axes, of a sphere around each patch's sensors.
+        bounding_radius: (N,) m, of that sphere.
     """
 
     row: np.ndarray
@@ -98,68 +102,73 @@ class Hands:
         patches = np.arange(max(self.patch.max() + 1, LINK_PATCHES))
         self.start = np.searchsorted(self.patch, patches)
         self.count = np.searchsorted(self.patch, patches, side="right") - self.start
-        self.centre, self.bounding_radius = (
-            np.zeros((len(self.local), len(patches), 3)),
-            np.zeros(len(patches)),
-        )
-        for n, (first, count) in enumerate(zip(self.start, self.count, strict=True)):
-            if count:
-                local = self.local[:, first : first + count]
-                self.centre[:, n] = local.mean(axis=1)
-                self.bounding_radius[n] = np.linalg.norm(
-                    local - self.centre[:, n, None], axis=-1
-                ).max()
+        self.centre = np.zeros((len(self.local), len(patches), 3))
+        self.bounding_radius = np.zeros(len(patches))
+        for patch in patches[self.count > 0]:
+            first = self.start[patch]
+            local = self.local[:, first : first + self.count[patch]]
+            self.centre[:, patch] = local.mean(axis=1)
+            from_centre = np.linalg.norm(local - self.centre[:, patch, None], axis=-1)
+            self.bounding_radius[patch] = from_centre.max()
 
-    def pose(self, rows: np.ndarray, q: np.ndarray, opposition: np.ndarray) -> "Pose":
-        """Forward kinematics of hands `rows` (R,) at joint coordinates q (R, 5, 2) rad and opposition (R,) rad."""
+    def pose(self, rows: np.ndarray, q: np.ndarray, opposition: np.ndarray) -> Pose:
+        """Return the pose of some hands, by forward kinematics.
+
+        Args:
+            rows: (R,) indices of the hands.
+            q: (R, 5, 2) rad, joint coordinates.
+            opposition: (R,) rad of the thumbs.
+        """
+        count = len(rows)
         along, aside, skin = _finger_axes(opposition)  # (R, 5, 3) each
         angle = np.cumsum(q @ COUPLING.T, axis=-1)[..., None]  # (R, 5, 3, 1)
-        cos, sin = np.cos(angle), np.sin(angle)
+        cos = np.cos(angle)
+        sin = np.sin(angle)
         ahead = cos * along[:, :, None] + sin * skin[:, :, None]  # along each link (R, 5, 3, 3)
         out = cos * skin[:, :, None] - sin * along[:, :, None]  # out of its skin
         steps = self.links[rows][..., None] * ahead
-        origin = np.zeros((len(rows), len(self.start), 3))
-        axes = np.zeros((len(rows), len(self.start), 3, 3))
         joint = self.bases[rows][:, :, None] + np.cumsum(steps, axis=2) - steps
-        origin[:, :LINK_PATCHES] = joint.reshape(len(rows), LINK_PATCHES, 3)
-        sides = np.broadcast_to(aside[:, :, None], ahead.shape)
-        axes[:, :LINK_PATCHES] = np.stack([ahead, sides, out], axis=-1).reshape(
-            len(rows), LINK_PATCHES, 3, 3
-        )
+        origin = np.zeros((count, len(self.start), 3))
+        origin[:, :LINK_PATCHES] = joint.reshape(count, LINK_PATCHES, 3)
+        aside_of_link = np.broadcast_to(aside[:, :, None], ahead.shape)
+        link_axes = np.stack([ahead, aside_of_link, out], axis=-1)
+        axes = np.zeros((count, len(self.start), 3, 3))
+        axes[:, :LINK_PATCHES] = link_axes.reshape(count, LINK_PATCHES, 3, 3)
         axes[:, LINK_PATCHES:] = np.eye(3)
         return Pose(origin, axes, -aside)
 
 
 def stag_hands(*fits: Fit) -> Hands:
-    """STAG's sensors on one hand of the usual size, or on a hand for each of the fits."""
+    """Return hands with STAG's sensors.
+
+    Args:
+        *fits: of each hand; without any there is one hand of the usual size.
+    """
     fits = fits or (USUAL,)
-    each = [_stag_sensors(*fit) for fit in fits]
-    row, column, patch, local, normal, area = (
-        np.stack(values) for values in zip(*each, strict=True)
-    )
+    sensors = [_stag_sensors(*fit) for fit in fits]
+    row, column, patch, local, normal, area = map(np.stack, zip(*sensors, strict=True))
     scale = np.array([scale for scale, _ in fits])[:, None, None]
     return Hands(row[0], column[0], patch[0], local, normal, area, BASES * scale, LINKS * scale)
 
 
 def _stag_sensors(scale: float, slip: tuple[float, float]) -> list[np.ndarray]:
-    """Row, column, patch, local, normal and area of the sensors of one hand, see `Fit`, sorted by patch."""
-    parts = []
+    """Return row, column, patch, local, normal and area of the sensors of one hand.
+
+    They are sorted by patch. For scale and slip see `Fit`.
+    """
+    parts = list[tuple[np.ndarray, ...]]()
     for finger, first in enumerate((0, 6, 10, 15)):
         row, column = np.mgrid[first : first + 3, 0:14].reshape(2, -1)
-        parts.append(
-            (
-                row,
-                column,
-                *_on_finger(finger, (13.5 - column) / 14, row - first - 1.0, 3, scale, slip),
-            )
-        )
+        along = (13.5 - column) / 14
+        parts.append((row, column, *_on_finger(finger, along, row - first - 1.0, 3, scale, slip)))
     row, column = np.mgrid[18:32, 25:29].reshape(2, -1)
     parts.append((row, column, *_on_finger(4, (row - 17.5) / 14, 26.5 - column, 4, scale, slip)))
     row, column = np.mgrid[0:18, 14:32].reshape(2, -1)
     parts.append((row, column, *_on_palm(row, column - 14, scale, slip)))
-    values = [np.concatenate(each) for each in zip(*parts, strict=True)]
-    order = np.argsort(values[2], kind="stable")
-    return [each[order] for each in values]
+    joined = [np.concatenate(values) for values in zip(*parts, strict=True)]
+    patch = joined[2]
+    order = np.argsort(patch, kind="stable")
+    return [values[order] for values in joined]
 
 
 def _on_finger(
@@ -170,48 +179,71 @@ def _on_finger(
     scale: float,
     slip: tuple[float, float],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Patch, local, normal and area of a finger's n sensors.
+    """Return patch, local, normal and area of a finger's n sensors.
 
-    `along` (n,) goes from 0 at the base to 1 at the tip; `aside` (n,) counts rows from the middle
-    one; `across` is the number of rows.
+    Args:
+        finger: 0 to 4.
+        along: (n,) from 0 at the base to 1 at the tip.
+        aside: (n,) rows from the middle one.
+        across: number of rows.
+        scale: see `Fit`.
+        slip: see `Fit`.
     """
     ends = np.cumsum(LINKS[finger]) * scale
     distance = along * ends[-1]
     link = np.searchsorted(ends[:2], distance, side="right")
     step = 2 * SIDE_TILT / (across - 1)
-    tilt, radius = aside * step, RADIUS * scale
-    start, zero = np.concatenate([[0], ends[:2]])[link], np.zeros(len(link))
-    local = np.stack(
-        [distance - start + slip[0], radius * np.sin(tilt) + slip[1], radius * np.cos(tilt)], axis=1
-    )
-    normal = np.stack([zero, np.sin(tilt), np.cos(tilt)], axis=1)
-    return 3 * finger + link, local, normal, np.full(len(link), ends[-1] / 14 * radius * step)
+    tilt = aside * step
+    sin = np.sin(tilt)
+    cos = np.cos(tilt)
+    radius = RADIUS * scale
+    start = np.concatenate([[0], ends[:2]])[link]
+    local = np.stack([distance - start + slip[0], radius * sin + slip[1], radius * cos], axis=1)
+    normal = np.stack([np.zeros(len(link)), sin, cos], axis=1)
+    area = np.full(len(link), ends[-1] / 14 * radius * step)
+    return LINKS_OF_FINGER * finger + link, local, normal, area
 
 
 def _on_palm(
     row: np.ndarray, column: np.ndarray, scale: float, slip: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Patch, local, normal and area of the palm's 18 x 18 sensors; columns are counted from the fingers."""
-    length, width = PALM[0] * scale, PALM[1] * scale
-    x, y = (17.5 - column) / 18 * length + slip[0], (row - 8.5) / 18 * width + slip[1]
+    """Return patch, local, normal and area of the palm's 18 x 18 sensors.
+
+    Columns are counted from the fingers. For scale and slip see `Fit`.
+    """
+    length = PALM[0] * scale
+    width = PALM[1] * scale
+    x = (17.5 - column) / 18 * length + slip[0]
+    y = (row - 8.5) / 18 * width + slip[1]
     cup = PALM_CUP * scale * (2 / width) ** 2
     normal = np.stack([np.zeros(len(y)), -2 * cup * y, np.ones(len(y))], axis=1)
+    normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
     patch = LINK_PATCHES + row // TILE * (18 // TILE) + column // TILE
     local = np.stack([x, y, cup * y**2], axis=1)
     area = np.full(len(y), length * width / 18**2)
-    return patch, local, normal / np.linalg.norm(normal, axis=1, keepdims=True), area
+    return patch, local, normal, area
 
 
 def _finger_axes(opposition: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Axes of straight fingers, (R, 5, 3) each: along, aside, and out of the skin; opposition (R,) rad."""
+    """Return the axes of straight fingers, (R, 5, 3) each: along, aside, and out of the skin.
+
+    Args:
+        opposition: (R,) rad of the thumbs.
+    """
     count = len(opposition)
-    along, aside, skin = np.zeros((count, 5, 3)), np.zeros((count, 5, 3)), np.zeros((count, 5, 3))
-    along[:, :4, 0], along[:, :4, 1] = np.cos(FINGER_SPREAD), np.sin(FINGER_SPREAD)
-    aside[:, :4, 0], aside[:, :4, 1] = -np.sin(FINGER_SPREAD), np.cos(FINGER_SPREAD)
+    along = np.zeros((count, 5, 3))
+    aside = np.zeros((count, 5, 3))
+    skin = np.zeros((count, 5, 3))
+    along[:, :4, 0] = np.cos(FINGER_SPREAD)
+    along[:, :4, 1] = np.sin(FINGER_SPREAD)
+    aside[:, :4, 0] = -np.sin(FINGER_SPREAD)
+    aside[:, :4, 1] = np.cos(FINGER_SPREAD)
     skin[:, :4, 2] = 1
-    cos, sin = np.cos(opposition), np.sin(opposition)
-    lean = np.cos(THUMB_ANGLE), np.sin(THUMB_ANGLE)
-    along[:, 4] = np.stack([np.full(count, lean[0]), lean[1] * cos, lean[1] * sin], axis=1)
-    aside[:, 4] = np.stack([np.full(count, -lean[1]), lean[0] * cos, lean[0] * sin], axis=1)
+    cos = np.cos(opposition)
+    sin = np.sin(opposition)
+    lean_cos = np.cos(THUMB_ANGLE)
+    lean_sin = np.sin(THUMB_ANGLE)
+    along[:, 4] = np.stack([np.full(count, lean_cos), lean_sin * cos, lean_sin * sin], axis=1)
+    aside[:, 4] = np.stack([np.full(count, -lean_sin), lean_cos * cos, lean_cos * sin], axis=1)
     skin[:, 4] = np.stack([np.zeros(count), -sin, cos], axis=1)
     return along, aside, skin

@@ -22,20 +22,33 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tactile_viewgcn.glove.contact import LEVER, Balance, Mechanics
+from tactile_viewgcn.glove.contact import (
+    FINGERS,
+    JOINT_COORDINATES,
+    LEVER,
+    PARTS,
+    Balance,
+    Mechanics,
+    part_of,
+)
 from tactile_viewgcn.glove.hand import COUPLING, RADIUS
 
 GAMMA = 1 - np.sqrt(0.5)
 NEWTON = 16  # iterations of a stage
+NEWTON_OF_FIXED_STEP = 5 * NEWTON  # a fixed step cannot be repeated with a shorter one
 STAGE_TOLERANCE = 0.2  # of the integrator's tolerance
-SAFETY, SHRINK, GROW = 0.8, 0.2, 4.0  # of the step size control
+ARMIJO = 1e-4  # share of the expected descent that a Newton step must reach
+SAFETY = 0.8  # factor on the ideal length of the next step
+SHRINK = 0.2  # least ratio of the next step to this one
+GROW = 4.0  # largest ratio
+SMALLEST_ERROR = 1e-12  # in tolerances: keeps the ideal length finite
 UNSOLVED = 4.0  # error, in tolerances, of a step with an unsolved stage or with tunnelling
 # of a frame: shorter steps are not tried, and this one is accepted whatever its error
 SMALLEST = 1e-3
 ARRIVED = 1e-9  # of a frame: a smaller rest of it is rounding
 PATIENCE = 2  # iterations in which the energy may rise before the solver returns to the best state
-# factor on a Newton step whose energy rose, and the shortest such step
-BACKTRACK, SHORTEST = 0.4, 1e-6
+BACKTRACK = 0.4  # factor on a Newton step whose energy rose
+SHORTEST = 1e-6  # share of a Newton step that is still tried
 ROUNDING = 1e-12  # relative rise of the energy that counts as rounding
 FORCE_FLOOR = 0.05  # N: errors of smaller forces are relative to this one
 # m, largest distance of two samples of a path: the thickness of a finger
@@ -44,7 +57,7 @@ MAX_SAMPLES = 64  # samples of one path
 
 
 class StageSolver:
-    """Finds, for each of B hands, the state Y of its current Runge-Kutta stage.
+    """Newton iterations of B hands, each for the state Y of its current Runge-Kutta stage.
 
     Y minimises damping |Y - base|^2 / (2 h') + U(Y) - drive . Y, where h' is the stage's share of
     the step.
@@ -55,43 +68,66 @@ class StageSolver:
         iterations: most iterations of a stage.
 
     Attributes:
-        base: (B, n) start of the stage; scaled_step: (B,) s, h'.
-        best: (B, n) the best state so far; tried: (B, n) the state to evaluate next.
+        base: (B, n) start of the stage.
+        scaled_step: (B,) s, h'.
+        best: (B, n) the best state so far.
+        tried: (B, n) the state to evaluate next.
+        direction: (B, n) the Newton step from the best state.
+        length: (B,) share of that step which is tried.
+        energy: (B,) J, of the best state.
+        descent: (B,) J, slope of the energy along the step.
+        patience: (B,) iterations in which the energy may still rise.
+        iteration: (B,) number of iterations of the stage.
     """
 
     def __init__(self, y: np.ndarray, tolerance: float, iterations: int):
         count = len(y)
-        self.tolerance, self.iterations = tolerance, iterations
-        self.base, self.best, self.tried, self.direction = (
-            y.copy(),
-            y.copy(),
-            y.copy(),
-            np.zeros_like(y),
-        )
+        self.tolerance = tolerance
+        self.iterations = iterations
+        self.base = y.copy()
+        self.best = y.copy()
+        self.tried = y.copy()
+        self.direction = np.zeros_like(y)
         self.scaled_step = np.ones(count)
-        self.energy, self.descent, self.length = np.zeros(count), np.zeros(count), np.ones(count)
-        self.patience, self.number = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
+        self.energy = np.zeros(count)
+        self.descent = np.zeros(count)
+        self.length = np.ones(count)
+        self.patience = np.zeros(count, dtype=int)
+        self.iteration = np.zeros(count, dtype=int)
 
     def start(
-        self, rows: np.ndarray, base: np.ndarray, scaled_step: np.ndarray, guess: np.ndarray
+        self, rows: np.ndarray, base: np.ndarray, scaled_step: np.ndarray, first_try: np.ndarray
     ) -> None:
-        """Start new stages of rows (R,) from guesses (R, n)."""
-        self.base[rows], self.scaled_step[rows], self.best[rows], self.tried[rows] = (
-            base,
-            scaled_step,
-            guess,
-            guess,
-        )
-        self.energy[rows], self.descent[rows], self.length[rows] = np.inf, 0.0, 1.0
-        self.patience[rows], self.number[rows] = PATIENCE, 0
+        """Start new stages of some hands.
+
+        Args:
+            rows: (R,) indices of the hands.
+            base: (R, n) start of the stages.
+            scaled_step: (R,) s, h'.
+            first_try: (R, n) states from which the iterations start.
+        """
+        self.base[rows] = base
+        self.scaled_step[rows] = scaled_step
+        self.best[rows] = first_try
+        self.tried[rows] = first_try
+        self.energy[rows] = np.inf
+        self.descent[rows] = 0.0
+        self.length[rows] = 1.0
+        self.patience[rows] = PATIENCE
+        self.iteration[rows] = 0
 
     def iterate(
         self, rows: np.ndarray, mechanics: Mechanics, balance: Balance
     ) -> tuple[np.ndarray, np.ndarray]:
-        """One Newton iteration of rows (R,), with the mechanics evaluated at `tried`.
+        """Make one Newton iteration of some hands.
+
+        Args:
+            rows: (R,) indices of the hands.
+            mechanics: the equation.
+            balance: the mechanics of these hands, evaluated at `tried`.
 
         Returns:
-            Which stages have ended (R,) and which of them are solved (R,).
+            Which stages have ended, bool (R,), and which of them are solved, bool (R,).
         """
         tried = self.tried[rows]
         shift = mechanics.damping / self.scaled_step[rows, None]
@@ -103,16 +139,15 @@ class StageSolver:
         size = np.abs(residual * mechanics.lever).max(axis=1)
         solved = size <= self.tolerance * np.maximum(torque, FORCE_FLOOR * LEVER)
         # Armijo's condition
-        expected = self.energy[rows] + 1e-4 * self.length[rows] * self.descent[rows]
+        expected = self.energy[rows] + ARMIJO * self.length[rows] * self.descent[rows]
         lower = solved | (energy <= expected + ROUNDING * np.abs(energy))
-        good = rows[lower]
-        self.best[good], self.energy[good], self.direction[good] = (
-            tried[lower],
-            energy[lower],
-            newton[lower],
-        )
-        self.descent[good] = (residual * newton).sum(axis=1)[lower]
-        self.length[good], self.patience[good] = 1.0, PATIENCE
+        better = rows[lower]
+        self.best[better] = tried[lower]
+        self.energy[better] = energy[lower]
+        self.direction[better] = newton[lower]
+        self.descent[better] = (residual * newton).sum(axis=1)[lower]
+        self.length[better] = 1.0
+        self.patience[better] = PATIENCE
         # In stiff contact on a curved path a full step climbs and the next one descends below the
         # start: allow it.
         waits = ~lower & (self.patience[rows] > 0)
@@ -122,14 +157,14 @@ class StageSolver:
         self.patience[back] = PATIENCE
         ahead = self.best[rows] + self.length[rows, None] * self.direction[rows]
         self.tried[rows] = np.where(waits[:, None], tried + newton, ahead)
-        self.number[rows] += 1
-        ended = solved | (self.length[rows] < SHORTEST) | (self.number[rows] >= self.iterations)
-        return ended, solved
+        self.iteration[rows] += 1
+        has_given_up = (self.length[rows] < SHORTEST) | (self.iteration[rows] >= self.iterations)
+        return solved | has_given_up, solved
 
 
 @dataclass
 class ImplicitIntegrator:
-    """Integrates a batch of hands from frame to frame.
+    """The integration of a batch of hands from frame to frame.
 
     Args:
         mechanics: the equation.
@@ -137,18 +172,22 @@ class ImplicitIntegrator:
         tolerance: allowed relative error of the sensors' forces in a step that is longer than
             SMALLEST.
         step: s, a fixed step instead; the last one of a frame may be shorter.
-        statistics: cost, summed over hands: `steps`; of these `rejected`, repeated with a shorter
-            step, and `forced`, accepted in spite of their error because they are as short as
-            SMALLEST; `evaluations` of the mechanics; `unsolved` stages, whose Newton iteration did
-            not converge.
+        statistics: cost, summed over hands. `steps` counts all steps; `rejected` the steps that
+            were repeated with a shorter one; `forced` those that were accepted in spite of their
+            error because they are as short as SMALLEST; `evaluations` those of the mechanics;
+            `unsolved` the stages whose Newton iteration did not converge.
         on_frames: called with the number of frames, of all hands together, that were completed in a
             step.
 
     Attributes:
-        y: (B, n) state at the start of each hand's step; slope: (B, n) of its first stage.
-        knot: (B,) frames completed; elapsed: (B,) s in the current frame.
-        h: (B,) s, size of the step; proposed: (B,) s, what the error control wants.
-        second: (B,) in the second stage; solved: (B,) no stage of the step has failed.
+        y: (B, n) state at the start of each hand's step.
+        slope: (B, n) of its first stage.
+        knot: (B,) frames completed.
+        elapsed: (B,) s in the current frame.
+        h: (B,) s, size of the step.
+        proposed: (B,) s, the step that the error control wants.
+        second: bool (B,), in the second stage.
+        solved: bool (B,), no stage of the step has failed.
     """
 
     mechanics: Mechanics
@@ -159,20 +198,29 @@ class ImplicitIntegrator:
     on_frames: Callable[[int], object] | None = None
 
     def run(self, y: np.ndarray, frames: int) -> np.ndarray:
-        """States (B, frames, n) at knots 1 to `frames`, from y (B, n) at knot 0."""
-        states, mechanics, rows = (
-            np.empty((len(y), frames, y.shape[1])),
-            self.mechanics,
-            np.arange(len(y)),
-        )
+        """Return the states (B, frames, n) at knots 1 to `frames`.
+
+        Args:
+            y: (B, n) states at knot 0.
+            frames: number of frames.
+        """
         count = len(y)
-        solver = StageSolver(
-            y, STAGE_TOLERANCE * self.tolerance, NEWTON if self.step is None else 5 * NEWTON
-        )
-        self.solver, self.y, self.slope = solver, y.copy(), np.zeros_like(y)
-        self.knot, self.elapsed = np.zeros(count, dtype=int), np.zeros(count)
-        self.h, self.proposed = np.zeros(count), np.full(count, self.step or self.frame)
-        self.second, self.solved = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
+        mechanics = self.mechanics
+        states = np.empty((count, frames, y.shape[1]))
+        iterations = NEWTON
+        if self.step is not None:
+            iterations = NEWTON_OF_FIXED_STEP
+        solver = StageSolver(y, STAGE_TOLERANCE * self.tolerance, iterations)
+        self.solver = solver
+        self.y = y.copy()
+        self.slope = np.zeros_like(y)
+        self.knot = np.zeros(count, dtype=int)
+        self.elapsed = np.zeros(count)
+        self.h = np.zeros(count)
+        self.proposed = np.full(count, self.step or self.frame)
+        self.second = np.zeros(count, dtype=bool)
+        self.solved = np.ones(count, dtype=bool)
+        rows = np.arange(count)
         self._begin(rows)
         while len(rows):
             tried = solver.tried[rows]
@@ -196,10 +244,11 @@ class ImplicitIntegrator:
 
     def _begin(self, rows: np.ndarray) -> None:
         """Begin the first stage of a new step, which ends at the frame's end at the latest."""
-        left = self.frame - self.elapsed[rows]
-        fills = left - self.proposed[rows] < ARRIVED * self.frame
-        self.h[rows] = np.where(fills, left, self.proposed[rows])
-        self.second[rows], self.solved[rows] = False, True
+        rest = self.frame - self.elapsed[rows]
+        fills_frame = rest - self.proposed[rows] < ARRIVED * self.frame
+        self.h[rows] = np.where(fills_frame, rest, self.proposed[rows])
+        self.second[rows] = False
+        self.solved[rows] = True
         self.solver.start(rows, self.y[rows], GAMMA * self.h[rows], self.y[rows])
 
     def _begin_second(self, rows: np.ndarray) -> None:
@@ -207,26 +256,25 @@ class ImplicitIntegrator:
         scaled = GAMMA * self.h[rows]
         self.slope[rows] = (self.solver.best[rows] - self.y[rows]) / scaled[:, None]
         base = self.y[rows] + ((1 - GAMMA) * self.h[rows])[:, None] * self.slope[rows]
+        extrapolated = base + scaled[:, None] * self.slope[rows]
         self.second[rows] = True
-        self.solver.start(rows, base, scaled, base + scaled[:, None] * self.slope[rows])
+        self.solver.start(rows, base, scaled, extrapolated)
 
     def _end_step(self, rows: np.ndarray, error: np.ndarray, states: np.ndarray) -> None:
-        """Accept or reject the steps of rows (R,), whose errors (R,) are in tolerances, and begin the next ones.
+        """Accept or reject the steps of some hands, and begin the next ones.
 
-        The error of a step that tunnels is UNSOLVED.
+        Args:
+            rows: (R,) indices of the hands.
+            error: (R,) of their steps, in tolerances; the error of a step that tunnels becomes
+                UNSOLVED.
+            states: (B, frames, n) receives the states of completed frames.
         """
         error = np.where(self.solved[rows], error, UNSOLVED)
         if self.step is None:
-            candidates = np.flatnonzero((error <= 1) & (self.h[rows] > SMALLEST * self.frame))
-            hands = rows[candidates]
-            begin = self.knot[hands] + self.elapsed[hands] / self.frame
-            end = begin + self.h[hands] / self.frame
-            tunnelling, evaluations = tunnels(
-                self.mechanics, hands, begin, self.y[hands], end, self.solver.best[hands]
-            )
-            error[candidates[tunnelling]] = UNSOLVED
-            self.statistics["evaluations"] += evaluations
-        accepted = (error <= 1) | (self.h[rows] <= SMALLEST * self.frame) | (self.step is not None)
+            error[self._tunnelling(rows, error)] = UNSOLVED
+        is_smallest = self.h[rows] <= SMALLEST * self.frame
+        is_fixed = self.step is not None
+        accepted = (error <= 1) | is_smallest | is_fixed
         self.statistics["steps"] += len(rows)
         self.statistics["rejected"] += int((~accepted).sum())
         self.statistics["forced"] += int((accepted & (error > 1)).sum())
@@ -235,7 +283,8 @@ class ImplicitIntegrator:
         self.elapsed[advanced] += self.h[advanced]
         arrived = self.frame - self.elapsed[rows] < ARRIVED * self.frame
         if self.step is None:
-            ideal = self.h[rows] * np.clip(SAFETY / np.sqrt(np.maximum(error, 1e-12)), SHRINK, GROW)
+            ratio = SAFETY / np.sqrt(np.maximum(error, SMALLEST_ERROR))
+            ideal = self.h[rows] * np.clip(ratio, SHRINK, GROW)
             # A step cut short by the frame's end says little about the next one.
             ideal = np.where(accepted & arrived, np.maximum(self.proposed[rows], ideal), ideal)
             self.proposed[rows] = np.clip(ideal, SMALLEST * self.frame, self.frame)
@@ -247,22 +296,42 @@ class ImplicitIntegrator:
             self.on_frames(len(complete))
         self._begin(rows)
 
-    def _error(self, rows: np.ndarray, balance: Balance, y: np.ndarray) -> np.ndarray:
-        """Errors (R,), in tolerances, of steps that end at y (R, n).
+    def _tunnelling(self, rows: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Return which of the rows take a step that would be accepted and tunnels, as indices.
 
-        An error is the larger of two: that of the sensors' forces relative to them, and that of
-        positions relative to the skin's thickness.
+        Args:
+            rows: (R,) indices of hands.
+            error: (R,) of their steps, in tolerances.
         """
-        mechanics, scaled = self.mechanics, self.solver.scaled_step[rows, None]
-        shift = mechanics.damping / scaled
-        error = mechanics.solve(
-            balance, shift, shift * (y - self.solver.base[rows] - scaled * self.slope[rows])
+        candidates = np.flatnonzero((error <= 1) & (self.h[rows] > SMALLEST * self.frame))
+        hands = rows[candidates]
+        begin = self.knot[hands] + self.elapsed[hands] / self.frame
+        end = begin + self.h[hands] / self.frame
+        is_tunnelling, evaluations = tunnels(
+            self.mechanics, hands, begin, self.y[hands], end, self.solver.best[hands]
         )
+        self.statistics["evaluations"] += evaluations
+        tunnelling: np.ndarray = candidates[is_tunnelling]
+        return tunnelling
+
+    def _error(self, rows: np.ndarray, balance: Balance, y: np.ndarray) -> np.ndarray:
+        """Return the errors (R,), in tolerances, of steps that end at y (R, n).
+
+        An error is the larger of two: the error of the sensors' forces relative to these forces,
+        and the error of positions relative to the skin's thickness.
+        """
+        mechanics = self.mechanics
+        scaled = self.solver.scaled_step[rows, None]
+        shift = mechanics.damping / scaled
+        difference = y - self.solver.base[rows] - scaled * self.slope[rows]
+        error = mechanics.solve(balance, shift, shift * difference)
         change = mechanics.force_change(balance, rows, error)
         force_error = np.sqrt(np.bincount(balance.contacts.row, change**2, len(rows)))
         force = np.sqrt(np.bincount(balance.contacts.row, balance.force**2, len(rows)))
         distance = np.abs(error * (LEVER / mechanics.lever)).max(axis=1) / mechanics.layer.thickness
-        return np.maximum(force_error / (force + FORCE_FLOOR), distance) / self.tolerance
+        largest = np.maximum(force_error / (force + FORCE_FLOOR), distance)
+        errors: np.ndarray = largest / self.tolerance
+        return errors
 
 
 def tunnels(
@@ -273,19 +342,22 @@ def tunnels(
     end: np.ndarray,
     after: np.ndarray,
 ) -> tuple[np.ndarray, int]:
-    """Whether a finger or the palm passes through the object on the straight path between two states.
+    """Return which hands pass through their objects on the straight path between two states.
 
-    It does where the depth along the path exceeds the depth at both ends by more than the distance
-    from a finger's skin to its bone, or by more than half of the inradius of the object's thinnest
-    part. Shallower contacts may be passed.
+    A finger or the palm does where the depth along the path exceeds the depth at both ends. The
+    excess is more than the distance from a finger's skin to its bone, or more than half of the
+    inradius of the object's thinnest part. Shallower contacts may be passed.
 
     Args:
+        mechanics: the equation.
         rows: (R,) the hands.
-        begin, end: (R,) times in frames.
-        before, after: (R, n) states.
+        begin: (R,) times in frames.
+        before: (R, n) states at these times.
+        end: (R,) times in frames.
+        after: (R, n) states at these times.
 
     Returns:
-        (R,) bool, and the number of states that were evaluated.
+        bool (R,), and the number of states that were evaluated.
     """
     spacing = np.minimum(SAMPLE_DISTANCE, mechanics.solids.inradius[rows])
     intervals = np.ceil(_path_length(mechanics, rows, begin, before, end, after) / spacing)
@@ -293,20 +365,19 @@ def tunnels(
     path = np.repeat(np.arange(len(rows)), samples)
     if not len(path):
         return np.zeros(len(rows), dtype=bool), 0
-    number = np.arange(len(path)) - np.repeat(np.cumsum(samples) - samples, samples)
-    fraction = number / (samples[path] - 1)
+    sample = np.arange(len(path)) - np.repeat(np.cumsum(samples) - samples, samples)
+    fraction = sample / (samples[path] - 1)
     time = begin[path] + fraction * (end - begin)[path]
     y = before[path] + fraction[:, None] * (after - before)[path]
     contacts = mechanics.evaluate(rows[path], time, y, palm=mechanics.motion).contacts
-    hand_part = path[contacts.row], np.minimum(contacts.patch // 3, 5)  # hand, and finger or palm
-    between = (fraction[contacts.row] > 0) & (fraction[contacts.row] < 1)
-    depth_at_ends, depth_between = np.zeros((2, len(rows), 6))
-    np.maximum.at(
-        depth_at_ends, tuple(index[~between] for index in hand_part), contacts.depth[~between]
-    )
-    np.maximum.at(
-        depth_between, tuple(index[between] for index in hand_part), contacts.depth[between]
-    )
+    hand = path[contacts.row]
+    part = part_of(contacts.patch)
+    is_between = (fraction[contacts.row] > 0) & (fraction[contacts.row] < 1)
+    depth_at_ends = np.zeros((len(rows), PARTS))
+    depth_between = np.zeros((len(rows), PARTS))
+    at_end = ~is_between
+    np.maximum.at(depth_at_ends, (hand[at_end], part[at_end]), contacts.depth[at_end])
+    np.maximum.at(depth_between, (hand[is_between], part[is_between]), contacts.depth[is_between])
     allowed = np.minimum(RADIUS, 0.5 * mechanics.solids.inradius[rows])
     return (depth_between - depth_at_ends > allowed[:, None]).any(axis=1), len(path)
 
@@ -319,16 +390,22 @@ def _path_length(
     end: np.ndarray,
     after: np.ndarray,
 ) -> np.ndarray:
-    """Upper bound (R,) m of the movement of the object and a fingertip relative to each other; 0 without an object."""
-    first, last = mechanics.drive.at(rows, begin), mechanics.drive.at(rows, end)
-    hands, solids = mechanics.hands, mechanics.solids
-    moved = (
-        after[:, 10:] - before[:, 10:] if mechanics.motion else last["position"] - first["position"]
-    )
+    """Return an upper bound (R,) m of how far object and fingertips move relative to each other.
+
+    It is 0 without an object. Arguments are those of `tunnels`.
+    """
+    first = mechanics.drive.at(rows, begin)
+    last = mechanics.drive.at(rows, end)
+    solids = mechanics.solids
+    if mechanics.motion:
+        moved = after[:, JOINT_COORDINATES:] - before[:, JOINT_COORDINATES:]
+    else:
+        moved = last["position"] - first["position"]
     radius = np.linalg.norm(solids.centre[rows], axis=-1) + solids.bounding_radius[rows]
     radius = np.maximum(radius, 0).max(axis=1, initial=0)
     rotated = radius * np.linalg.norm(last["rotation"] - first["rotation"], axis=-1)
-    bent = np.abs((after - before)[:, :10].reshape(-1, 5, 2)) @ COUPLING.sum(axis=0)
+    turned = (after - before)[:, :JOINT_COORDINATES].reshape(-1, FINGERS, 2)
+    bent = np.abs(turned) @ COUPLING.sum(axis=0)
     bent += np.abs(last["opposition"] - first["opposition"])[:, None]
-    tips = (hands.links[rows].sum(axis=-1) * bent).max(axis=1)
+    tips = (mechanics.hands.links[rows].sum(axis=-1) * bent).max(axis=1)
     return np.where(radius > 0, np.linalg.norm(moved, axis=-1) + rotated + tips, 0.0)

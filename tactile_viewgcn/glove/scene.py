@@ -1,4 +1,4 @@
-"""Scenes: the prescribed motion of a recording, from the object and the hand to every squeeze, shift and release.
+"""Scenes: the prescribed motion of a recording, with every squeeze, shift and release.
 
 A recording is one long manipulation. It begins with the open hand; then the object is grasped again
 and again. In each grasp the object arrives, the fingers close until they touch it, squeeze it more
@@ -10,15 +10,15 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.glove.contact import GRAVITY, Drive, collisions
+from tactile_viewgcn.glove.contact import FINGERS, GRAVITY, Drive, collisions, part_of
 from tactile_viewgcn.glove.hand import Hands
 from tactile_viewgcn.glove.objects import GraspObject
 from tactile_viewgcn.glove.shapes import Solids
 
-# rad: posture of an open and of a closed finger
-OPEN, CLOSED = np.array([0.15, 0.15]), np.array([1.35, 1.45])
-# closure, 0 open to 1 closed: of a finger that touches nothing; of an empty hand
-RELAXED, IDLE = 0.4, 0.2
+OPEN = np.array([0.15, 0.15])  # rad: posture of an open finger
+CLOSED = np.array([1.35, 1.45])  # rad: posture of a closed finger
+RELAXED = 0.4  # closure, 0 open to 1 closed, of a finger that touches nothing
+IDLE = 0.2  # closure of an empty hand
 ASIDE = 0.3  # rad: the thumb's opposition while the hand is open
 AWAY = 0.03  # m above its position in the grasp: the object before and after a grasp
 # m: where an object lies against the palm, its lower side at z
@@ -35,7 +35,8 @@ ROTATION = {"object": 0.35, "recording": 0.05, "grasp": 0.6, "within": 0.25}  # 
 FINGER = {"object": 0.6, "recording": 0.08, "grasp": 0.8, "within": 0.45}
 THUMB = {"object": 0.12, "recording": 0.05, "grasp": 0.2}  # rad, of the opposition
 OPPOSITION = 0.95  # rad
-ROLL = 0.6  # rad, of a grasp, about the object's axis, beside half a turn in every second one
+LARGEST_OPPOSITION = 1.4  # rad
+ROLL = 0.6  # rad, of a grasp, about the object's axis; every second grasp has half a turn more
 PINCHED = 0.3  # share of these deviations that an object between the fingertips has
 SQUEEZE = (0.04, 0.60)  # N m of a weightless object, and N m per kg of weight
 OPENING = 8  # frames of the open hand before the first grasp
@@ -46,122 +47,219 @@ LOOSE = 0.4  # share of the next grasp's closure that a hand keeps between two g
 
 
 def plan(
-    grasp_objects: list[GraspObject], hands: Hands, solids: Solids, habits: list[np.random.Generator],
-    rngs: list[np.random.Generator], *, frames: int, grasps: int, effects: frozenset[str],
-) -> Drive:  # fmt: skip
-    """Drive of B recordings at T + 1 knots, each drawn from its own generator; frame t ends at knot t + 1."""
+    grasp_objects: list[GraspObject],
+    hands: Hands,
+    solids: Solids,
+    habits: list[np.random.Generator],
+    rngs: list[np.random.Generator],
+    *,
+    frames: int,
+    grasps: int,
+    effects: frozenset[str],
+) -> Drive:
+    """Return the drive of B recordings at T + 1 knots; frame t ends at knot t + 1.
+
+    Args:
+        grasp_objects: the B objects.
+        hands: the B hands.
+        solids: the B objects as solids.
+        habits: B generators of the usual grasp of each object.
+        rngs: B generators of each recording's deviations from it.
+        frames: T.
+        grasps: number of grasps in a recording.
+        effects: see `simulation.EFFECTS`.
+    """
     phase, progress, grasp = schedule(frames, grasps)
-    drawn = [_draw(*each, grasps) for each in zip(grasp_objects, habits, rngs, strict=True)]
-    grips = [np.stack(values) for values in zip(*drawn, strict=True)]  # (B, G, ...) each
-    closed = np.stack(
-        [closure(hands, solids, *(one[:, g] for one in grips[:3])) for g in range(grasps)], axis=1
-    )
-    position, rotation, opposition, squeeze = (one[:, grasp] for one in grips)
-    # (T,) each, 0 to 1: the object has arrived, the fingers have closed, they squeeze.
-    arrive, close, squeezing, hold, release = (phase == number for number in range(len(PHASES)))
-    near = np.select([phase < 0, arrive, release], [0, progress, 1 - progress], 1.0)
-    tightening = np.select([phase <= 0, close, release], [0, progress, 1 - progress], 1.0)
-    closing = np.where(phase < 0, 0, LOOSE + (1 - LOOSE) * tightening)
-    loaded = np.select(
-        [squeezing, hold, release], [progress, 1, np.maximum(1 - 2 * progress, 0)], 0.0
-    )
-    noise = np.stack([rng.normal(size=(frames, 11)) for rng in rngs])
-    noise[:, 1:] *= np.sqrt(1 - CORRELATION**2)
-    # autoregressive, of order 1 and unit variance
-    drift = lfilter([1.0], [1.0, -CORRELATION], noise, axis=1)
+    draws = [
+        _draw(grasp_object, habit, rng, grasps)
+        for grasp_object, habit, rng in zip(grasp_objects, habits, rngs, strict=True)
+    ]
+    # (B, G, ...) each
+    position, rotation, opposition, squeeze = map(np.stack, zip(*draws, strict=True))
+    closures = [
+        closure(hands, solids, position[:, number], rotation[:, number], opposition[:, number])
+        for number in range(grasps)
+    ]
+    closed = np.stack(closures, axis=1)[:, grasp]
+    # (B, T, ...) each
+    position = position[:, grasp]
+    rotation = rotation[:, grasp]
+    opposition = opposition[:, grasp]
+    squeeze = squeeze[:, grasp]
+    near, closing, loaded = _courses(phase, progress)
+    drift = np.stack([_drift(rng, frames) for rng in rngs])
     squeeze *= loaded[:, None]
     if "shift" in effects:
-        moved = loaded[:, None] * np.array([_freedom(one) for one in grasp_objects])[:, None, None]
+        freedom = np.array([_freedom(grasp_object) for grasp_object in grasp_objects])
+        moved = loaded[:, None] * freedom[:, None, None]
         position += POSITION["within"] * moved * drift[..., :3]
         rotation += ROTATION["within"] * moved * drift[..., 3:6]
     if "tremor" in effects:
         squeeze *= np.exp(FINGER["within"] * drift[..., 6:])
     position[..., 2] += AWAY * (1 - near)
-    posture = OPEN + (closing[:, None] * closed[:, grasp])[..., None] * (CLOSED - OPEN)
+    posture = OPEN + (closing[:, None] * closed)[..., None] * (CLOSED - OPEN)
     load = np.zeros((len(grasp_objects), frames, 3))
     if "weight" in effects:
-        load[..., 2] = -1e-3 * GRAVITY * np.array([[one.weight] for one in grasp_objects]) * loaded
+        weight = np.array([[grasp_object.weight] for grasp_object in grasp_objects])
+        load[..., 2] = -1e-3 * GRAVITY * weight * loaded
     opposition = ASIDE + (opposition - ASIDE) * near
-    frames_of = (posture, squeeze, opposition, position, rotation, load)
-    return Drive(*(np.concatenate([values[:, :1], values], axis=1) for values in frames_of))
+    return Drive(
+        posture=_with_first_knot(posture),
+        squeeze=_with_first_knot(squeeze),
+        opposition=_with_first_knot(opposition),
+        position=_with_first_knot(position),
+        rotation=_with_first_knot(rotation),
+        load=_with_first_knot(load),
+    )
+
+
+def _courses(phase: np.ndarray, progress: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return how far the object has arrived, the fingers have closed, and they squeeze.
+
+    Args:
+        phase: (T,) see `schedule`.
+        progress: (T,) see `schedule`.
+
+    Returns:
+        Three arrays (T,), 0 to 1.
+    """
+    arrive, close, squeeze, hold, release = (phase == number for number in range(len(PHASES)))
+    near = np.select([phase < 0, arrive, release], [0, progress, 1 - progress], 1.0)
+    tightening = np.select([phase <= 0, close, release], [0, progress, 1 - progress], 1.0)
+    closing = np.where(phase < 0, 0, LOOSE + (1 - LOOSE) * tightening)
+    letting_go = np.maximum(1 - 2 * progress, 0)
+    loaded = np.select([squeeze, hold, release], [progress, 1, letting_go], 0.0)
+    return near, closing, loaded
+
+
+def _drift(rng: np.random.Generator, frames: int) -> np.ndarray:
+    """Return a recording's drift (T, 11): autoregressive, of order 1 and unit variance."""
+    noise = rng.normal(size=(frames, 11))
+    noise[1:] *= np.sqrt(1 - CORRELATION**2)
+    drift: np.ndarray = lfilter([1.0], [1.0, -CORRELATION], noise, axis=0)
+    return drift
+
+
+def _with_first_knot(values: np.ndarray) -> np.ndarray:
+    """Return values (B, T + 1, ...) at the knots, of which the first equals the second."""
+    return np.concatenate([values[:, :1], values], axis=1)
 
 
 def schedule(frames: int, grasps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Number of the phase, progress of the phase at the frame's end (0 to 1), and number of the grasp, (T,) each.
+    """Return the phase, its progress and the grasp of each frame.
 
-    The open hand before the first grasp is phase -1. A grasp has more frames than the phases but
-    `hold` need.
+    Args:
+        frames: T.
+        grasps: number of grasps. Each has more frames than all phases but `hold` need.
+
+    Returns:
+        Number of the phase (T,), -1 for the open hand before the first grasp; progress of the phase
+        (T,) at the frame's end, 0 to 1; number of the grasp (T,).
     """
-    each, fixed = (frames - OPENING) // grasps, sum(PHASES.values())
-    lengths = np.array([length or each - fixed for length in PHASES.values()])
+    grasp_frames = (frames - OPENING) // grasps
+    hold = grasp_frames - sum(PHASES.values())
+    lengths = np.array([length or hold for length in PHASES.values()])
     starts = np.concatenate([[0], np.cumsum(lengths)])
-    inside = np.arange(frames) - (frames - grasps * each)  # before 0: the open hand
-    grasp, inside = np.where(inside < 0, [[0], [-1]], np.divmod(inside, each))
-    phase = np.searchsorted(starts, inside, side="right") - 1
-    return phase, (inside + 1 - starts[phase]) / lengths[phase], grasp
+    since_first_grasp = np.arange(frames) - (frames - grasps * grasp_frames)
+    is_before = since_first_grasp < 0
+    grasp = np.where(is_before, 0, since_first_grasp // grasp_frames)
+    frame = np.where(is_before, -1, since_first_grasp % grasp_frames)  # of the grasp
+    phase = np.searchsorted(starts, frame, side="right") - 1
+    progress = (frame + 1 - starts[phase]) / lengths[phase]
+    return phase, progress, grasp
 
 
 def closure(
     hands: Hands, solids: Solids, position: np.ndarray, rotation: np.ndarray, opposition: np.ndarray
 ) -> np.ndarray:
-    """Closure (B, 5), 0 open to 1 closed, at which each finger first touches the object of a grasp.
+    """Return the closure (B, 5) at which each finger first touches the object of a grasp.
 
     Args:
-        position: (B, 3) m of the objects; rotation: (B, 3) rad, their rotation vectors.
+        hands: the B hands.
+        solids: the B objects.
+        position: (B, 3) m of the objects.
+        rotation: (B, 3) rad, their rotation vectors.
         opposition: (B,) rad of the thumbs.
+
+    Returns:
+        0 open to 1 closed; a usual closure for a finger that touches nothing.
     """
     count = len(position)
-    rows, first = np.arange(count), np.full((count, 5), np.nan)
+    rows = np.arange(count)
+    first = np.full((count, FINGERS), np.nan)
     matrix = Rotation.from_rotvec(rotation).as_matrix()
     for closed in np.linspace(0, 1, CLOSURES):
-        q = np.broadcast_to(OPEN + closed * (CLOSED - OPEN), (count, 5, 2))
+        q = np.broadcast_to(OPEN + closed * (CLOSED - OPEN), (count, FINGERS, 2))
         pose = hands.pose(rows, q, opposition)
         contacts = collisions(hands, solids, rows, pose, position, matrix, palm=False)
         touches = np.zeros(first.shape, dtype=bool)
-        touches[contacts.row, contacts.patch // 3] = True
+        touches[contacts.row, part_of(contacts.patch)] = True
         first[touches & np.isnan(first)] = closed
-    empty = ~np.isfinite(solids.bounding_radius[:, :1]).any(axis=1, keepdims=True)
-    return np.where(np.isnan(first), np.where(empty, IDLE, RELAXED), first)
+    is_empty = ~np.isfinite(solids.bounding_radius[:, :1]).any(axis=1, keepdims=True)
+    untouched = np.where(is_empty, IDLE, RELAXED)
+    return np.where(np.isnan(first), untouched, first)
 
 
 def _draw(
     grasp_object: GraspObject, habit: np.random.Generator, rng: np.random.Generator, grasps: int
 ) -> tuple[np.ndarray, ...]:
-    """Position (G, 3) m, rotation vector (G, 3) rad, opposition (G,) rad and squeeze (G, 5) N m of G grasps.
+    """Return position, rotation, opposition and squeeze of G grasps.
 
     Args:
-        habit: draws the usual grasp of the object; rng: draws the deviations of a recording and of
-            its grasps.
+        grasp_object: the object.
+        habit: draws the usual grasp of the object.
+        rng: draws the deviations of a recording and of its grasps.
+        grasps: G.
+
+    Returns:
+        Position (G, 3) m, rotation vector (G, 3) rad, opposition (G,) rad and squeeze (G, 5) N m.
     """
-
-    def spread(std: dict[str, float], size: int) -> np.ndarray:
-        """Deviations (G, size) from what all objects have in common."""
-        of_object, of_recording = (
-            habit.normal(0, std["object"], size),
-            rng.normal(0, std["recording"], size),
-        )
-        return _freedom(grasp_object) * (
-            of_object + of_recording + rng.normal(0, std["grasp"], (grasps, size))
-        )
-
+    freedom = _freedom(grasp_object)
     roll = rng.normal(0, ROLL, grasps) + np.pi * rng.integers(2, size=grasps)
-    usual = Rotation.from_rotvec(grasp_object.orientation)
-    rotation = (
-        Rotation.from_rotvec(spread(ROTATION, 3))
-        * usual
-        * Rotation.from_rotvec(roll[:, None] * [0, 0, 1])
-    )
+    about_axis = Rotation.from_rotvec(roll[:, None] * [0, 0, 1])
+    turn = Rotation.from_rotvec(freedom * _deviations(habit, rng, ROTATION, (grasps, 3)))
+    rotation = turn * Rotation.from_rotvec(grasp_object.orientation) * about_axis
     below = np.array([grasp_object.lowest(matrix) for matrix in rotation.as_matrix()])
-    position = np.tile(PINCH if grasp_object.pinch else POWER, (grasps, 1))
-    if not grasp_object.pinch:
+    if grasp_object.pinch:
+        position = np.tile(PINCH, (grasps, 1))
+    else:
+        position = np.tile(POWER, (grasps, 1))
         position[:, 2] += below
-    position += spread(POSITION, 3) * [1, 1, 0.3]
+    position += freedom * _deviations(habit, rng, POSITION, (grasps, 3)) * [1, 1, 0.3]
     position[:, 2] = np.maximum(position[:, 2], below - DIP)
-    opposition = np.clip(OPPOSITION + spread(THUMB, 1)[:, 0], ASIDE, 1.4)
-    squeeze = (SQUEEZE[0] + SQUEEZE[1] * grasp_object.weight * 1e-3) * np.exp(spread(FINGER, 5))
+    of_thumb = freedom * _deviations(habit, rng, THUMB, (grasps, 1))[:, 0]
+    opposition = np.clip(OPPOSITION + of_thumb, ASIDE, LARGEST_OPPOSITION)
+    usual_squeeze = SQUEEZE[0] + SQUEEZE[1] * grasp_object.weight * 1e-3
+    of_fingers = freedom * _deviations(habit, rng, FINGER, (grasps, FINGERS))
+    squeeze = usual_squeeze * np.exp(of_fingers)
     return position, rotation.as_rotvec(), opposition, squeeze
 
 
+def _deviations(
+    habit: np.random.Generator,
+    rng: np.random.Generator,
+    std: dict[str, float],
+    shape: tuple[int, int],
+) -> np.ndarray:
+    """Return deviations (G, size) from what all objects have in common.
+
+    Args:
+        habit: draws the deviation of the object.
+        rng: draws those of the recording and of its grasps.
+        std: the three standard deviations.
+        shape: (G, size).
+    """
+    _, size = shape
+    of_object = habit.normal(0, std["object"], size)
+    of_recording = rng.normal(0, std["recording"], size)
+    return of_object + of_recording + rng.normal(0, std["grasp"], shape)
+
+
 def _freedom(grasp_object: GraspObject) -> float:
-    """Share of the deviations of a grasp: with more, fingertips would lose a thin object."""
-    return PINCHED if grasp_object.pinch else 1.0
+    """Return the share of the deviations of a grasp that an object has.
+
+    With more, fingertips would lose a thin object.
+    """
+    if grasp_object.pinch:
+        return PINCHED
+    return 1.0

@@ -1,4 +1,4 @@
-"""Solids as signed distance functions: primitives, plane cuts, and unions of primitives, evaluated in batches.
+"""Solids as signed distance functions: primitives, plane cuts and unions, in batches.
 
 There are two families of primitives. A solid of revolution about z is a rounded rectangle in the
 half-plane (rho, z): its centre is `offset` from the axis, its half sizes are `half`, its corners
@@ -43,90 +43,164 @@ class Primitive:
     cut: tuple[float, float, float, float] = NO_CUT
 
     @property
+    def is_box(self) -> bool:
+        """Return whether it is a box, else a solid of revolution."""
+        return len(self.half) == 3
+
+    @property
     def bounding_radius(self) -> float:
-        """Radius (m) of the smallest sphere about its centre that contains it without its cut."""
-        if len(self.half) == 3:
+        """Return the radius (m) of the smallest sphere about its centre that contains it uncut."""
+        if self.is_box:
             return float(np.linalg.norm(self.half)) + self.round
         return float(np.hypot(self.offset + self.half[0], self.half[1])) + self.round
 
 
 def _inner_half(size: float, round: float) -> float:
-    """Half of a size (m) without its rounding; a rounding error, as in 0.006 / 2 - 0.003, counts as 0."""
+    """Return half of a size (m) without its rounding.
+
+    A rounding error, as in 0.006 / 2 - 0.003, counts as 0.
+    """
     return max(size / 2 - round, 0.0)
 
 
 def sphere(radius: float, **placement: Any) -> Primitive:
-    """A sphere. `placement` of this and the other shapes: `centre`, `rotation` and `cut` of `Primitive`."""
+    """Return a sphere.
+
+    Args:
+        radius: m.
+        **placement: `centre`, `rotation` and `cut` of `Primitive`.
+    """
     return Primitive((0, 0), radius, 0, **placement)
 
 
 def box(x: float, y: float, z: float, round: float = 0.0, **placement: Any) -> Primitive:
-    """A box of full sizes x, y and z with edges rounded by `round`, m."""
-    return Primitive(tuple(_inner_half(size, round) for size in (x, y, z)), round, 0, **placement)
+    """Return a box.
+
+    Args:
+        x: full size, m.
+        y: full size, m.
+        z: full size, m.
+        round: radius of its edges, m.
+        **placement: `centre`, `rotation` and `cut` of `Primitive`.
+    """
+    half = tuple(_inner_half(size, round) for size in (x, y, z))
+    return Primitive(half, round, 0, **placement)
 
 
 def cylinder(radius: float, length: float, round: float = 0.0, **placement: Any) -> Primitive:
-    """A cylinder about z with edges rounded by `round`, m."""
-    half = _inner_half(2 * radius, round), _inner_half(length, round)
+    """Return a cylinder about z.
+
+    Args:
+        radius: m.
+        length: m.
+        round: radius of its edges, m.
+        **placement: `centre`, `rotation` and `cut` of `Primitive`.
+    """
+    half = (_inner_half(2 * radius, round), _inner_half(length, round))
     return Primitive(half, round, 0, **placement)
 
 
 def capsule(radius: float, length: float, **placement: Any) -> Primitive:
-    """A cylinder about z that ends in hemispheres; `length` m includes them."""
+    """Return a cylinder about z that ends in hemispheres.
+
+    Args:
+        radius: m.
+        length: m, the hemispheres included.
+        **placement: `centre`, `rotation` and `cut` of `Primitive`.
+    """
     return Primitive((0, _inner_half(length, radius)), radius, 0, **placement)
 
 
 def torus(ring: float, tube: float, **placement: Any) -> Primitive:
-    """A torus about z: `ring` m from its centre to that of the tube, whose radius is `tube` m."""
+    """Return a torus about z.
+
+    Args:
+        ring: m from its centre to the centre of the tube.
+        tube: radius of the tube, m.
+        **placement: `centre`, `rotation` and `cut` of `Primitive`.
+    """
     return Primitive((0, 0), tube, ring, **placement)
 
 
 def tube(
     inner: float, outer: float, length: float, round: float = 0.0, **placement: Any
 ) -> Primitive:
-    """A hollow cylinder about z of radii `inner` and `outer` m, its edges rounded."""
-    half = _inner_half(outer - inner, round), _inner_half(length, round)
+    """Return a hollow cylinder about z.
+
+    Args:
+        inner: radius, m.
+        outer: radius, m.
+        length: m.
+        round: radius of its edges, m.
+        **placement: `centre`, `rotation` and `cut` of `Primitive`.
+    """
+    half = (_inner_half(outer - inner, round), _inner_half(length, round))
     return Primitive(half, round, (inner + outer) / 2, **placement)
 
 
 class Solids:
-    """B unions of up to P primitives each, as arrays. A union may be empty.
+    """B unions of up to P primitives each, as arrays; a union may be empty.
+
+    Args:
+        parts: the primitives of each union.
 
     Attributes:
         bounding_radius: (B, P) m, of a sphere around each primitive; -inf where there is none.
-        centre: (B, P, 3) m; rotation: (B, P, 3, 3) from the primitive's axes to the object's.
+        revolved: bool (B, P), solids of revolution.
+        half, round, offset, cut: (B, P, ...) see `Primitive`.
+        centre: (B, P, 3) m.
+        rotation: (B, P, 3, 3) from the primitive's axes to the object's.
         inradius: (B,) m, of the thinnest primitive of each union; infinite for an empty one.
     """
 
     def __init__(self, parts: list[list[Primitive]]):
         size = (len(parts), max(map(len, parts), default=0))
-        self.revolved, self.bounding_radius = np.ones(size, dtype=bool), np.full(size, -np.inf)
-        self.round, self.offset = np.zeros(size), np.zeros(size)
-        self.half, self.centre = np.zeros((*size, 3)), np.zeros((*size, 3))
-        self.cut, self.rotation = np.zeros((*size, 4)), np.zeros((*size, 3, 3))
-        for b, solids in enumerate(parts):
-            for p, part in enumerate(solids):
-                for name in ("bounding_radius", "round", "offset", "centre"):
-                    getattr(self, name)[b, p] = getattr(part, name)
-                self.cut[b, p], self.revolved[b, p] = part.cut, len(part.half) == 2
+        self.revolved = np.ones(size, dtype=bool)
+        self.bounding_radius = np.full(size, -np.inf)
+        self.round = np.zeros(size)
+        self.offset = np.zeros(size)
+        self.half = np.zeros((*size, 3))
+        self.centre = np.zeros((*size, 3))
+        self.cut = np.zeros((*size, 4))
+        self.rotation = np.zeros((*size, 3, 3))
+        self.inradius = np.full(len(parts), np.inf)
+        for b, union in enumerate(parts):
+            for p, part in enumerate(union):
+                self.revolved[b, p] = not part.is_box
+                self.bounding_radius[b, p] = part.bounding_radius
+                self.round[b, p] = part.round
+                self.offset[b, p] = part.offset
                 self.half[b, p, : len(part.half)] = part.half
+                self.centre[b, p] = part.centre
+                self.cut[b, p] = part.cut
                 self.rotation[b, p] = Rotation.from_rotvec(part.rotation).as_matrix()
-        inradii = ([min(part.half) + part.round for part in solids] for solids in parts)
-        self.inradius = np.array([min(radii, default=np.inf) for radii in inradii])
+                self.inradius[b] = min(self.inradius[b], min(part.half) + part.round)
 
     def distance(self, b: np.ndarray, p: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Signed distance (n,) m of points x (n, 3) m in the axes of primitives (b, p), both (n,)."""
+        """Return the signed distance (n,) m of points.
+
+        Args:
+            b: (n,) indices of unions.
+            p: (n,) indices of their primitives.
+            x: (n, 3) m, points in the axes of these primitives.
+        """
         _, q, _ = self._section(b, p, x)
         out = np.maximum(q, 0)
+        outside = np.sqrt(np.einsum("ni,ni->n", out, out))
         nearest = np.maximum(np.maximum(q[:, 0], q[:, 1]), q[:, 2])
-        distance = (
-            np.sqrt(np.einsum("ni,ni->n", out, out)) + np.minimum(nearest, 0) - self.round[b, p]
-        )
+        uncut = outside + np.minimum(nearest, 0) - self.round[b, p]
         cut = self.cut[b, p]
-        return np.maximum(distance, np.einsum("ni,ni->n", cut[:, :3], x) - cut[:, 3])
+        distance: np.ndarray = np.maximum(uncut, np.einsum("ni,ni->n", cut[:, :3], x) - cut[:, 3])
+        return distance
 
     def gradient(self, b: np.ndarray, p: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Gradient (n, 3) of the signed distance, unit vectors; arguments as for `distance`."""
+        """Return the gradient (n, 3) of the signed distance, unit vectors.
+
+        Args:
+            b: (n,) indices of unions.
+            p: (n,) indices of their primitives.
+            x: (n, 3) m, points in the axes of these primitives.
+        """
         folded, q, revolved = self._section(b, p, x)
         out = np.maximum(q, 0)
         length = np.sqrt((out**2).sum(axis=1))
@@ -146,12 +220,17 @@ class Solids:
     def _section(
         self, b: np.ndarray, p: np.ndarray, x: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points (n, 3) where both families are boxes, how far they are from its faces (n, 3), and which is revolved.
+        """Return points as seen by a box, into which both families of primitives are folded.
 
         A solid of revolution's point is (rho - offset, z, .), and its third face infinitely far
-        inside.
+        inside. Arguments are those of `distance`.
+
+        Returns:
+            The points (n, 3), how far they are from the box's faces (n, 3), and which belong to a
+            solid of revolution, bool (n,).
         """
-        revolved, folded = self.revolved[b, p], x.copy()
+        revolved = self.revolved[b, p]
+        folded = x.copy()
         rho = np.sqrt(x[:, 0] ** 2 + x[:, 1] ** 2)
         folded[:, 0] = np.where(revolved, rho - self.offset[b, p], x[:, 0])
         folded[:, 1] = np.where(revolved, x[:, 2], x[:, 1])

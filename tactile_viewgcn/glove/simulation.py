@@ -1,9 +1,10 @@
-"""A recipe of recordings, and its simulation: plan scenes, solve mechanics, read sensors and write, block by block."""
+"""A recipe of recordings, and its simulation, block by block: scenes, mechanics, sensors."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
+from itertools import product
 from pathlib import Path
 from typing import Any, get_args
 
@@ -11,8 +12,15 @@ import h5py
 import numpy as np
 from joblib import Parallel, delayed
 
-from tactile_viewgcn.glove.contact import Drive, Layer, Mechanics
-from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, USUAL, Fit, stag_hands
+from tactile_viewgcn.glove.contact import FINGERS, JOINT_COORDINATES, Drive, Layer, Mechanics
+from tactile_viewgcn.glove.hand import (
+    COUPLING,
+    LINK_PATCHES,
+    LINKS_OF_FINGER,
+    USUAL,
+    Fit,
+    stag_hands,
+)
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
 from tactile_viewgcn.glove.objects import GraspObject, select_objects
 from tactile_viewgcn.glove.scene import HOLD, OPEN, OPENING, plan, schedule
@@ -30,11 +38,11 @@ LAYER = Layer(stiffness=1e7, thickness=4e-3, joint_damping=0.02, object_damping=
 RATE = 7.35  # frames a second, STAG's
 TOLERANCE = 0.02  # relative error of the sensors' forces in a step of the solver
 EFFECTS = get_args(Effect)
-TRAINING_SESSIONS = 2  # as in STAG; the others are the test side
+TRAINING_SESSIONS = 2  # as in STAG; the others are the test set
 BLOCK = 96  # frames that are solved and read together
 MIN_RECORDINGS_PER_WORKER = 20  # with fewer, starting a process takes longer than it saves
-# m, and share: the glove's shift and the hand's size from session to session
-SLIP_STD, SCALE_STD = 0.002, 0.02
+SLIP_STD = 0.002  # m: the glove's shift from session to session
+SCALE_STD = 0.02  # share: the hand's size from session to session
 
 SessionObject = tuple[int, int]  # the recording of a session's and an object's number
 
@@ -45,14 +53,15 @@ class Recipe:
 
     Args:
         objects: the objects, with the empty hand.
-        sessions: number of sessions; the first TRAINING_SESSIONS are the training side, but never
-            all.
-        frames, grasps: number of them in each recording.
+        sessions: number of sessions; the first TRAINING_SESSIONS are the training set, but never
+            all of them.
+        frames: number of frames in each recording.
+        grasps: number of grasps in each recording.
         seed: seed of every random draw.
         layer: skin, glove and damping.
-        effects: those of EFFECTS that are simulated; the others are not computed. Without `weight`
-            nothing pulls on the object, but the squeeze still follows its weight. `weight` needs
-            `motion`.
+        effects: the effects of EFFECTS that are simulated; the others are not computed. Without
+            `weight` nothing pulls on the object, but the squeeze still follows its weight. `weight`
+            needs `motion`.
     """
 
     objects: tuple[GraspObject, ...]
@@ -63,67 +72,88 @@ class Recipe:
     layer: Layer = LAYER
     effects: frozenset[str] = frozenset(EFFECTS)
 
-    def side(self, session: int) -> str:
-        """`train` or `test`, the side of a session in the published split."""
-        return "train" if session < min(TRAINING_SESSIONS, self.sessions - 1) else "test"
+    def published_set(self, session: int) -> str:
+        """Return `train` or `test`, the set of a session in the published split."""
+        if session < min(TRAINING_SESSIONS, self.sessions - 1):
+            return "train"
+        return "test"
 
     @property
     def recordings(self) -> list[SessionObject]:
-        """Every recording, session by session."""
-        return [
-            (session, number)
-            for session in range(self.sessions)
-            for number in range(len(self.objects))
-        ]
+        """Return every recording, session by session."""
+        return list(product(range(self.sessions), range(len(self.objects))))
 
 
 def recipe_from_params(glove: Any) -> Recipe:
-    """The recipe in the section `glove` of params.yaml."""
-    objects, frames = select_objects(glove.objects), OPENING + glove.grasps * glove.grasp_frames
-    effects = frozenset(EFFECTS) - set(glove.leave_out)
-    return Recipe(objects, glove.sessions, frames, glove.grasps, glove.seed, effects=effects)
+    """Return the recipe of the section `glove` of params.yaml."""
+    return Recipe(
+        objects=select_objects(glove.objects),
+        sessions=glove.sessions,
+        frames=OPENING + glove.grasps * glove.grasp_frames,
+        grasps=glove.grasps,
+        seed=glove.seed,
+        effects=frozenset(EFFECTS) - set(glove.leave_out),
+    )
 
 
 class Simulation:
-    """Simulates B recordings of a recipe side by side: all of them, or the `recordings`.
+    """The simulation of B recordings of a recipe together.
+
+    Args:
+        recipe: the recipe.
+        recordings: its recordings to simulate; None for all.
 
     Attributes:
+        names: of the objects.
+        hands: a hand with a glove for each recording.
+        solids: their objects.
+        stiffness: (B,) Pa/m of the objects' surfaces.
         drive: prescribed motion and loads of the recordings.
+        sensors: their sensors.
         statistics: cost of the integration so far, see `ImplicitIntegrator`.
     """
 
     def __init__(self, recipe: Recipe, recordings: list[SessionObject] | None = None):
-        self.recipe, self.recordings = (
-            recipe,
-            recipe.recordings if recordings is None else recordings,
-        )
+        if recordings is None:
+            recordings = recipe.recordings
+        self.recipe = recipe
+        self.recordings = recordings
         sessions = [session for session, _ in self.recordings]
         self.hands = stag_hands(*map(self._fit, sessions))
         objects = [recipe.objects[number] for _, number in self.recordings]
-        self.names = [one.name for one in objects]
-        self.solids = Solids([list(one.parts) for one in objects])
-        self.stiffness = np.array([one.stiffness for one in objects])
+        self.names = [grasp_object.name for grasp_object in objects]
+        self.solids = Solids([list(grasp_object.parts) for grasp_object in objects])
+        self.stiffness = np.array([grasp_object.stiffness for grasp_object in objects])
         self.drive = plan(
-            objects, self.hands, self.solids,
-            [stream(recipe.seed, f"glove habit {name}") for name in self.names], self._streams("scene"),
-            frames=recipe.frames, grasps=recipe.grasps, effects=recipe.effects,
-        )  # fmt: skip
+            objects,
+            self.hands,
+            self.solids,
+            [stream(recipe.seed, f"glove habit {name}") for name in self.names],
+            self._streams("scene"),
+            frames=recipe.frames,
+            grasps=recipe.grasps,
+            effects=recipe.effects,
+        )
         self.sensors = Sensors(
             self.hands, recipe.seed, sessions, self._streams("noise"), recipe.effects
         )
         self.statistics: Counter[str] = Counter()
 
     def blocks(self, on_frames: Callable[[int], object] | None = None) -> Iterator[np.ndarray]:
-        """Counts (B, T, 32, 32) int16 of all B recordings, at most BLOCK frames at a time.
+        """Yield the counts int16 (B, T, 32, 32) of all B recordings, block by block.
 
-        `on_frames` is called with the number of frames, of all recordings together, that were
-        solved in a step.
+        Args:
+            on_frames: is called with the number of frames, of all recordings together, that were
+                solved in a step.
+
+        Yields:
+            Blocks of at most BLOCK frames.
         """
-        recipe, y = self.recipe, None
-        for start in range(0, recipe.frames, BLOCK):
-            stop = min(start + BLOCK, recipe.frames)
+        frames = self.recipe.frames
+        y = self.mechanics(0, min(BLOCK, frames)).initial_state()
+        for start in range(0, frames, BLOCK):
+            stop = min(start + BLOCK, frames)
             mechanics = self.mechanics(start, stop)
-            y = mechanics.initial_state() if y is None else y
             integrator = ImplicitIntegrator(
                 mechanics, 1 / RATE, TOLERANCE, statistics=self.statistics, on_frames=on_frames
             )
@@ -132,10 +162,12 @@ class Simulation:
             yield self.sensors.read(*self.sensor_inputs(mechanics, states))
 
     def mechanics(self, start: int, stop: int) -> Mechanics:
-        """The equation of frames `start` to `stop`; its first knot is one frame before `start`."""
-        drive = Drive(
-            **{name: values[:, start : stop + 1] for name, values in vars(self.drive).items()}
-        )
+        """Return the equation of frames `start` to `stop`.
+
+        Its first knot is one frame before `start`.
+        """
+        knots = {name: values[:, start : stop + 1] for name, values in vars(self.drive).items()}
+        drive = Drive(**knots)
         return Mechanics(
             self.hands,
             self.solids,
@@ -148,32 +180,50 @@ class Simulation:
     def sensor_inputs(
         self, mechanics: Mechanics, states: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Pressure (B, T, S) Pa on the sensors and flexion (B, T, S) rad under them, for states (B, T, n)."""
+        """Return the pressure on the sensors and the flexion under them.
+
+        Args:
+            mechanics: the equation of T frames.
+            states: (B, T, n) at the frames' ends.
+
+        Returns:
+            Pressure (B, T, S) Pa, and flexion (B, T, S) rad.
+        """
         hands, frames, _ = states.shape
-        pressure, rows = np.zeros((hands, frames, len(self.hands.patch))), np.arange(hands)
+        rows = np.arange(hands)
+        pressure = np.zeros((hands, frames, len(self.hands.patch)))
         for t in range(frames):
-            balance = mechanics.evaluate(rows, np.full(hands, t + 1.0), states[:, t], palm=True)
-            sensor = balance.contacts.row, balance.contacts.sensor
-            np.add.at(
-                pressure[:, t], sensor, balance.force * balance.facing / self.hands.area[sensor]
-            )
-        bend = np.maximum(states[:, :, :10].reshape(hands, frames, 5, 2) - OPEN, 0)
+            time = np.full(hands, t + 1.0)
+            balance = mechanics.evaluate(rows, time, states[:, t], palm=True)
+            sensor = (balance.contacts.row, balance.contacts.sensor)
+            on_sensor = balance.force * balance.facing / self.hands.area[sensor]
+            np.add.at(pressure[:, t], sensor, on_sensor)
+        return pressure, self._flexion(states)
+
+    def _flexion(self, states: np.ndarray) -> np.ndarray:
+        """Return the flexion (B, T, S) rad under the sensors, for states (B, T, n)."""
+        hands, frames, _ = states.shape
+        q = states[:, :, :JOINT_COORDINATES].reshape(hands, frames, FINGERS, 2)
+        bend = np.maximum(q - OPEN, 0)
         patch = self.hands.patch
-        on_link = patch < LINK_PATCHES
-        # the palm's folds
+        # the palm folds with all fingers
         flexion = np.repeat(bend[..., 0].mean(axis=-1, keepdims=True), len(patch), axis=-1)
-        flexion[..., on_link] = (bend @ COUPLING.T)[:, :, patch[on_link] // 3, patch[on_link] % 3]
-        return pressure, flexion
+        on_link = patch < LINK_PATCHES
+        finger, link = np.divmod(patch[on_link], LINKS_OF_FINGER)
+        flexion[..., on_link] = (bend @ COUPLING.T)[:, :, finger, link]
+        return flexion
 
     def _fit(self, session: int) -> Fit:
-        """Size of the hand, and place of its glove, in a session."""
+        """Return the size of the hand, and the place of its glove, in a session."""
         if "fit" not in self.recipe.effects:
             return USUAL
         rng = stream(self.recipe.seed, "glove fit", session)
-        return 1 + SCALE_STD * rng.normal(), tuple(SLIP_STD * rng.normal(size=2))
+        scale = 1 + SCALE_STD * rng.normal()
+        along, aside = SLIP_STD * rng.normal(size=2)
+        return scale, (along, aside)
 
     def _streams(self, purpose: str) -> list[np.random.Generator]:
-        """A generator for each recording, the same whatever other recordings there are."""
+        """Return a generator for each recording, the same whatever other recordings there are."""
         return [
             stream(self.recipe.seed, f"glove {purpose} {name}", session, 0)
             for name, (session, _) in zip(self.names, self.recordings, strict=True)
@@ -186,48 +236,68 @@ def simulate(recipe: Recipe, folder: Path, *, workers: int = 1) -> Counter[str]:
     The recordings do not depend on the number of worker processes. Memory holds a block of
     pressures, and all counts. The first process shows its progress, where the caller shows any.
 
+    Args:
+        recipe: the recipe.
+        folder: of the sessions' folders.
+        workers: largest number of processes.
+
     Returns:
         The cost, see `Simulation.statistics`.
     """
     workers = max(1, min(workers, len(recipe.recordings) // MIN_RECORDINGS_PER_WORKER))
-    shares = (recipe.recordings[worker::workers] for worker in range(workers))
     write = delayed(_write)
-    bar = is_shown()
-    costs = Parallel(n_jobs=workers)(
-        write(recipe, part, folder, bar=bar and not n) for n, part in enumerate(shares)
-    )
+    jobs = [
+        write(recipe, recipe.recordings[worker::workers], folder, bar=is_shown() and worker == 0)
+        for worker in range(workers)
+    ]
+    costs = Parallel(n_jobs=workers)(jobs)
     return sum(costs, Counter())
 
 
 def _write(
     recipe: Recipe, recordings: list[SessionObject], folder: Path, *, bar: bool
 ) -> Counter[str]:
-    """Simulate the recordings of one process into a folder of sessions; `bar`: this process shows the progress."""
-    simulation, (phase, _, grasp) = (
-        Simulation(recipe, recordings),
-        schedule(recipe.frames, recipe.grasps),
-    )
-    with (
-        shown(bar),
-        progress("frames of this process", "frames", len(recordings) * recipe.frames) as frames,
-    ):
-        blocks = list(simulation.blocks(on_frames=frames.update))
-    for (session, number), counts in zip(recordings, np.concatenate(blocks, axis=1), strict=True):
-        # HDF5 may say nothing where a disk is full
-        grasp_object, content = recipe.objects[number], BytesIO()
-        with h5py.File(content, "w") as file:
-            file.create_dataset(
-                "pressure", data=counts, compression="gzip", compression_opts=1, shuffle=True
-            )
-            file["time"] = np.arange(recipe.frames) / RATE
-            file["valid"], file["grasp"] = phase == HOLD, grasp.astype(np.int16)
-            file.attrs.update({
-                "object": grasp_object.name, "session": f"{session:03d}", "weight": float(grasp_object.weight),
-                "split": recipe.side(session),
-                "simulated": f"virtual glove, version {VERSION}, seed {recipe.seed}",
-                "effects": " ".join(sorted(recipe.effects)), "layer": str(recipe.layer), "tolerance": TOLERANCE,
-            })  # fmt: skip
-        path = folder / f"{session:03d}" / f"{number:03d}-{grasp_object.name}.h5"
+    """Simulate the recordings of one process into a folder of sessions, and return the cost.
+
+    `bar` says whether this process shows its progress.
+    """
+    simulation = Simulation(recipe, recordings)
+    frames = len(recordings) * recipe.frames
+    with shown(bar), progress("frames of this process", "frames", frames) as frame_bar:
+        blocks = list(simulation.blocks(on_frames=frame_bar.update))
+    for recording, counts in zip(recordings, np.concatenate(blocks, axis=1), strict=True):
+        session, number = recording
+        path = folder / f"{session:03d}" / f"{number:03d}-{recipe.objects[number].name}.h5"
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content.getbuffer())
+        path.write_bytes(_hdf5(recipe, recording, counts))
     return simulation.statistics
+
+
+def _hdf5(recipe: Recipe, recording: SessionObject, counts: np.ndarray) -> bytes:
+    """Return the content of a recording's file, from its counts (T, 32, 32).
+
+    It is made in memory, since HDF5 may say nothing where a disk is full.
+    """
+    session, number = recording
+    grasp_object = recipe.objects[number]
+    phase, _, grasp = schedule(recipe.frames, recipe.grasps)
+    content = BytesIO()
+    with h5py.File(content, "w") as file:
+        file.create_dataset(
+            "pressure", data=counts, compression="gzip", compression_opts=1, shuffle=True
+        )
+        file["time"] = np.arange(recipe.frames) / RATE
+        file["valid"] = phase == HOLD
+        file["grasp"] = grasp.astype(np.int16)
+        attributes = {
+            "object": grasp_object.name,
+            "session": f"{session:03d}",
+            "weight": float(grasp_object.weight),
+            "split": recipe.published_set(session),
+            "simulated": f"virtual glove, version {VERSION}, seed {recipe.seed}",
+            "effects": " ".join(sorted(recipe.effects)),
+            "layer": str(recipe.layer),
+            "tolerance": TOLERANCE,
+        }
+        file.attrs.update(attributes)
+    return content.getvalue()

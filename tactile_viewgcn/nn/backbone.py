@@ -20,7 +20,13 @@ INFERENCE_BATCH = 128  # frames; a larger batch takes memory and gains no speed
 
 
 class BasicBlock(nn.Module):
-    """Residual block of two 3x3 convolutions: (B, in, H, W) -> (B, out, H / stride, W / stride)."""
+    """Residual block of two 3x3 convolutions: (B, in, H, W) -> (B, out, H / stride, W / stride).
+
+    Args:
+        inputs: number of channels that it reads.
+        outputs: number of channels that it gives.
+        stride: of the first convolution.
+    """
 
     def __init__(self, inputs: int, outputs: int, stride: int = 1):
         super().__init__()
@@ -34,13 +40,16 @@ class BasicBlock(nn.Module):
                 nn.Conv2d(inputs, outputs, 1, stride, bias=False), nn.BatchNorm2d(outputs)
             )
 
-    def forward(self, x: Tensor) -> Tensor:
-        out = torch.relu(self.norm1(self.conv1(x)))
-        return torch.relu(self.norm2(self.conv2(out)) + self.shortcut(x))
+    def forward(self, maps: Tensor) -> Tensor:
+        """Return the maps (B, out, H / stride, W / stride) of maps (B, in, H, W)."""
+        inner = torch.relu(self.norm1(self.conv1(maps)))
+        return torch.relu(self.norm2(self.conv2(inner)) + self.shortcut(maps))
 
 
 class Stem(nn.Module):
-    """3x3 convolution, batch normalisation, ReLU and maximum pooling: (B, 1, H, W) -> (B, C, H / 2, W / 2).
+    """The first layers of the network: (B, 1, H, W) -> (B, C, H / 2, W / 2).
+
+    They are a 3x3 convolution, batch normalisation, ReLU and maximum pooling.
 
     Equivalent to these four layers, in fewer passes over its maps, the largest of the network. A
     frame has one channel, so the mean and variance of every map follow exactly from those of the
@@ -55,24 +64,33 @@ class Stem(nn.Module):
         self.norm: Any = nn.BatchNorm2d(outputs)
 
     def forward(self, frames: Tensor) -> Tensor:
+        """Return the maps (B, C, H / 2, W / 2) of frames (B, 1, H, W)."""
         norm = self.norm
         with torch.autocast(frames.device.type, enabled=False):
-            mean, variance = (
-                self._moments(frames) if self.training else (norm.running_mean, norm.running_var)
-            )
+            if self.training:
+                mean, variance = self._moments(frames)
+            else:
+                mean = norm.running_mean
+                variance = norm.running_var
             scale = norm.weight * (variance + norm.eps).rsqrt()
-            weight, bias = self.conv.weight * scale[:, None, None, None], norm.bias - mean * scale
+            weight = self.conv.weight * scale[:, None, None, None]
+            bias = norm.bias - mean * scale
         maps = functional.conv2d(frames, weight, bias, padding=1)
         return torch.relu(functional.max_pool2d(maps, 3, stride=2, padding=1))
 
     def _moments(self, frames: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean and variance (C,) of the convolution's maps over the batch; the running ones are updated."""
+        """Return the mean and variance (C,) of the convolution's maps over the batch.
+
+        The running moments are updated.
+        """
         # (B, H, W, 3, 3)
         patches = functional.pad(frames, (1, 1, 1, 1)).squeeze(1).unfold(1, 3, 1).unfold(2, 3, 1)
         patches = patches.permute(3, 4, 0, 1, 2).flatten(2).flatten(0, 1)  # (9, B * H * W)
-        count, centre = patches.shape[1], patches.mean(dim=1, keepdim=True)
+        count = patches.shape[1]
+        centre = patches.mean(dim=1, keepdim=True)
         patches = patches - centre
-        covariance, weight = patches @ patches.T / count, self.conv.weight.flatten(1)
+        covariance = patches @ patches.T / count
+        weight = self.conv.weight.flatten(1)
         mean = weight @ centre.squeeze(1)
         variance = ((weight @ covariance) * weight).sum(dim=1)
         with torch.no_grad():
@@ -88,21 +106,25 @@ class Backbone(nn.Module):
     Its weights are drawn from torch's default generator.
 
     Args:
-        options: `width`, channels of stage 1, half of stage 2's; `dropout`, share of stage 1's
-            channels dropped in training; `readout`: `average` of each map as in the paper, or
-            `grid`: averages of 4 x 4 parts of each map, which keep where on the hand a feature is,
-            and a linear layer to as many features.
+        options: `width` is the number of channels of stage 1, half of stage 2's. `dropout` is the
+            share of stage 1's channels that are dropped in training. `readout` is `average`, the
+            mean of each map as in the paper, or `grid`. The grid's means of 4 x 4 parts of each map
+            keep where on the hand a feature is; a linear layer turns them into as many features.
         maps: return the maps themselves, (B, 2 * width, H / 4, W / 4), in the precision of their
             computation.
 
     Attributes:
+        width: channels of stage 1.
         features: C, 2 * width.
+        maps: as given.
     """
 
     def __init__(self, options: BackboneParams, *, maps: bool = False):
         super().__init__()
         width = options.width
-        self.width, self.features, self.maps = width, 2 * width, maps
+        self.width = width
+        self.features = 2 * width
+        self.maps = maps
         self.stem = Stem(width)
         self.stage1 = nn.Sequential(BasicBlock(width, width), BasicBlock(width, width))
         self.dropout = nn.Dropout2d(options.dropout)
@@ -115,23 +137,37 @@ class Backbone(nn.Module):
             self.grid = nn.Sequential(join, nn.BatchNorm1d(self.features), nn.ReLU())
 
     def forward(self, frames: Tensor) -> Tensor:
-        maps = self.stage2(self.dropout(self.stage1(self.stem(frames))))
+        """Return the features (B, C) of frames (B, 1, H, W), or their maps."""
+        maps: Tensor = self.stage2(self.dropout(self.stage1(self.stem(frames))))
         if self.maps:
             return maps
-        maps = maps.float() if maps.dtype == torch.bfloat16 else maps
+        if maps.dtype == torch.bfloat16:
+            maps = maps.float()
         if self.grid is None:
             return maps.mean(dim=(2, 3))
         with torch.autocast(maps.device.type, enabled=False):
-            return self.grid(functional.adaptive_avg_pool2d(maps, GRID).flatten(1))
+            parts = functional.adaptive_avg_pool2d(maps, GRID).flatten(1)
+            features: Tensor = self.grid(parts)
+        return features
 
     def map_shape(self, shape: tuple[int, int]) -> tuple[int, int, int]:
-        """Shape of the maps (2 * width, H / 4, W / 4) of a frame (H, W), rounded up."""
-        height, width = (math.ceil(math.ceil(side / 2) / 2) for side in shape)
-        return 2 * self.width, height, width
+        """Return the shape of the maps (2 * width, H / 4, W / 4) of a frame (H, W), rounded up."""
+        height, width = shape
+        return 2 * self.width, _quarter(height), _quarter(width)
+
+
+def _quarter(length: int) -> int:
+    """Return the length of a map's edge after two halvings, each rounded up."""
+    return math.ceil(math.ceil(length / 2) / 2)
 
 
 @torch.no_grad()
 def extract_features(backbone: nn.Module, batches: Iterable[Tensor]) -> Tensor:
-    """Features (n, C), or maps (n, C, H, W), in evaluation mode, of batches of frames (B, 1, H, W) on its device."""
+    """Return the features (n, C), or maps (n, C, H, W), of frames, in evaluation mode.
+
+    Args:
+        backbone: is left in evaluation mode.
+        batches: frames (B, 1, H, W) on the backbone's device, n in all.
+    """
     backbone.eval()
     return torch.cat([backbone(frames) for frames in batches])

@@ -14,27 +14,38 @@ STEPS = 2.0**16  # of a squared distance, relative to the largest
 
 
 def squared_distances(positions: Tensor) -> Tensor:
-    """(..., N, 3) -> (..., N, N)."""
+    """Return the squared distances (..., N, N) of positions (..., N, 3)."""
     return (positions.unsqueeze(-2) - positions.unsqueeze(-3)).square().sum(dim=-1)
 
 
 def _ranks(positions: Tensor) -> Tensor:
-    """Squared distances (..., N, N) rounded to 65,536ths of the largest, so that equal ones are ties."""
+    """Return squared distances (..., N, N) in 65,536ths of the largest, so that ties are equal."""
     distances = squared_distances(positions.double())
     largest = distances.amax(dim=(-2, -1), keepdim=True)
-    return (distances / largest.clamp_min(torch.finfo(distances.dtype).tiny) * STEPS).round()
+    smallest_number = torch.finfo(distances.dtype).tiny
+    return (distances / largest.clamp_min(smallest_number) * STEPS).round()
 
 
 def nearest(positions: Tensor, count: int) -> Tensor:
-    """Indices (..., N, min(count, N)) of each node's nearest, itself included, nearest first."""
+    """Return the indices (..., N, min(count, N)) of each node's nearest, nearest first.
+
+    Args:
+        positions: (..., N, 3).
+        count: number of nearest nodes, the node itself included.
+    """
     order = _ranks(positions).sort(dim=-1, stable=True).indices
     return order[..., :count]
 
 
 def furthest_points(positions: Tensor, count: int) -> Tensor:
-    """Indices (..., count) by furthest point sampling (Qi et al. 2017), starting at node 0.
+    """Return the indices (..., count) of nodes that are far from each other, node 0 first.
 
-    Each next node is the one furthest from those chosen so far.
+    Each next node is the one furthest from the nodes chosen so far: furthest point sampling (Qi et
+    al., "PointNet++" (arXiv 1706.02413), section 3.2).
+
+    Args:
+        positions: (..., N, 3).
+        count: number of nodes to choose, N at most.
     """
     distances = _ranks(positions)
     chosen = torch.zeros(positions.shape[:-2], dtype=torch.long, device=positions.device)
@@ -51,24 +62,36 @@ def furthest_points(positions: Tensor, count: int) -> Tensor:
 
 
 def first_places(viewpoints: Tensor, count: int) -> Tensor:
-    """All viewpoints (V, 3) in their order, or the `count` that furthest point sampling chooses first, (count, 3)."""
-    return (
-        viewpoints if count == len(viewpoints) else viewpoints[furthest_points(viewpoints, count)]
-    )
+    """Return the viewpoints (count, 3) that a set of fewer views takes.
+
+    Args:
+        viewpoints: (V, 3).
+        count: V gives all viewpoints in their order; fewer are those that furthest point sampling
+            chooses first.
+    """
+    if count == len(viewpoints):
+        return viewpoints
+    return viewpoints[furthest_points(viewpoints, count)]
 
 
 def gather_nodes(values: Tensor, index: Tensor) -> Tensor:
-    """values (B, N, C), index (B, ...) -> (B, ..., C)."""
+    """Return the values (B, ..., C) of nodes by their index.
+
+    Args:
+        values: (B, N, C).
+        index: (B, ...), 0 to N - 1.
+    """
     batch, nodes, features = values.shape
-    first = torch.arange(0, batch * nodes, nodes, device=index.device).view(
-        -1, *[1] * (index.ndim - 1)
-    )
+    trailing = [1] * (index.ndim - 1)
+    first = torch.arange(0, batch * nodes, nodes, device=index.device).view(-1, *trailing)
     rows = values.reshape(-1, features).index_select(0, (index + first).flatten())
     return rows.view(*index.shape, features)
 
 
 def edge_geometry(positions: Tensor, neighbours: Tensor, distance: str = "squared") -> Tensor:
-    """g_ij of equation 1 for every node i and neighbour j: [v_i, v_j, v_i - v_j, |v_i - v_j|^2].
+    """Return g_ij of equation 1 for every node i and neighbour j.
+
+    It is [v_i, v_j, v_i - v_j, |v_i - v_j|^2].
 
     Args:
         positions: (B, N, 3).
@@ -82,6 +105,6 @@ def edge_geometry(positions: Tensor, neighbours: Tensor, distance: str = "square
     here = positions.unsqueeze(2).expand_as(there)
     difference = here - there
     length = difference.square().sum(dim=-1, keepdim=True)
-    return torch.cat(
-        [here, there, difference, length.sqrt() if distance == "plain" else length], dim=-1
-    )
+    if distance == "plain":
+        length = length.sqrt()
+    return torch.cat([here, there, difference, length], dim=-1)

@@ -10,11 +10,16 @@ MAX_MESSAGES = 1 << 22  # numbers in the largest array of messages; a larger one
 
 
 class NonLocalMessagePassing(nn.Module):
-    """Equations 3 and 4: r_i = sum_j m_ji, m_ji = LeakyReLU(Linear([F_j, F_i])); f_i = fusion([F_i, r_i]).
+    """Equations 3 and 4: each node receives messages from all nodes.
+
+    r_i = sum_j m_ji with m_ji = LeakyReLU(Linear([F_j, F_i])), and f_i = fusion([F_i, r_i]).
 
     The linear layer of a pair is the sum of two projections, one per node, so no pair is ever
     concatenated. (The released code sums m_ij instead: the same network with the two projections
     exchanged.)
+
+    Args:
+        features: C.
     """
 
     def __init__(self, features: int):
@@ -24,16 +29,17 @@ class NonLocalMessagePassing(nn.Module):
         self.norm = nn.BatchNorm1d(features)
 
     def received(self, nodes: Tensor) -> Tensor:
-        """Sums r (B, N, C) of the messages from all nodes (B, N, C) to each, itself included.
+        """Return the sums r (B, N, C) of the messages from all nodes (B, N, C) to each node.
+
+        A node sends a message to itself too.
 
         At most `MAX_MESSAGES` numbers, or the messages of one sender, are in memory at once. Where
         that takes several parts, the backward pass computes the messages again instead of keeping
         them.
         """
         sender, receiver = self.message.weight.chunk(2, dim=1)
-        parts = functional.linear(nodes, sender).split(
-            max(1, MAX_MESSAGES // max(1, nodes.numel())), dim=1
-        )
+        senders_at_once = max(1, MAX_MESSAGES // max(1, nodes.numel()))
+        parts = torch.split(functional.linear(nodes, sender), senders_at_once, dim=1)
         receivers = functional.linear(nodes, receiver, self.message.bias)
         if len(parts) == 1:
             return _sum_over(parts[0], receivers)
@@ -43,11 +49,17 @@ class NonLocalMessagePassing(nn.Module):
         return total
 
     def forward(self, nodes: Tensor) -> Tensor:
-        """(B, N, C) -> (B, N, C)."""
+        """Return the fused nodes f (B, N, C) of nodes (B, N, C)."""
         fused = self.fusion(torch.cat([nodes, self.received(nodes)], dim=-1))
         return functional.leaky_relu(self.norm(fused.flatten(0, 1)), SLOPE).view_as(nodes)
 
 
 def _sum_over(senders: Tensor, receivers: Tensor) -> Tensor:
-    """Sum over M senders j of LeakyReLU(receiver_i + sender_j): (B, M, C), (B, N, C) -> (B, N, C)."""
-    return functional.leaky_relu(receivers.unsqueeze(1) + senders.unsqueeze(2), SLOPE).sum(dim=1)
+    """Return the sums (B, N, C) over senders j of LeakyReLU(receiver_i + sender_j).
+
+    Args:
+        senders: (B, M, C).
+        receivers: (B, N, C).
+    """
+    pairs = receivers.unsqueeze(1) + senders.unsqueeze(2)  # (B, M, N, C)
+    return functional.leaky_relu(pairs, SLOPE).sum(dim=1)

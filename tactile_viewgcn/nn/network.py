@@ -1,5 +1,6 @@
-"""A network on view sets: the backbone turns frames into features, the head turns view sets of them into logits."""
+"""A network on view sets: a backbone turns frames into features, a head joins them to logits."""
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,18 +25,24 @@ class ViewNetwork(nn.Module):
     """Backbone and head for V views.
 
     Args:
-        system: the head's class; model: its options and the backbone's.
-        viewpoints: (V, 3); classes: their number; shape: (H, W) of a frame.
+        system: the head's class.
+        viewpoints: (V, 3).
+        classes: number of classes.
+        model: options of the head and of the backbone.
+        shape: (H, W) of a frame.
 
     Attributes:
         backbone: frames (n, 1, H, W) to features (n, *feature_shape).
+        feature_shape: (C,), or (C, H, W) of a head that takes maps.
         head: features (B, k, *feature_shape) of view sets to logits, see `ViewSystem`.
-        viewpoints: (V, 3); views: V.
+        viewpoints: (V, 3).
+        views: V.
         takes_fewer: whether it also answers fewer views than V, cheaply.
         clusters: draws the view sets of whole recordings, if it was trained on clusters; else None.
+        transform: of frames, as a table of frames names it; None: as the table has it.
     """
 
-    transform: str | None = None  # of frames: the table's
+    transform: str | None = None
     clusters: "RecordingClusters | None" = None
     viewpoints: Tensor
 
@@ -51,23 +58,27 @@ class ViewNetwork(nn.Module):
         self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
         maps = system.takes == "maps"
         self.backbone = Backbone(model.backbone, maps=maps)
-        self.feature_shape = self.backbone.map_shape(shape) if maps else (self.backbone.features,)
-        self.head, self.views = (
-            system(viewpoints, self.feature_shape, classes, model),
-            len(viewpoints),
-        )
+        self.feature_shape: tuple[int, ...] = (self.backbone.features,)
+        if maps:
+            self.feature_shape = self.backbone.map_shape(shape)
+        self.head = system(viewpoints, self.feature_shape, classes, model)
+        self.views = len(viewpoints)
         # on maps the head costs more than the backbone
         self.takes_fewer = self.head.takes_fewer and not maps
 
     def prepare(self, compute: Compute) -> None:
         """Prepare for answers: evaluation mode, on the device of `compute`."""
         self._compute = compute
-        # type: ignore[call-overload]  # torch's types lack it
-        self.eval().to(compute.device, memory_format=torch.channels_last)
+        self.eval()
+        # torch's types lack the argument
+        self.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     @torch.inference_mode()
     def frame_values(self, inputs: "Counts") -> Tensor:
-        """Features (n, C), or maps (n, C, H, W), on the device, of network input (n, H, W)."""
+        """Return the features (n, C), or maps (n, C, H, W), of network input (n, H, W).
+
+        They are on the device of `prepare`.
+        """
         starts = range(0, len(inputs), INFERENCE_BATCH)
         parts = (torch.from_numpy(inputs[start : start + INFERENCE_BATCH]) for start in starts)
         with self._compute.autocast():
@@ -75,12 +86,15 @@ class ViewNetwork(nn.Module):
 
     @torch.inference_mode()
     def view_sets(self, values: Tensor, sets: np.ndarray) -> np.ndarray:
-        """Logits (A, classes) of view sets (A, k) of indices into `frame_values` (n, ...)."""
-        return (
-            view_set_logits(self.head, values, torch.from_numpy(sets).to(values.device))
-            .cpu()
-            .numpy()
-        )
+        """Return the logits (A, classes) of view sets.
+
+        Args:
+            values: (n, ...) `frame_values`.
+            sets: (A, k) indices into them.
+        """
+        index = torch.from_numpy(sets).to(values.device)
+        logits: np.ndarray = view_set_logits(self.head, values, index).cpu().numpy()
+        return logits
 
     def recording(self, values: Tensor, points: "Counts | None" = None) -> np.ndarray:
         """Return the logits (classes,) of a whole recording.
@@ -93,42 +107,61 @@ class ViewNetwork(nn.Module):
         Args:
             values: (T, ...) `frame_values` of the recording's frames in the order of time.
             points: (T, S) network input of these frames at the live sensors, by which they are
-                clustered.
+                clustered; needed by a network that was trained on clusters.
+
+        Raises:
+            TypeError: points are needed and missing.
         """
         if self.head.takes_more:
-            return self.view_sets(values, np.arange(len(values))[None])[0]
+            every_frame = np.arange(len(values))[None]
+            logits: np.ndarray = self.view_sets(values, every_frame)[0]
+            return logits
         if self.clusters is None:
             sets = recording_sets(len(values), self.views)
+        elif points is None:
+            raise TypeError(
+                "a network that was trained on clusters needs the points of a recording's frames"
+            )
         else:
-            if points is None:
-                raise TypeError(
-                    "a network that was trained on clusters needs the points of a recording's frames"
-                )
             sets = self.clusters.view_sets(points, self.views)
-        return log_softmax(self.view_sets(values, sets), axis=1).mean(axis=0)
+        mean: np.ndarray = log_softmax(self.view_sets(values, sets), axis=1).mean(axis=0)
+        return mean
 
 
 def recording_sets(count: int, views: int) -> np.ndarray:
-    """The fewest view sets (S, V) of indices that use each of a recording's `count` frames.
+    """Return the fewest view sets (S, V) of indices that use each frame of a recording.
 
-    Each is spread over the recording, in the order of time. Where V does not divide the frames,
-    some are used twice: of three frames two sets of two views are 0, 1 and 1, 2.
+    Each set is spread over the recording, in the order of time. Where V does not divide the number
+    of frames, some frames are used twice: two sets of two views of three frames are 0, 1 and 1, 2.
+
+    Args:
+        count: number of frames.
+        views: V.
     """
-    number = -(-count // views)
-    return spread_frames(count, number * views).reshape(views, number).T
+    sets = math.ceil(count / views)
+    return spread_frames(count, sets * views).reshape(views, sets).T
 
 
 def spread_frames(count: int, views: int) -> np.ndarray:
-    """Indices int64 (views,) into `count` frames, evenly spread; they repeat where there are fewer than `views`."""
+    """Return indices int64 (views,) that are evenly spread over frames.
+
+    Args:
+        count: number of frames; indices repeat where there are fewer frames than views.
+        views: number of indices.
+    """
     return ((np.arange(views) + 0.5) * count / views).astype(np.int64)
 
 
 def view_set_logits(head: ViewSystem, features: Tensor, sets: Tensor) -> Tensor:
-    """Logits (A, classes) of view sets (A, k) of indices into features (n, ...), in batches that fit memory.
+    """Return the logits (A, classes) of view sets, in batches that fit memory.
 
-    Frames are numbered in the order of time.
+    Args:
+        head: the system that joins the views.
+        features: (n, ...) of frames, which are numbered in the order of time.
+        sets: (A, k) indices into them.
     """
     batch = max(1, MAX_NODE_VALUES // (sets.shape[1] * features[0].numel()))
     if head.in_time_order:
         sets = sets.sort(dim=1).values
-    return torch.cat([head(features[part])[0] for part in sets.split(batch)])
+    parts = torch.split(sets, batch)
+    return torch.cat([head(features[part])[0] for part in parts])

@@ -1,4 +1,4 @@
-"""The interface of every network on the backbone: several views of one object to class logits, and its loss.
+"""The interface of every network on the backbone: views of one object to logits, and a loss.
 
 A system is one file of systems/, named as `model.system` names it, with one subclass of
 `ViewSystem`.
@@ -37,19 +37,35 @@ class ViewSystem(nn.Module):
     capturable = True
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
-        """Logits (B, classes), and further tensors for `loss`."""
+        """Return the logits (B, classes) of views (B, k, ...), and further tensors for `loss`."""
         raise NotImplementedError
 
     def loss(self, logits: Tensor, aux: list[Tensor], labels: Tensor) -> Tensor:
-        """Cross-entropy of `forward`'s results for the classes (B,), unless a subclass has another loss."""
+        """Return the loss of `forward`'s results: the cross-entropy, if a subclass has no other.
+
+        Args:
+            logits: (B, classes).
+            aux: the further tensors.
+            labels: (B,) classes.
+        """
         return functional.cross_entropy(logits, labels)
 
     def load_frame_classifier(self, weights: dict[str, Tensor]) -> None:
-        """Start from the linear classifier of single frames, `weight` (classes, C) and `bias` (classes,)."""
+        """Start from the linear classifier of single frames, where the system has such a layer.
+
+        Args:
+            weights: `weight` (classes, C) and `bias` (classes,).
+        """
 
 
 def shape_classifier(inputs: int, features: int, classes: int) -> nn.Sequential:
-    """The paper's classifier of a shape descriptor, (B, inputs) -> (B, classes)."""
+    """Return the paper's classifier of a shape descriptor: (B, inputs) -> (B, classes).
+
+    Args:
+        inputs: length of the descriptor.
+        features: hidden units.
+        classes: number of classes.
+    """
     return nn.Sequential(
         nn.Linear(inputs, features),
         nn.Dropout(DROPOUT),

@@ -1,4 +1,4 @@
-"""Equation 5 of the paper, selective view sampling: the nodes that the next level of the view-graph keeps."""
+"""Equation 5 of the paper: which nodes the next level of the view-graph keeps."""
 
 import torch
 from torch import Tensor, nn
@@ -7,73 +7,100 @@ from tactile_viewgcn.nn.graph import furthest_points, gather_nodes, nearest
 
 
 class SelectiveViewSampling(nn.Module):
-    """Equation 5: each of M furthest points is replaced by the neighbour that a classifier is most confident of.
+    """Equation 5: each of M furthest points gives way to its most confidently classified neighbour.
 
     Args:
-        features, classes: C and the number of classes.
+        features: C.
+        classes: number of classes.
         samples: M, the nodes of the next level.
         neighbours: K, the nodes that a sampled view chooses from, itself included.
-        joint: one linear layer sees the q-th neighbours of all sampled views at once and its
-            softmax runs over the sampled views, as in the released code, instead of a classifier
-            per sampled view.
+        joint: as in the released code, one linear layer sees the q-th neighbours of all sampled
+            views at once, and its softmax runs over the sampled views. Else each sampled view has
+            its own classifier.
     """
 
     def __init__(
         self, features: int, classes: int, samples: int, *, neighbours: int, joint: bool = False
     ):
         super().__init__()
-        self.samples, self.classes, self.neighbours, self.joint = (
-            samples,
-            classes,
-            neighbours,
-            joint,
-        )
+        self.samples = samples
+        self.classes = classes
+        self.neighbours = neighbours
+        self.joint = joint
         if joint:
             self.classifier: nn.Module = nn.Linear(features * samples, classes * samples)
         else:
             self.classifier = LinearPerView(samples, features, classes)
 
     def logits(self, candidates: Tensor) -> Tensor:
-        """candidates (B, M, K, C) -> class logits (B, M, K, classes)."""
+        """Return the class logits (B, M, K, classes) of candidates (B, M, K, C)."""
         if not self.joint:
-            return self.classifier(candidates)
+            logits: Tensor = self.classifier(candidates)
+            return logits
         batch, samples, near, _ = candidates.shape
-        out = self.classifier(candidates.transpose(1, 2).reshape(batch, near, -1))
-        return out.view(batch, near, samples, self.classes).transpose(1, 2)
+        joined = candidates.transpose(1, 2).reshape(batch, near, -1)  # (B, K, M * C)
+        logits = self.classifier(joined)
+        return logits.view(batch, near, samples, self.classes).transpose(1, 2)
 
     def forward(
         self, nodes: Tensor, positions: Tensor, samples: int
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """nodes (B, N, C), positions (B or 1, N, 3) -> nodes (B, m, C), positions (B, m, 3), logits (B, m, K, Y).
+        """Return the nodes of the next level, and the logits of their candidates.
 
-        m is `samples`: M, or fewer in a graph of fewer nodes.
+        Args:
+            nodes: (B, N, C).
+            positions: (B, N, 3), or (1, N, 3) where they are common to all.
+            samples: m, the nodes to keep: M, or fewer in a graph of fewer nodes.
+
+        Returns:
+            Nodes (B, m, C), their positions (B, m, 3), and logits (B, m, K, classes).
         """
+        batch = len(nodes)
         sampled = furthest_points(positions, samples)  # (B or 1, m)
         near = gather_nodes(nearest(positions, self.neighbours), sampled)  # (B or 1, m, K)
-        near = near.expand(len(nodes), -1, -1)
+        near = near.expand(batch, -1, -1)
         logits = self.logits(gather_nodes(nodes, near))
-        chosen = near.gather(-1, self.most_confident(logits).unsqueeze(-1)).squeeze(-1)
-        return (
-            gather_nodes(nodes, chosen),
-            gather_nodes(positions.expand(len(nodes), -1, -1), chosen),
-            logits,
-        )
+        chosen = near.gather(-1, self.most_confident(logits).unsqueeze(-1)).squeeze(-1)  # (B, m)
+        kept_nodes = gather_nodes(nodes, chosen)
+        kept_positions = gather_nodes(positions.expand(batch, -1, -1), chosen)
+        return kept_nodes, kept_positions, logits
 
     def most_confident(self, logits: Tensor) -> Tensor:
-        """Index (B, m) of the candidate with the highest confidence, of logits (B, m, K, Y); ties to the nearest."""
+        """Return the index (B, m) of the candidate with the highest confidence.
+
+        Ties go to the nearest candidate.
+
+        Args:
+            logits: (B, m, K, classes).
+        """
         return self.confidence(logits).argmax(dim=-1)
 
     def confidence(self, logits: Tensor) -> Tensor:
-        """Log odds (B, m, K) of each candidate's most probable class, without a gradient."""
-        return log_odds(logits.detach(), dim=1 if self.joint else -1).amax(dim=-1)
+        """Return the log odds (B, m, K) of each candidate's most probable class.
+
+        They have no gradient.
+
+        Args:
+            logits: (B, m, K, classes).
+        """
+        over = -1  # classes
+        if self.joint:
+            over = 1  # sampled views
+        return log_odds(logits.detach(), dim=over).amax(dim=-1)
 
 
 def log_odds(logits: Tensor, dim: int) -> Tensor:
-    """log(p / (1 - p)) of p = softmax(logits), of the same shape; infinite where there is one choice alone.
+    """Return log(p / (1 - p)) of p = softmax(logits), of the same shape.
 
-    It grows with p even where p is rounded to 1, so that confident views can be ranked.
+    It grows with p even where p is rounded to 1, so that confident views can be ranked. It is
+    infinite where there is only one choice.
+
+    Args:
+        logits: of any shape.
+        dim: the dimension of the softmax.
     """
-    p, top = logits.softmax(dim), logits.argmax(dim, keepdim=True)
+    p = logits.softmax(dim)
+    top = logits.argmax(dim, keepdim=True)
     others = logits.scatter(dim, top, -torch.inf).logsumexp(dim, keepdim=True)
     # exact where p is at most 1 / 2
     all_odds = logits.log_softmax(dim) - torch.log1p(-p.scatter(dim, top, 0.0))
@@ -81,7 +108,13 @@ def log_odds(logits: Tensor, dim: int) -> Tensor:
 
 
 class LinearPerView(nn.Module):
-    """One linear layer for each sampled view: (B, m, K, i) -> (B, m, K, o), m up to M."""
+    """One linear layer for each sampled view: (B, m, K, i) -> (B, m, K, o), m up to M.
+
+    Args:
+        samples: M.
+        inputs: i.
+        outputs: o.
+    """
 
     def __init__(self, samples: int, inputs: int, outputs: int):
         super().__init__()
@@ -89,6 +122,8 @@ class LinearPerView(nn.Module):
         self.weight = nn.Parameter(torch.stack([layer.weight.detach() for layer in layers]))
         self.bias = nn.Parameter(torch.stack([layer.bias.detach() for layer in layers]))
 
-    def forward(self, x: Tensor) -> Tensor:
-        views = x.shape[1]
-        return torch.einsum("bmki,moi->bmko", x, self.weight[:views]) + self.bias[:views, None]
+    def forward(self, candidates: Tensor) -> Tensor:
+        """Return the outputs (B, m, K, o) of candidates (B, m, K, i)."""
+        views = candidates.shape[1]
+        product = torch.einsum("bmki,moi->bmko", candidates, self.weight[:views])
+        return product + self.bias[:views, None]

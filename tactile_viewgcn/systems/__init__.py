@@ -1,4 +1,4 @@
-"""The systems that `model.system` chooses from, a file each, and the code that loads the chosen one alone."""
+"""The systems that `model.system` chooses from, a file each; only the chosen one is loaded."""
 
 from importlib import import_module
 from types import ModuleType
@@ -9,20 +9,24 @@ if TYPE_CHECKING:
 
 
 def load_system(name: str) -> ModuleType:
-    """The file of systems/ that `model.system` names; no other system's code is loaded."""
+    """Return the file of systems/ that `model.system` names; no other is loaded."""
     return import_module(f"tactile_viewgcn.systems.{name}")
 
 
 def system_class(name: str) -> "type[ViewSystem]":
-    """The class of a system on the backbone."""
+    """Return the class of a system on the backbone: the only one that its file defines.
+
+    Args:
+        name: as in `model.system`.
+
+    Raises:
+        LookupError: the file defines no such class.
+    """
     from tactile_viewgcn.nn.system import ViewSystem
 
     module = load_system(name)
-    defined = (
-        value
-        for value in vars(module).values()
-        if getattr(value, "__module__", "") == module.__name__
-    )
-    return next(
-        value for value in defined if isinstance(value, type) and issubclass(value, ViewSystem)
-    )
+    for value in vars(module).values():
+        is_defined_here = getattr(value, "__module__", "") == module.__name__
+        if is_defined_here and isinstance(value, type) and issubclass(value, ViewSystem):
+            return value
+    raise LookupError(f"{module.__name__} defines no system on the backbone")

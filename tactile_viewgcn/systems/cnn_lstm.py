@@ -21,5 +21,6 @@ class CNNLSTM(ViewSystem):
         self.classifier = nn.Linear(shape[0], classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
+        """Return the logits (B, classes) of features (B, k, C) in the order of time."""
         states, _ = self.memory(views)
         return self.classifier(states[:, -1]), []

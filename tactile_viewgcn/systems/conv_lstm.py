@@ -1,4 +1,4 @@
-"""ConvLSTM: a long short-term memory over the views' feature maps, whose gates are one 3x3 convolution.
+"""ConvLSTM: a long short-term memory over the views' maps, whose gates are one 3x3 convolution.
 
 Shi et al., "Convolutional LSTM network: a machine learning approach for precipitation nowcasting"
 (arXiv 1506.04214), without its peephole connections. Its convolutions are computed in the precision
@@ -13,7 +13,10 @@ from tactile_viewgcn.params import Model
 
 
 class ConvLSTM(ViewSystem):
-    """Maps (B, k, C, H, W), the earliest first, to logits (B, classes) of the last state's average over H and W."""
+    """Maps (B, k, C, H, W), the earliest first, to logits (B, classes).
+
+    The logits are of the last state's average over H and W.
+    """
 
     takes = "maps"
     in_time_order = True
@@ -25,11 +28,11 @@ class ConvLSTM(ViewSystem):
         self.classifier = nn.Linear(shape[0], classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
+        """Return the logits (B, classes) of maps (B, k, C, H, W) in the order of time."""
         hidden = torch.zeros_like(views[:, 0])
         cell = torch.zeros_like(hidden, dtype=self.classifier.weight.dtype)
-        with torch.autocast(
-            views.device.type, torch.bfloat16, enabled=views.dtype == torch.bfloat16
-        ):
+        in_bfloat16 = views.dtype == torch.bfloat16
+        with torch.autocast(views.device.type, torch.bfloat16, enabled=in_bfloat16):
             for view in views.unbind(dim=1):
                 gates = self.gates(torch.cat([view, hidden], dim=1)).chunk(4, dim=1)
                 input_gate, forget_gate, output_gate, candidate = gates

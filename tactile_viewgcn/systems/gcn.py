@@ -1,4 +1,4 @@
-"""GCN: two graph convolutions on the view-graph with fixed weights, then the maximum over its nodes.
+"""GCN: two graph convolutions on the view-graph, whose edges are fixed, then the nodes' maximum.
 
 Kipf and Welling, "Semi-supervised classification with graph convolutional networks" (arXiv
 1609.02907).
@@ -25,22 +25,27 @@ class GCN(ViewSystem):
     def __init__(self, viewpoints: Tensor, shape: tuple[int, ...], classes: int, model: Model):
         super().__init__()
         self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
-        self.neighbours = (
-            model.neighbours[0] if isinstance(model.neighbours, list) else model.neighbours
-        )
+        if isinstance(model.neighbours, list):
+            self.neighbours = model.neighbours[0]
+        else:
+            self.neighbours = model.neighbours
         self.layers = nn.ModuleList(nn.Linear(shape[0], shape[0]) for _ in range(2))
         self.classifier = shape_classifier(shape[0], shape[0], classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
+        """Return the logits (B, classes) of features (B, k, C)."""
         positions = first_places(self.viewpoints, views.shape[1])
-        adjacency, nodes = normalised_adjacency(positions, self.neighbours), views
+        adjacency = normalised_adjacency(positions, self.neighbours)
+        nodes = views
         for layer in self.layers:
             nodes = torch.relu(adjacency @ layer(nodes))
         return self.classifier(nodes.amax(dim=1)), []
 
 
 def normalised_adjacency(positions: Tensor, neighbours: int) -> Tensor:
-    """D^-1/2 A D^-1/2 (N, N) of the graph that joins two nodes where one is among the other's nearest.
+    """Return the normalised adjacency D^-1/2 A D^-1/2 (N, N) of the view-graph.
+
+    The graph joins two nodes where one is among the other's nearest (Kipf and Welling, equation 2).
 
     Args:
         positions: (N, 3).

@@ -31,15 +31,17 @@ class GVCNN(ViewSystem):
         self.classifier = shape_classifier(shape[0], shape[0], classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
+        """Return the logits (B, classes) of maps (B, k, C, H, W)."""
         views = views.to(self.score.weight.dtype)
         size = self.score(views.flatten(2)).squeeze(-1).abs()
         # sigma(log size), which needs no logarithm of 0; NaN where it is not finite
         scores = size / (1 + size)
-        return self.classifier(grouped_mean(views.mean(dim=(3, 4)), scores, self.groups)), []
+        descriptor = grouped_mean(views.mean(dim=(3, 4)), scores, self.groups)
+        return self.classifier(descriptor), []
 
 
 def grouped_mean(features: Tensor, scores: Tensor, groups: int) -> Tensor:
-    """Mean (B, C) of the groups' mean features, weighted by their mean scores.
+    """Return the mean (B, C) of the groups' mean features, weighted by their mean scores.
 
     Args:
         features: (B, k, C).

@@ -17,4 +17,5 @@ class MeanViews(ViewSystem):
         self.classifier = shape_classifier(shape[0], shape[0], classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
+        """Return the logits (B, classes) of features (B, k, C)."""
         return self.classifier(views.mean(dim=1)), []

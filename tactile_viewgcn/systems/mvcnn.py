@@ -20,4 +20,5 @@ class MVCNN(ViewSystem):
         self.classifier = shape_classifier(shape[0], shape[0], classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
+        """Return the logits (B, classes) of features (B, k, C)."""
         return self.classifier(views.amax(dim=1)), []

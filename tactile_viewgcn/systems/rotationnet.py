@@ -1,9 +1,9 @@
-"""RotationNet: each view gives, for every viewpoint, probabilities of the classes and of "not at this viewpoint".
+"""RotationNet: each view gives probabilities of the classes for every viewpoint.
 
 Kanezaki et al., "RotationNet: joint object categorization and pose estimation using multiviews from
-unsupervised viewpoints" (arXiv 1603.06208). The viewpoint of each view is latent: a class takes the
-assignment of views to viewpoints that gives it the highest score, the sum over views of log
-p(class) - log p(not at this viewpoint).
+unsupervised viewpoints" (arXiv 1603.06208). One more class says "not at this viewpoint". The
+viewpoint of each view is latent: a class takes the assignment of views to viewpoints that gives it
+the highest score, the sum over views of log p(class) - log p(not at this viewpoint).
 """
 
 import numpy as np
@@ -15,40 +15,53 @@ from torch import Tensor, nn
 from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.params import Model
 
+LARGEST = 1e38  # what infinity counts as in an assignment
+
 
 class RotationNet(ViewSystem):
     """Features (B, V, C) to logits (B, classes), the score of each class under its best assignment.
 
-    An assignment is a permutation; the best one is computed exactly (Kuhn 1955), on the processor.
+    An assignment is a permutation; the best one is computed exactly, on the CPU, by the Hungarian
+    method (Kuhn 1955).
     """
 
     capturable = False
 
     def __init__(self, viewpoints: Tensor, shape: tuple[int, ...], classes: int, model: Model):
         super().__init__()
-        self.views, self.classes = len(viewpoints), classes
+        self.views = len(viewpoints)
+        self.classes = classes
         self.classifier = nn.Linear(shape[0], self.views * (self.classes + 1))
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
-        """Features (B, V, C) -> scores (B, classes), and log-probabilities (B, V views, V viewpoints, classes + 1).
+        """Return the scores of the classes, and the log-probabilities that the loss needs.
 
-        The score of a class whose log-probabilities are not all finite is NaN.
+        Args:
+            views: features (B, V, C).
+
+        Returns:
+            Scores (B, classes); the score of a class whose log-probabilities are not all finite is
+            NaN. Log-probabilities (B, V views, V viewpoints, classes + 1).
         """
-        log_p = (
-            self.classifier(views).unflatten(-1, (self.views, self.classes + 1)).log_softmax(dim=-1)
-        )
+        logits = self.classifier(views).unflatten(-1, (self.views, self.classes + 1))
+        log_p = logits.log_softmax(dim=-1)
         # (B, classes, views, viewpoints)
         ratio = (log_p[..., :-1] - log_p[..., -1:]).permute(0, 3, 1, 2)
-        scores = (
-            ratio.gather(-1, best_permutation(ratio.detach()).unsqueeze(-1)).flatten(2).sum(dim=-1)
-        )
-        return scores.masked_fill(~ratio.isfinite().flatten(2).all(dim=-1), torch.nan), [log_p]
+        place = best_permutation(ratio.detach()).unsqueeze(-1)
+        scores = ratio.gather(-1, place).flatten(2).sum(dim=-1)
+        is_finite = ratio.isfinite().flatten(2).all(dim=-1)
+        return scores.masked_fill(~is_finite, torch.nan), [log_p]
 
     def loss(self, logits: Tensor, aux: list[Tensor], labels: Tensor) -> Tensor:
-        """Cross-entropy of every view at every viewpoint, summed over viewpoints; mean over the batch and its views.
+        """Return the cross-entropy of every view at every viewpoint, summed over viewpoints.
 
-        The target is the object's class at the viewpoint of the best assignment, "not at this
-        viewpoint" elsewhere.
+        It is the mean over the batch and its views. The target is the object's class at the
+        viewpoint of the best assignment, "not at this viewpoint" elsewhere.
+
+        Args:
+            logits: (B, classes), not used.
+            aux: the log-probabilities of `forward`.
+            labels: (B,) classes.
         """
         (log_p,) = aux
         rows = torch.arange(len(labels), device=labels.device)
@@ -60,11 +73,13 @@ class RotationNet(ViewSystem):
 
 
 def best_permutation(ratio: Tensor) -> Tensor:
-    """The permutation (..., V) with the highest sum of each matrix (..., V, V); any, if not all entries are finite."""
-    matrices = (
-        ratio.double().nan_to_num(0.0, 1e38, -1e38).cpu().numpy().reshape(-1, *ratio.shape[-2:])
-    )
-    place = np.array(
-        [linear_sum_assignment(matrix, maximize=True)[1] for matrix in matrices], dtype=np.int64
-    )
+    """Return the permutation (..., V) with the highest sum of each matrix.
+
+    Args:
+        ratio: (..., V, V); where not all entries are finite, the permutation is any.
+    """
+    finite = ratio.double().nan_to_num(0.0, LARGEST, -LARGEST)
+    matrices = finite.cpu().numpy().reshape(-1, *ratio.shape[-2:])
+    places = [linear_sum_assignment(matrix, maximize=True)[1] for matrix in matrices]
+    place = np.array(places, dtype=np.int64)
     return torch.from_numpy(place).to(ratio.device).view(ratio.shape[:-1])

@@ -1,4 +1,4 @@
-"""STAG's network: the maps of all views concatenated, a 1x1 convolution, global average pooling, a linear layer.
+"""STAG's network: a 1x1 convolution on the maps of all views, average pooling, a linear layer.
 
 Sundaram et al., "Learning the signatures of the human grasp using a scalable tactile glove", Nature
 569, 698-702 (2019). The convolution has no activation, so it commutes with the pooling: here it is
@@ -20,4 +20,5 @@ class STAGNet(ViewSystem):
         self.classifier = nn.Linear(shape[0], classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
+        """Return the logits (B, classes) of features (B, V, C)."""
         return self.classifier(self.join(views.flatten(1))), []

@@ -1,4 +1,4 @@
-"""Tactile-ViewGCN's graph network: features of V views to class logits, equations 1 to 6 of the paper.
+"""Tactile-ViewGCN's graph network: features of V views to logits, equations 1 to 6 of the paper.
 
 Wei et al., "View-GCN: View-based graph convolutional network for 3D shape analysis" (CVPR 2020).
 Everything is computed in the precision of the weights, float32: that costs little beside the
@@ -16,23 +16,28 @@ from tactile_viewgcn.nn.graph import edge_geometry, first_places, nearest
 from tactile_viewgcn.nn.message_passing import SLOPE, NonLocalMessagePassing
 from tactile_viewgcn.nn.system import ViewSystem, shape_classifier
 from tactile_viewgcn.nn.view_selection import SelectiveViewSampling
-from tactile_viewgcn.params import Model
+from tactile_viewgcn.params import LEVELS, Model
 
 RELATION_UNITS = 10  # hidden units of equation 1's MLP
 SELECTOR_NEIGHBOURS = 4  # released: candidates for a sampled view, itself included
-LEVELS = 3  # of V, V // 2 and V // 4 nodes; one of fewer than two nodes is left out
 
 
 class LocalGraphConvolution(nn.Module):
-    """Equations 1 and 2: F_i = Psi(sum_j S_ij F_j W) over the nearest nodes j of i, itself included.
+    """Equations 1 and 2: F_i = Psi(sum_j S_ij F_j W) over the nearest nodes j of i.
 
-    S_ij is an MLP of the edge's geometry. Nothing stands between W and Psi's linear layer, so one
-    layer is both.
+    A node is among its own nearest. S_ij is an MLP of the edge's geometry. Nothing stands between W
+    and Psi's linear layer, so one layer is both.
+
+    Args:
+        features: C.
+        neighbours: K, the number of nearest nodes.
+        edge_distance: see `edge_geometry`.
     """
 
     def __init__(self, features: int, neighbours: int, edge_distance: str):
         super().__init__()
-        self.neighbours, self.edge_distance = neighbours, edge_distance
+        self.neighbours = neighbours
+        self.edge_distance = edge_distance
         self.relation = nn.Sequential(
             nn.Linear(10, RELATION_UNITS),
             nn.LeakyReLU(SLOPE),
@@ -44,10 +49,15 @@ class LocalGraphConvolution(nn.Module):
         self.norm = nn.BatchNorm1d(features)
 
     def forward(self, nodes: Tensor, positions: Tensor) -> Tensor:
-        """nodes (B, N, C), positions (B, N, 3), or (1, N, 3) where they are common to all -> (B, N, C)."""
+        """Return the nodes F (B, N, C) of the next layer.
+
+        Args:
+            nodes: (B, N, C).
+            positions: (B, N, 3), or (1, N, 3) where they are common to all.
+        """
         near = nearest(positions, self.neighbours)  # (B or 1, N, K)
-        # (B or 1, N, K)
-        weights = self.relation(edge_geometry(positions, near, self.edge_distance)).squeeze(-1)
+        geometry = edge_geometry(positions, near, self.edge_distance)
+        weights = self.relation(geometry).squeeze(-1)  # (B or 1, N, K)
         # S, (B or 1, N, N)
         adjacency = weights.new_zeros(*near.shape[:2], near.shape[1]).scatter(-1, near, weights)
         out = self.norm(self.linear(adjacency @ nodes).flatten(0, 1))
@@ -74,14 +84,15 @@ class ViewGCN(ViewSystem):
 
     def __init__(self, viewpoints: Tensor, shape: tuple[int, ...], classes: int, model: Model):
         super().__init__()
-        self.view_loss, features = model.view_loss, shape[0]
-        self.takes_fewer = model.selector != "joint"  # its weights are for V views
-        levels = [nodes for level in range(LEVELS) if (nodes := len(viewpoints) >> level) >= 2]
-        neighbours = (
-            model.neighbours
-            if isinstance(model.neighbours, list)
-            else [model.neighbours] * len(levels)
-        )
+        features = shape[0]
+        joint = model.selector == "joint"
+        self.view_loss = model.view_loss
+        self.takes_fewer = not joint  # a joint selector's weights are for V views
+        halved = [len(viewpoints) >> level for level in range(LEVELS)]
+        levels = [nodes for nodes in halved if nodes >= 2]
+        neighbours = model.neighbours
+        if not isinstance(neighbours, list):
+            neighbours = [neighbours] * len(levels)
         self.register_buffer("viewpoints", viewpoints.float(), persistent=False)
         self.convolutions = nn.ModuleList(
             LocalGraphConvolution(features, count, model.edge_distance)
@@ -94,35 +105,45 @@ class ViewGCN(ViewSystem):
                 classes,
                 below,
                 neighbours=min(SELECTOR_NEIGHBOURS, above),
-                joint=model.selector == "joint",
+                joint=joint,
             )
             for above, below in pairwise(levels)
         )
         self.classifier = shape_classifier(max(1, len(levels)) * features, features, classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
-        """views (B, k, C) -> logits (B, classes), and each sampler's logits (B, m, K, classes) for the view loss."""
+        """Return the logits (B, classes) of features (B, k, C), and further logits for the loss.
+
+        The further logits are those of each sampler's candidates, (B, m, K, classes).
+        """
         count = views.shape[1]
-        places = first_places(self.viewpoints, count)
-        # (1, k, 3): common to all view sets
-        nodes, positions = views.to(self.viewpoints.dtype), places[None]
-        descriptors, view_logits = list[Tensor](), list[Tensor]()
+        nodes = views.to(self.viewpoints.dtype)
+        positions = first_places(self.viewpoints, count)[None]  # (1, k, 3): common to all view sets
+        descriptors = list[Tensor]()
+        view_logits = list[Tensor]()
         for level, convolution in enumerate(self.convolutions):
             nodes = convolution(nodes, positions)
             descriptors.append(nodes.amax(dim=1))
             if level < len(self.samplers):
-                kept = max(1, count >> (level + 1))
-                nodes, positions, logits = self.samplers[level](
-                    self.messages[level](nodes), positions, kept
-                )
+                samples = max(1, count >> (level + 1))
+                nodes = self.messages[level](nodes)
+                nodes, positions, logits = self.samplers[level](nodes, positions, samples)
                 view_logits.append(logits)
-        return self.classifier(torch.cat(descriptors or [nodes[:, 0]], dim=-1)), view_logits
+        if not descriptors:
+            descriptors = [nodes[:, 0]]
+        return self.classifier(torch.cat(descriptors, dim=-1)), view_logits
 
     def loss(self, logits: Tensor, aux: list[Tensor], labels: Tensor) -> Tensor:
-        """Equation 6: cross-entropy of the logits plus that of the samplers' logits, mean over the batch.
+        """Return equation 6: the cross-entropy of the logits and of the samplers' logits.
 
-        With `model.view_loss: sum` the samplers' part is the sum over their outputs of a view set
-        as the paper has it, else their mean (released code).
+        Both are means over the batch. With `model.view_loss: sum` the samplers' part is the sum
+        over their outputs of a view set, as the paper has it; else it is their mean (released
+        code).
+
+        Args:
+            logits: (B, classes).
+            aux: each sampler's logits (B, m, K, classes).
+            labels: (B,) classes.
         """
         loss = functional.cross_entropy(logits, labels)
         if not aux:
@@ -130,4 +151,6 @@ class ViewGCN(ViewSystem):
         outputs = torch.cat([out.flatten(1, 2) for out in aux], dim=1)  # (B, outputs, classes)
         count = outputs.shape[1]
         mean = functional.cross_entropy(outputs.flatten(0, 1), labels.repeat_interleave(count))
-        return loss + mean * (count if self.view_loss == "sum" else 1)
+        if self.view_loss == "sum":
+            return loss + mean * count
+        return loss + mean

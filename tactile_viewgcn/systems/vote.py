@@ -1,4 +1,4 @@
-"""Vote: the mean of the log-probabilities of single views, as of independent ones. Nothing is fine-tuned."""
+"""Vote: the mean log-probabilities of single views, as if they were independent, not fine-tuned."""
 
 from torch import Tensor, nn
 
@@ -7,7 +7,7 @@ from tactile_viewgcn.params import Model
 
 
 class Vote(ViewSystem):
-    """Features (B, k, C) to logits (B, classes), the mean log-probabilities; the order plays no part."""
+    """Features (B, k, C) to logits (B, classes), the mean log-probabilities, in any order."""
 
     takes_fewer = True
     takes_more = True
@@ -18,7 +18,9 @@ class Vote(ViewSystem):
         self.classifier = nn.Linear(shape[0], classes)
 
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
+        """Return the mean log-probabilities (B, classes) of features (B, k, C)."""
         return self.classifier(views).log_softmax(dim=-1).mean(dim=1), []
 
     def load_frame_classifier(self, weights: dict[str, Tensor]) -> None:
+        """Take the linear classifier of single frames; see `ViewSystem`."""
         self.classifier.load_state_dict(weights)

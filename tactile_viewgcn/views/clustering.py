@@ -1,4 +1,4 @@
-"""Clustering the frames of each pool into views: principal components, then k-means, as the released code does.
+"""Clusters of the frames of each pool: principal components, then k-means, as released.
 
 The paper says "kNN"; clusters of unlabelled frames and the released code mean k-means.
 """
@@ -20,31 +20,49 @@ MIN_DIFFERENCE = 2.0**-20
 
 
 def pool_ids(table: Frames, index: np.ndarray, scope: str) -> np.ndarray:
-    """Pool int64 (n,) of each frame in `index` (n,), counted from 0.
+    """Return the pool int64 (n,) of each frame, counted from 0.
 
     Args:
-        scope: of a pool's frames: `object`: one class on one side; `recording`: also one recording
-            and one split group.
+        table: of frames.
+        index: (n,) frames of the table.
+        scope: what the frames of a pool have in common. `object`: their class and their set of the
+            split. `recording`: also their recording and their split group.
     """
     keys = [table.side, table.label]
     if scope == "recording":
         keys += [table.recording, table.group]
-    return np.unique(np.stack(keys, axis=1)[index], axis=0, return_inverse=True)[1].ravel()
+    return _numbered(np.stack(keys, axis=1)[index])
+
+
+def _numbered(keys: np.ndarray) -> np.ndarray:
+    """Return the rank int64 (n,) of each key (n,) or (n, k) among the different ones, from 0."""
+    inverse: np.ndarray = np.unique(keys, axis=0, return_inverse=True)[1]
+    return inverse.ravel()
 
 
 def cluster_frames(
     table: Frames, viewpoints: np.ndarray, params: Cluster, rng: np.random.Generator
 ) -> Views:
-    """Cluster the training and validation frames of each pool into V views, for `viewpoints` (V, 3).
+    """Cluster the frames of each pool of the training set and the validation set into V views.
 
-    Frames of the test side get no cluster here: `evaluate` clusters them itself.
+    Frames of the test set get no cluster here: `evaluate` clusters them itself.
+
+    Args:
+        table: of frames.
+        viewpoints: (V, 3).
+        params: the section `cluster`.
+        rng: for the seeds of k-means.
+
+    Returns:
+        The views: cluster and pool of each frame.
     """
-    pool, views = pool_ids(table, np.arange(len(table)), params.scope), len(viewpoints)
+    pool = pool_ids(table, np.arange(len(table)), params.scope)
     cluster = np.full(len(table), NO_CLUSTER, dtype=np.int16)
     if params.method == "kmeans":
         index = table.on(TRAIN, VALIDATION)
-        number = np.unique(pool[index], return_inverse=True)[1].ravel()
-        cluster[index] = cluster_pools(table.points(index), number, views, params, rng)
+        cluster[index] = cluster_pools(
+            table.points(index), _numbered(pool[index]), len(viewpoints), params, rng
+        )
     return Views(cluster, pool, viewpoints)
 
 
@@ -56,12 +74,14 @@ def cluster_pools(
     rng: np.random.Generator,
     scores: list[np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Cluster int64 (n,), 0 to V - 1, of each frame within its pool, by `cluster.method`.
+    """Return the cluster int64 (n,), 0 to V - 1, of each frame within its pool.
 
     Args:
         points: (n, d) network input at the live sensors.
         pool: (n,) counted from 0.
         views: V.
+        params: the section `cluster`, whose `method` decides.
+        rng: draws the seeds of k-means, or random clusters.
         scores: result of `pool_scores` for these points, to be computed once for several calls.
     """
     if params.method == "none" or views == 1:
@@ -75,15 +95,27 @@ def cluster_pools(
 
 
 def pool_scores(points: np.ndarray | Gathered, pool: np.ndarray) -> list[np.ndarray]:
-    """Principal components (n_p, c) of the frames of each pool p, from points (n, d) and pools (n,)."""
+    """Return the principal components (n_p, c) of the frames of each pool p.
+
+    Args:
+        points: (n, d).
+        pool: (n,) counted from 0.
+    """
     numbers = steps(range(pool.max() + 1), "principal components", "pools")
     return [principal_components(points[pool == number], COMPONENTS) for number in numbers]
 
 
 def principal_components(points: np.ndarray, count: int) -> np.ndarray:
-    """Scores float64 (n, min(count, n, d)) of points (n, d) on their first principal components.
+    """Return the scores of points on their first principal components.
 
     One thread computes them, so that they do not depend on the number of threads.
+
+    Args:
+        points: (n, d).
+        count: number of components.
+
+    Returns:
+        float64 (n, min(count, n, d)).
     """
     from sklearn.decomposition import PCA
 
@@ -91,41 +123,55 @@ def principal_components(points: np.ndarray, count: int) -> np.ndarray:
     distinct, inverse = np.unique(points, axis=0, return_inverse=True)
     if len(distinct) < 2:
         return np.zeros((len(points), 1))
-    points, distinct = (np.array(rows, dtype=np.float64) for rows in (points, distinct))
+    points = np.array(points, dtype=np.float64)
+    distinct = np.array(distinct, dtype=np.float64)
     mean = points.mean(axis=0)
     points -= mean  # before anything is squared: a large offset costs digits
     distinct -= mean
-    solver = "covariance_eigh" if len(points) > points.shape[1] else "full"
+    solver = "full"
+    if len(points) > points.shape[1]:
+        solver = "covariance_eigh"
     with _libraries().limit(limits=1):
         pca = PCA(min(count, *points.shape), svd_solver=solver).fit(points)
-        return pca.transform(distinct)[inverse.ravel()]
+        scores: np.ndarray = pca.transform(distinct)[inverse.ravel()]
+    return scores
 
 
 def kmeans(scores: np.ndarray, views: int, *, restarts: int, seed: int) -> np.ndarray:
-    """Cluster int64 (n,), 0 to V - 1, of each row of scores (n, c): the best of `restarts` runs of k-means.
+    """Return the cluster int64 (n,), 0 to V - 1, of each row, by the best of several k-means.
 
     If at most V rows are distinct, each is a cluster, and the other clusters are empty. Two rows
     are equal if their scores round to the same steps of `MIN_DIFFERENCE`: rounding errors hardly
     ever count.
+
+    Args:
+        scores: (n, c).
+        views: V.
+        restarts: runs of k-means, of which the best is taken.
+        seed: of k-means.
     """
     from sklearn.cluster import KMeans
 
     step = MIN_DIFFERENCE * np.abs(scores).max(initial=0)
-    rows, number = np.unique(
-        np.rint(scores / step) if step else scores, axis=0, return_inverse=True
-    )
-    if len(rows) <= views:
-        return number.ravel()
+    rounded = scores
+    if step:
+        rounded = np.rint(scores / step)
+    row_of_score = _numbered(rounded)
+    distinct_rows = row_of_score.max(initial=-1) + 1
+    if distinct_rows <= views:
+        return row_of_score
     # small problems: more threads cost time, and change the order of sums
     with _libraries().limit(limits=1):
-        return (
-            KMeans(views, n_init=restarts, random_state=seed).fit_predict(scores).astype(np.int64)
-        )
+        cluster: np.ndarray = KMeans(views, n_init=restarts, random_state=seed).fit_predict(scores)
+    return cluster.astype(np.int64)
 
 
 @cache
 def _libraries() -> ThreadpoolController:
-    """The numerical libraries whose threads can be limited, listed once: that takes half as long as a small k-means."""
+    """Return the numerical libraries whose threads can be limited.
+
+    They are listed once, since that takes half as long as a small k-means.
+    """
     import sklearn.cluster  # noqa: F401  loads them
 
     return ThreadpoolController()

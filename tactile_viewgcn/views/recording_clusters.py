@@ -1,4 +1,4 @@
-"""View sets of a whole recording from its own clusters, as a training draws them from the clusters of its pools."""
+"""View sets of a whole recording from its own clusters, as training draws them from pools."""
 
 from dataclasses import dataclass
 
@@ -13,20 +13,20 @@ from tactile_viewgcn.views.sampling import ViewSets
 
 @dataclass(frozen=True)
 class RecordingClusters:
-    """Draws the view sets by which a network answers a whole recording, if it was trained on clusters.
+    """The view sets by which a network that was trained on clusters answers a whole recording.
 
     Args:
-        params: how the clusters of the training were made, and at which viewpoint each stands.
+        params: how the clusters of the training set were made, and at which viewpoint each stands.
     """
 
     params: Cluster
 
     def view_sets(self, points: Counts, views: int) -> np.ndarray:
-        """Return one view set around each frame: the frame, and one frame of each other cluster of the recording.
+        """Return one view set around each frame: the frame, and one frame of each other cluster.
 
         Each call has generators of its own, so that a recording has one answer whatever is answered
-        before it. Of a cluster without frames, as where there are fewer frames than views, any
-        frame of the recording stands.
+        before it. A cluster may have no frames, as where there are fewer frames than views. Then
+        any frame of the recording stands for it.
 
         Args:
             points: (T, S) network input of the recording's frames at the live sensors, in the order

@@ -10,9 +10,15 @@ from tactile_viewgcn.tables.frames import Views
 
 
 def random_clusters(pool: np.ndarray, views: int, rng: np.random.Generator) -> np.ndarray:
-    """Cluster int64 (n,), 0 to V - 1, at random and in equal numbers within each pool (n,): the unclustered ablation.
+    """Return a cluster int64 (n,), 0 to V - 1, at random: the unclustered ablation.
 
-    A view set from these clusters is V different frames of the pool at random.
+    The clusters of a pool are equally large. A view set from them is V different frames of the pool
+    at random.
+
+    Args:
+        pool: (n,) pool of each frame.
+        views: V.
+        rng: for the order of the frames.
     """
     order = np.lexsort((rng.random(len(pool)), pool))
     ranked = pool[order]
@@ -37,7 +43,9 @@ class ViewSets:
     """
 
     def __init__(self, cluster: np.ndarray, pool: np.ndarray, views: int):
-        self.views, self._cluster, self._pool = views, cluster, pool
+        self.views = views
+        self._cluster = cluster
+        self._pool = pool
         cell = pool * views + cluster
         self._members = np.argsort(cell, kind="stable")  # frames by pool, then cluster
         cells = (int(pool.max()) + 1) * views
@@ -50,17 +58,20 @@ class ViewSets:
     def draw(
         self, anchors: np.ndarray, rng: np.random.Generator, assignment: str = "index"
     ) -> np.ndarray:
-        """View sets int64 (A, V) of frame indices, one for each anchor (A,).
+        """Return view sets int64 (A, V) of frame indices, one for each anchor.
 
         Args:
-            anchors: frame indices.
+            anchors: (A,) frame indices.
             rng: for the draw.
-            assignment: `anchor` (released code): the anchor first, frames of the other clusters in
-                random order; `random`: all in random order; otherwise column i holds a frame of
-                cluster i, as in the paper.
+            assignment: the order of the frames. `index`: column i holds a frame of cluster i, as in
+                the paper. `anchor` (released code): the anchor is first, frames of the other
+                clusters follow in random order. `random`: all are in random order.
         """
-        start, count = self._start[self._pool[anchors]], self._count[self._pool[anchors]]
-        sets = self._members[start + (rng.random(start.shape) * count).astype(np.int64)]
+        pool = self._pool[anchors]
+        start = self._start[pool]
+        count = self._count[pool]
+        drawn = (rng.random(start.shape) * count).astype(np.int64)
+        sets: np.ndarray = self._members[start + drawn]
         anchor_column = self._cluster[anchors]
         rows = np.arange(len(anchors))
         sets[rows, anchor_column] = anchors
@@ -73,26 +84,37 @@ class ViewSets:
 
 
 def anchor_first(sets: np.ndarray, anchors: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Indices (A, V) of the columns of each view set (A, V): the anchor's first, the others in random order."""
+    """Return the columns (A, V) of each view set, the anchor's first, the others in random order.
+
+    Args:
+        sets: (A, V) frame indices.
+        anchors: (A,) frame indices, each in its view set.
+        rng: for the order.
+    """
     key = rng.random(sets.shape)
-    key[np.arange(len(sets)), (sets == anchors[:, None]).argmax(axis=1)] = -1
+    anchor_column = (sets == anchors[:, None]).argmax(axis=1)
+    key[np.arange(len(sets)), anchor_column] = -1
     return np.argsort(key, axis=1)
 
 
 def powers_of_two(views: int) -> tuple[int, ...]:
-    """1, 2, 4 and so on below `views`, and `views`."""
-    return (*(2**power for power in range((views - 1).bit_length())), views)
+    """Return 1, 2, 4 and so on below `views`, and `views`."""
+    powers = [2**power for power in range((views - 1).bit_length())]
+    return (*powers, views)
 
 
 def sets_of(views: Views, index: np.ndarray, rng: np.random.Generator) -> ViewSets:
-    """View sets of the frames in `index` (k,), counted from 0; of random clusters if no frame has a cluster."""
-    pool, count = (
-        np.unique(views.pool[index], return_inverse=True)[1].ravel(),
-        len(views.viewpoints),
-    )
-    cluster = (
-        views.cluster[index].astype(np.int64)
-        if views.clustered
-        else random_clusters(pool, count, rng)
-    )
+    """Return the view sets of some frames, which are counted from 0.
+
+    Args:
+        views: cluster and pool of all frames.
+        index: (k,) the frames.
+        rng: draws random clusters, if no frame has a cluster.
+    """
+    pool = np.unique(views.pool[index], return_inverse=True)[1].ravel()
+    count = len(views.viewpoints)
+    if views.clustered:
+        cluster = views.cluster[index].astype(np.int64)
+    else:
+        cluster = random_clusters(pool, count, rng)
     return ViewSets(cluster, pool, count)

@@ -1,7 +1,7 @@
 """Viewpoints, the positions (V, 3) of the view-graph's nodes around the object.
 
 The paper puts 8 views on the vertices of a cube and 12 on a circle at 30 degrees of elevation. The
-cube's vertices are (+-1, +-1, +-1); the other configurations share its radius, the square root of
+cube's vertices are (+-1, +-1, +-1). The other configurations share its radius, the square root of
 3.
 """
 
@@ -19,7 +19,7 @@ AUTO = {CORNERS: "cube", 12: "circle"}  # any other number: sphere
 
 
 def viewpoints(views: int, kind: str = "auto", seed: int = 0) -> np.ndarray:
-    """Positions float64 (V, 3) of `views` viewpoints.
+    """Return positions float64 (V, 3) of viewpoints.
 
     Args:
         views: V; 8 for a cube.
@@ -28,17 +28,38 @@ def viewpoints(views: int, kind: str = "auto", seed: int = 0) -> np.ndarray:
             `auto`: 8 cube, 12 circle, any other number sphere.
         seed: of `random`.
     """
-    match AUTO.get(views, "sphere") if kind == "auto" else kind:
+    if kind == "auto":
+        kind = AUTO.get(views, "sphere")
+    match kind:
         case "cube":
             return np.array(list(product((-1.0, 1.0), repeat=3)))
         case "circle":
-            angle = 2 * np.pi * np.arange(views) / views
-            flat = np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.cos(ELEVATION)
-            return RADIUS * np.column_stack([flat, np.full(views, np.sin(ELEVATION))])
+            return _circle(views)
         case "random":
-            directions = stream(seed, "viewpoints").standard_normal((views, 3))
-            return RADIUS * directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    # a Fibonacci lattice: equal steps of height, each turned by the golden angle
+            return _random(views, seed)
+    return _sphere(views)
+
+
+def _circle(views: int) -> np.ndarray:
+    """Return positions (V, 3) on a circle at 30 degrees of elevation."""
+    angle = 2 * np.pi * np.arange(views) / views
+    flat = np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.cos(ELEVATION)
+    return RADIUS * np.column_stack([flat, np.full(views, np.sin(ELEVATION))])
+
+
+def _random(views: int, seed: int) -> np.ndarray:
+    """Return random positions (V, 3) on the sphere."""
+    directions = stream(seed, "viewpoints").standard_normal((views, 3))
+    positions: np.ndarray = RADIUS * directions
+    positions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return positions
+
+
+def _sphere(views: int) -> np.ndarray:
+    """Return evenly spread positions (V, 3): a Fibonacci lattice.
+
+    Its points have equal steps of height, each turned by the golden angle.
+    """
     height = 1 - (2 * np.arange(views) + 1) / views
     turn = 2 * np.pi * np.arange(views) / GOLDEN
     across = np.sqrt(1 - height**2)

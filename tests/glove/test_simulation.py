@@ -30,7 +30,7 @@ HAND, PARAMS = stag_hands(), Path(__file__).parents[2] / "params.yaml"
 @pytest.mark.parametrize(("sessions", "sides"), [(2, "RE"), (3, "RRE"), (4, "RREE")])
 def test_two_sessions_at_most_are_the_training_side_and_never_all(sessions, sides):
     one = recipe_from_params(load(PARAMS, (f"glove.sessions={sessions}",)).glove)
-    assert [one.side(session) for session in range(sessions)] == [
+    assert [one.published_set(session) for session in range(sessions)] == [
         {"R": "train", "E": "test"}[side] for side in sides
     ]
 
