@@ -1,7 +1,6 @@
 """Evaluation on the test side: its view sets, scores and latency."""
 
 from collections import Counter
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np

@@ -2,7 +2,6 @@
 in either case.
 """
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
