@@ -119,7 +119,13 @@ class RandomConvolutions(Arrays):
 def _random_channels(
     kernels: tuple[int, int], channels: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Bool (D, N, channels): up to nine random channels of each kernel, few more often than many."""
+    """Up to nine random channels of each kernel, bool (D, N, channels); few more often than many.
+
+    Args:
+        kernels: D dilations, and N kernels of each.
+        channels: number of all channels.
+        rng: of the draws.
+    """
     most = min(channels, MOST_CHANNELS)
     sizes = (2 ** rng.uniform(0, np.log2(most + 1), (*kernels, 1))).astype(int)
     rank = rng.random((*kernels, channels)).argsort(axis=2).argsort(axis=2)

@@ -112,6 +112,13 @@ class Examples:
         return self._points[member]
 
     def set_readings(self, size: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the readings (M, size, S) of the view sets of a size, and the recording (M,) of each."""
+        """Return the view sets of a number of frames.
+
+        Args:
+            size: number of frames in a set.
+
+        Returns:
+            Scaled readings (M, size, S) of the sets' frames, and the recording (M,) of each set.
+        """
         sets = self.sets[size]
         return self.frames[sets], self.frame_recording[sets[:, 0]]

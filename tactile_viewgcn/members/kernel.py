@@ -1,4 +1,4 @@
-"""The member `kernel`: kernel ridge regression on single frames, whose probabilities are averaged."""
+"""The member `kernel`: kernel ridge regression on single frames, averaged over the frames."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -66,9 +66,8 @@ class KernelRidge(Kernel):
         """See `Estimator.fit`."""
         points, labels = sampled(points, labels, seed, self._most)
         half_mean_squared_distance = float(points.var(axis=0).sum())
-        if half_mean_squared_distance == 0:
-            gamma = 1.0
-        else:
+        gamma = 1.0
+        if half_mean_squared_distance != 0:
             gamma = WIDTH / (2 * half_mean_squared_distance)
         kernel = self.centred(points, gamma).kernel(points)
         kernel[np.diag_indices(len(points))] += RIDGE

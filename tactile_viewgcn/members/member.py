@@ -42,8 +42,8 @@ class Member(ABC):
         self.representation = representation
         self.classes = classes
 
-    def measure(self, examples: Examples, *, seed: int) -> None:
-        """Measure on all training recordings what needs no labels. Most members need nothing.
+    def measure(self, examples: Examples, *, seed: int) -> None:  # noqa: B027  # most need nothing
+        """Measure on all training recordings what needs no labels.
 
         Args:
             examples: the training recordings.
@@ -63,7 +63,7 @@ class Member(ABC):
             quick: whether fewer trees or frames suffice, as for an out-of-fold answer.
         """
 
-    def fit_sets(self, examples: Examples, *, seed: int) -> None:
+    def fit_sets(self, examples: Examples, *, seed: int) -> None:  # noqa: B027  # few have one
         """Fit the answers to view sets, where they have a fit of their own.
 
         Args:
@@ -111,7 +111,7 @@ class Member(ABC):
         """
         raise NotImplementedError(f"{self.name} does not answer view sets")
 
-    def prepare(self, compute: "Compute") -> None:
+    def prepare(self, compute: "Compute") -> None:  # noqa: B027  # only a network needs it
         """Prepare for answers on a device. Members that compute on the CPU need nothing.
 
         Args:

@@ -79,7 +79,7 @@ class MemberOfSets(MemberOfReadings):
     """Base of the members of readings that answer view sets too.
 
     View sets have estimators of their own, one for each fitted number of frames. A set of k frames
-    has the estimator of the largest fitted number up to k. A member may be fitted to view sets only.
+    has the estimator of the largest fitted number up to k. A member may have view sets only.
 
     Attributes:
         sets: the fitted estimators of view sets, by number of frames.
@@ -124,6 +124,6 @@ class MemberOfSets(MemberOfReadings):
             self.sets[int(size)] = self.estimator().load_state_dict(arrays)
 
     def _fitted_size(self, frames: int) -> int:
-        """The largest fitted number of frames up to that many; the smallest one if there is none."""
+        """The largest fitted number up to that many frames; the smallest one if there is none."""
         up_to = [size for size in self.sets if size <= frames]
         return max(up_to, default=min(self.sets))

@@ -58,9 +58,8 @@ class SupportVectors(Kernel):
 
         points, labels = sampled(points, labels, seed)
         spread = float(points.var()) * points.shape[1]
-        if spread == 0:
-            gamma = 1.0
-        else:
+        gamma = 1.0
+        if spread != 0:
             gamma = 1 / spread
         kernel = self.centred(points, gamma).kernel(points)
         # scikit-learn warns of many objects of two recordings each
@@ -94,7 +93,8 @@ class SupportVectors(Kernel):
 
         Args:
             kernel: (n, M) of the points and the support vectors.
-            first, second: (pairs,) classes of each pair.
+            first: (pairs,) the first class of each pair.
+            second: (pairs,) the second class of each pair.
         """
         classes = len(self.classes)
         # parts of the margins, of each class against each other

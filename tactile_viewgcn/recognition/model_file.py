@@ -1,7 +1,8 @@
-"""The file of a trained classifier: what it has learnt, and all that is needed to use it on raw counts.
+"""The file of a trained classifier: what it has learnt, and what it needs to answer raw counts.
 
 It holds tensors and plain values, read with `weights_only=True`: loading runs no code. Its last
-bytes are a digest of all others, so that damage anywhere is noticed.
+bytes are a digest of all others, so that damage anywhere is noticed. It has a format number, see
+`model_format`.
 
 It also holds a few frames of three recordings of the training and the answers to them: to whole
 recordings, and of a classifier on the sensors to view sets of every size too. They must come out
@@ -48,9 +49,11 @@ if TYPE_CHECKING:
 
 UNFIT = (
     "no classifier of this version, damaged or altered",
-    "name a file such as models/classifier.pt, or train again by the line that `tactile-viewgcn inspect` prints",
+    "name a file such as models/classifier.pt, "
+    "or train again by the line that `tactile-viewgcn inspect` prints",
 )
-EXAMPLES, EXAMPLE_FRAMES = 3, 8  # stored recordings, and frames of each
+EXAMPLES = 3  # stored recordings
+EXAMPLE_FRAMES = 8  # of each
 # by precision, difference of probabilities between two processors
 CLOSE = {"float32": 1e-3, "bfloat16": 0.1}
 DIGEST = hashlib.sha256().digest_size
@@ -105,7 +108,12 @@ class Content:
     version: str = ""
 
     def answer(self, classifier: Classifier, excess: np.ndarray) -> np.ndarray:
-        """`recording_answer` of frames in contact, counts (n, H, W) above baseline, in the order of time."""
+        """Return the `recording_answer` (classes,) to frames in contact.
+
+        Args:
+            classifier: of this file.
+            excess: counts (n, H, W) above baseline, in the order of time.
+        """
         with np.errstate(all="ignore"):  # whether it is finite is for the caller to check
             inputs = network_input(excess, self.transform, self.scale)
             values = classifier.frame_values(inputs)
@@ -113,7 +121,10 @@ class Content:
             return recording_answer(classifier, self.temperature, values, points)
 
     def answers_now(self, classifier: Classifier) -> np.ndarray:
-        """The classifier's `answers` now. The frames of an example are repeated until they are a whole recording."""
+        """Return the classifier's `answers` now.
+
+        The frames of an example are repeated until they are a whole recording.
+        """
         count = max(EXAMPLE_FRAMES, int(np.ceil(getattr(classifier, "short", 0))))
         parts = [
             spread_frames(EXAMPLE_FRAMES, size)
@@ -123,7 +134,7 @@ class Content:
         return np.exp([[self.answer(classifier, each[part]) for part in parts] for each in excess])
 
     def set_answers_now(self, classifier: Classifier) -> np.ndarray | None:
-        """The classifier's `set_answers` now."""
+        """Return the classifier's `set_answers` now; None for a network."""
         if not on_sensors(self.model.system):
             return None
         sets = [
@@ -140,18 +151,24 @@ class Content:
         return np.array(answers)
 
     def check_answers(self, classifier: Classifier) -> None:
-        """Raise a ValueError unless every stored answer comes out again."""
+        """Raise an error unless every stored answer comes out again.
+
+        Args:
+            classifier: of this file.
+
+        Raises:
+            ValueError: an answer differs.
+        """
         self._check(self.answers, self.answers_now(classifier))
         if self.set_answers is not None:
             self._check(self.set_answers, self.set_answers_now(classifier))
 
     def _check(self, stored: np.ndarray, now: np.ndarray | None) -> None:
-        """Raise a ValueError unless the largest difference of two arrays of probabilities is small."""
-        if (
-            now is None
-            or stored.shape != now.shape
-            or not np.abs(stored - now).max() <= CLOSE[self.precision]
-        ):
+        """Raise a ValueError unless two arrays of probabilities are about equal."""
+        is_close = False
+        if now is not None and stored.shape == now.shape:
+            is_close = bool(np.abs(stored - now).max() <= CLOSE[self.precision])  # NaN: it is not
+        if not is_close:
             raise ValueError("the answers to its own recordings do not come out again")
 
     def classifier(self) -> Classifier:
@@ -200,7 +217,8 @@ class Content:
         """Write the file, and its digest at the end."""
         file = io.BytesIO()  # a file's name would be written into it
         torch.save(_converted(asdict(self), np.ndarray, torch.from_numpy), file)
-        write_file(path, file.getvalue() + hashlib.sha256(file.getbuffer()).digest())
+        content = file.getvalue()
+        write_file(path, content + hashlib.sha256(content).digest())
 
 
 def save_classifier(
@@ -214,12 +232,16 @@ def save_classifier(
     """Write a classifier to a file, with what a `Recogniser` needs to use it on raw counts.
 
     Args:
+        path: of the file.
+        classifier: trained.
         model: the options that the classifier was built with.
         frames: the classifier's training data.
         precision: of the training.
         temperature: of its answers to recordings, if it is calibrated.
     """
-    clusters = classifier.clusters if isinstance(classifier, ViewNetwork) else None
+    clusters = None
+    if isinstance(classifier, ViewNetwork) and classifier.clusters is not None:
+        clusters = classifier.clusters.params
     content = Content(
         learnt=_converted(classifier.state_dict(), Tensor, _array),
         viewpoints=_array(torch.as_tensor(classifier.viewpoints)),
@@ -229,7 +251,7 @@ def save_classifier(
         scale=frames.scale,
         precision=cast(Any, precision),
         temperature=temperature,
-        clusters=clusters.params if clusters is not None else None,
+        clusters=clusters,
         plan=frames.plan,
         examples=_examples(frames),
         answers=np.zeros(0),
@@ -249,12 +271,14 @@ def _array(weights: Tensor) -> np.ndarray:
 def _converted(state: Any, kind: type, convert: Callable[[Any], Any]) -> Any:
     """Nested mappings with their values of that kind converted."""
     if isinstance(state, dict):
-        return {name: _converted(each, kind, convert) for name, each in state.items()}
-    return convert(state) if isinstance(state, kind) else state
+        return {name: _converted(value, kind, convert) for name, value in state.items()}
+    if isinstance(state, kind):
+        return convert(state)
+    return state
 
 
 def _examples(frames: Frames) -> np.ndarray:
-    """Counts (3, 8, H, W) of recordings that are evenly spread over the training side, and of frames over each."""
+    """Counts (3, 8, H, W) of three training recordings and eight frames of each, evenly spread."""
     recordings = frames.by_recording(frames.on(TRAIN))
     chosen = [recordings[number] for number in spread_frames(len(recordings), EXAMPLES)]
     return np.stack(
@@ -263,18 +287,22 @@ def _examples(frames: Frames) -> np.ndarray:
 
 
 def load_classifier(path: str | Path) -> tuple[Classifier, Content]:
-    """The classifier in evaluation mode, and the content of the file that `save_classifier` wrote.
+    """Return the classifier, ready for answers, and the content of its file.
+
+    Args:
+        path: of a file that `save_classifier` wrote.
 
     Raises:
-        UserError: the file is something else, damaged, altered, or of an earlier version.
+        UserError: the file is something else, damaged, altered, or of an unknown format.
         OSError: it cannot be opened.
     """
     stored = Path(path).read_bytes()
     with readable(path, *UNFIT):
         if hashlib.sha256(stored[:-DIGEST]).digest() != stored[-DIGEST:]:
             raise ValueError("its bytes and its digest differ")
-        values = torch.load(io.BytesIO(stored), map_location="cpu", weights_only=True)
-        content = Content(**upgraded(_converted(values, Tensor, Tensor.numpy), path))
+        tensors = torch.load(io.BytesIO(stored), map_location="cpu", weights_only=True)
+        values = upgraded(_converted(tensors, Tensor, Tensor.numpy), path)
+        content = Content(**values)
         content.plan.check()
         classifier = content.classifier()
         content.check_answers(classifier)

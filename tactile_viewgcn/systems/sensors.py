@@ -167,10 +167,13 @@ class SensorClassifier:
         values = every_few(values)
         if len(values) < self.short:
             one_set = np.arange(len(values))[None]
-            return self.view_sets(values, one_set)[0]
-        frames = values[None]
-        answers = [member.answer_recordings(frames) for member in self.members]
-        return self._sum(answers, self.members)[0]
+            logits = self.view_sets(values, one_set)
+        else:
+            frames = values[None]
+            answers = [member.answer_recordings(frames) for member in self.members]
+            logits = self._sum(answers, self.members)
+        of_recording: np.ndarray = logits[0]
+        return of_recording
 
     def state_dict(self) -> dict[str, Any]:
         """Return what it has learnt, without `live`: arrays and plain values."""
