@@ -9,6 +9,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from tactile_viewgcn.messages import UserError
 
 FORMAT: Literal[1] = 1
@@ -46,11 +48,26 @@ def upgraded(values: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
     return current
 
 
-def _with_a_state_of_each_member(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Format 0 to 1: one mapping for each member, in place of one for each kind of answer."""
-    learnt = values["learnt"]
-    if "whole" not in learnt:  # a network
-        return {**values, "format": 1}
+def _to_format_1(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Format 0 to 1: a plan in place of `preprocessing`, and a state of each member."""
+    current = dict(values)
+    current["plan"] = _plan(current.pop("preprocessing"))
+    if "whole" in current["learnt"]:  # else it is a network
+        current["learnt"] = _with_a_state_of_each_member(current["learnt"])
+    return {**current, "format": 1}
+
+
+def _plan(preprocessing: Mapping[str, Any]) -> dict[str, Any]:
+    """The plan of format 1, whose baselines are one array and not a mapping by sessions' names."""
+    plan = dict(preprocessing)
+    of_session = plan.pop("baselines")
+    plan["sessions"] = list(of_session)
+    plan["baselines"] = np.stack(list(of_session.values()))
+    return plan
+
+
+def _with_a_state_of_each_member(learnt: Mapping[str, Any]) -> dict[str, Any]:
+    """One mapping for each member, in place of one for each kind of answer."""
     members: dict[str, dict[str, Any]] = {}
     for name, estimator in learnt["whole"].items():
         if name == "kernel":
@@ -66,10 +83,8 @@ def _with_a_state_of_each_member(values: Mapping[str, Any]) -> dict[str, Any]:
         members["network"] = learnt["network"]
     names = ("representation", "weights", "short")
     kept = {name: learnt[name] for name in names}
-    return {**values, "learnt": {**kept, "members": members}, "format": 1}
+    return {**kept, "members": members}
 
 
 #: by format, the function to the next format
-UPGRADES: dict[int, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
-    UNNUMBERED: _with_a_state_of_each_member
-}
+UPGRADES: dict[int, Callable[[Mapping[str, Any]], dict[str, Any]]] = {UNNUMBERED: _to_format_1}

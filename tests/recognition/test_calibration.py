@@ -1,6 +1,5 @@
 """Temperatures that labels were drawn with are fitted to answers on held-out groups."""
 
-
 import numpy as np
 import pytest
 from scipy.special import softmax

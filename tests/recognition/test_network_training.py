@@ -2,7 +2,6 @@
 in either case.
 """
 
-
 import numpy as np
 import pytest
 
