@@ -61,12 +61,14 @@ def apply(
     """
     params = plan.params
     recordings = replace(recordings, live=plan.live)
-    trained: list[Moments] | None = None
     if new:
         recordings = _measured_apart(recordings)
-        if params.baseline != "none":
+    moments = list[Moments]()
+    if params.baseline != "none":
+        trained = None
+        if new:
             trained = _trained_moments(plan, recordings.sessions)
-    moments = session_moments(recordings, trained)
+        moments = session_moments(recordings, trained)
     needs_states = params.baseline == "grasp" or (
         params.baseline == "empty_hand" and bool(without_empty_hand(recordings))
     )
@@ -75,12 +77,10 @@ def apply(
         if not plan.shows_open_hand:
             states = states.as_all_contact()
     baseline = measure_baseline(recordings, params, moments, states)
-    return baseline, _in_contact(plan, recordings, baseline, moments)
+    return baseline, _in_contact(plan, recordings, baseline)
 
 
-def _in_contact(
-    plan: Plan, recordings: Recordings, baseline: Baseline, moments: list[Moments]
-) -> np.ndarray:
+def _in_contact(plan: Plan, recordings: Recordings, baseline: Baseline) -> np.ndarray:
     """Return bool (T,): the frames in contact, by the plan's filter or what stands in for it."""
     params = plan.params
     every_frame = np.ones(len(recordings), dtype=bool)
@@ -94,7 +94,7 @@ def _in_contact(
     sensors = int(params.contact_sensors)
     if np.isfinite(baseline.noise).all():
         return pressed_frames(recordings, baseline, sensors)
-    return hand_states(recordings, sensors, moments).contact
+    return hand_states(recordings, sensors, session_moments(recordings)).contact
 
 
 def _measured_apart(recordings: Recordings) -> Recordings:
