@@ -1,18 +1,20 @@
 """Apply a plan: the baseline of each frame, and which frames are in contact.
 
 Nothing else looks at readings once a plan is made. All fallbacks stand here and in
-`frames/baseline.py`:
+`frames/baseline.py`. A recording in which the hand never opens has the first baseline of these that
+there is:
 
-- A session without an empty hand has the open hand of its recordings. If the recordings are new, it
-  has what the training set measured in a session of this name.
-- A session whose name the training set does not know, or that has none, has the mean of all
-  sessions of the training set.
-- A new recording depends on no other one but the empty hand of its session.
-- A recording in which the hand never opens has the baseline of its session, or else its five
-  quietest frames.
-- New recordings without flags of the source, in a plan that filters by flags, are filtered by
-  contact. If the plan has no baseline, all their frames count as contact where nearly all training
-  frames did.
+1. the empty hand of its session;
+2. the open hand of its session's recordings. A new recording has none of other recordings;
+3. if it is new, what the training set measured in a session of this name. A session that has no
+   name, or that the training set does not know, has the mean of the training set's sessions;
+4. its five quietest frames.
+
+So a new recording depends on no other one but the empty hand of its session.
+
+New recordings may lack the flags of the source that a plan filters by. Then contact is found above
+the baseline. If the plan has no baseline, all frames count as contact where nearly all training
+frames did.
 """
 
 from dataclasses import replace
@@ -59,12 +61,14 @@ def apply(
     """
     params = plan.params
     recordings = replace(recordings, live=plan.live)
-    trained: list[Moments] | None = None
     if new:
         recordings = _measured_apart(recordings)
-        if params.baseline != "none":
+    moments = list[Moments]()
+    if params.baseline != "none":
+        trained = None
+        if new:
             trained = _trained_moments(plan, recordings.sessions)
-    moments = session_moments(recordings, trained)
+        moments = session_moments(recordings, trained)
     needs_states = params.baseline == "grasp" or (
         params.baseline == "empty_hand" and bool(without_empty_hand(recordings))
     )
@@ -73,12 +77,10 @@ def apply(
         if not plan.shows_open_hand:
             states = states.as_all_contact()
     baseline = measure_baseline(recordings, params, moments, states)
-    return baseline, _in_contact(plan, recordings, baseline, moments)
+    return baseline, _in_contact(plan, recordings, baseline)
 
 
-def _in_contact(
-    plan: Plan, recordings: Recordings, baseline: Baseline, moments: list[Moments]
-) -> np.ndarray:
+def _in_contact(plan: Plan, recordings: Recordings, baseline: Baseline) -> np.ndarray:
     """Return bool (T,): the frames in contact, by the plan's filter or what stands in for it."""
     params = plan.params
     every_frame = np.ones(len(recordings), dtype=bool)
@@ -92,7 +94,7 @@ def _in_contact(
     sensors = int(params.contact_sensors)
     if np.isfinite(baseline.noise).all():
         return pressed_frames(recordings, baseline, sensors)
-    return hand_states(recordings, sensors, moments).contact
+    return hand_states(recordings, sensors, session_moments(recordings)).contact
 
 
 def _measured_apart(recordings: Recordings) -> Recordings:

@@ -191,7 +191,7 @@ def _contact_sensors(live: int) -> Reasoned:
 
 
 def _shows_open_hand(recordings: Recordings, states: HandStates) -> bool:
-    """Whether most recordings have enough open-hand frames for a baseline, and some in contact."""
+    """Return whether most recordings have enough open-hand frames, and some in contact."""
     masks = pd.DataFrame({"open": states.open, "contact": states.contact})
     frames = masks.groupby(recordings.columns["recording"]).sum().median()
     return bool(frames["open"] >= MIN_FRAMES and frames["contact"] > 0)

@@ -47,6 +47,18 @@ CASES = {
     "recordings of no length": ("trees", "learnt/short", 1e9, "short"),
     "a width that would fill the memory": ("mvcnn", "model/backbone/width", 1_000_000, "1000000"),
 }
+#: of the plan: what new recordings could not be measured or checked by
+CASES |= {
+    "no live sensor": ("trees", "plan/live", torch.zeros(SHAPE, dtype=torch.bool), "no sensor"),
+    "live sensors of another type": ("trees", "plan/live", torch.ones(SHAPE), "no sensor"),
+    "noise of another shape": ("trees", "plan/noise", torch.ones(3, 3), "noise"),
+    "a session without a baseline": ("trees", "plan/sessions", ["session 0", "x"], "baselines"),
+    "no baselines": ("trees", "plan/baselines", torch.zeros(0, *SHAPE), "baselines"),
+    "a sensor without a name": ("trees", "plan/channel_names", ["a"], "1 names of 80"),
+    "one strong reading": ("trees", "plan/strong_readings", [[1.0], [1.0, 2.0]], "pairs"),
+    "three rates": ("trees", "plan/rates", [1.0, 2.0, 3.0], "pairs"),
+    "a filter that there is not": ("trees", "plan/params/filter", "x", "filter"),
+}
 for noise in (np.inf, -1.0):
     CASES[f"noise {noise}"] = "trees", "plan/noise", torch.full(SHAPE, noise), "noise"
 
