@@ -75,14 +75,14 @@ def complete_folds(groups: np.ndarray, labels: np.ndarray, folds: int) -> list[n
         labels: (n,), classes.
         folds: number of folds, at least 2; there may be more or fewer masks.
     """
-    number = pd.factorize(labels, sort=True)[0]
-    pairs = pd.DataFrame({"group": groups, "label": number}).drop_duplicates()
+    class_of_row = pd.factorize(labels, sort=True)[0]
+    pairs = pd.DataFrame({"group": groups, "label": class_of_row}).drop_duplicates()
     groups_of_class = np.bincount(pairs["label"])
     is_repeated = groups_of_class > 1
     pairs = pairs[is_repeated[pairs["label"]]].sort_values("group")
     fold_of_group = _deal_groups(pairs, groups_of_class, folds)
     fold_of_row = np.array([fold_of_group.get(group, -1) for group in groups.tolist()])
-    fold_of_row[~is_repeated[number]] = -1
+    fold_of_row[~is_repeated[class_of_row]] = -1
     return [fold_of_row == fold for fold in np.unique(fold_of_row) if fold >= 0]
 
 
