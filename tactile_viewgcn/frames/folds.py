@@ -40,26 +40,6 @@ def in_fold(
     return inside
 
 
-def left_out(groups: np.ndarray, labels: np.ndarray, folds: int) -> list[np.ndarray]:
-    """Return masks bool (n,) of what is held out, one for each fold that holds out anything.
-
-    What would take the last group of its class out of the training set is not held out.
-
-    Args:
-        groups: (n,), groups.
-        labels: (n,), classes.
-        folds: number of folds, at least 2.
-    """
-    across = spans_classes(groups, labels)
-    masks = list[np.ndarray]()
-    for fold in range(folds):
-        held_out = in_fold(groups, labels, folds=folds, fold=fold, across=across)
-        held_out &= np.isin(labels, labels[~held_out])
-        if held_out.any():
-            masks.append(held_out)
-    return masks
-
-
 def complete_folds(groups: np.ndarray, labels: np.ndarray, folds: int) -> list[np.ndarray]:
     """Return masks bool (n,), one for each fold, that hold out every class of two groups or more.
 
@@ -75,14 +55,14 @@ def complete_folds(groups: np.ndarray, labels: np.ndarray, folds: int) -> list[n
         labels: (n,), classes.
         folds: number of folds, at least 2; there may be more or fewer masks.
     """
-    number = pd.factorize(labels, sort=True)[0]
-    pairs = pd.DataFrame({"group": groups, "label": number}).drop_duplicates()
+    class_of_row = pd.factorize(labels, sort=True)[0]
+    pairs = pd.DataFrame({"group": groups, "label": class_of_row}).drop_duplicates()
     groups_of_class = np.bincount(pairs["label"])
     is_repeated = groups_of_class > 1
     pairs = pairs[is_repeated[pairs["label"]]].sort_values("group")
     fold_of_group = _deal_groups(pairs, groups_of_class, folds)
     fold_of_row = np.array([fold_of_group.get(group, -1) for group in groups.tolist()])
-    fold_of_row[~is_repeated[number]] = -1
+    fold_of_row[~is_repeated[class_of_row]] = -1
     return [fold_of_row == fold for fold in np.unique(fold_of_row) if fold >= 0]
 
 

@@ -116,10 +116,10 @@ def quick_error(
     answered = cells[is_answered]
     if answered["label"].nunique() < 2:
         return None
-    frames_of_cell = _parts(frames, table.groupby(["label", "group"]).ngroup().to_numpy())
-    means = _means_of(
-        readings, [frames_of_cell[cell] for cell in np.flatnonzero(is_answered)], answered
-    )
+    cell = table.groupby(["label", "group"]).ngroup().to_numpy()
+    frames_of_cell = _frames_of_cells(frames, cell)
+    used = [frames_of_cell[index] for index in np.flatnonzero(is_answered)]
+    means = _means_of(readings, used, answered)
     wrong = _wrong_by_cell(means, means.label, nearest=nearest)
     interval = proportion_interval(wrong, means.group, stream(SPLIT_SEED, "quick error"))
     low, high = interval or (0.0, 1.0)
@@ -138,15 +138,15 @@ def quick_error(
     return error
 
 
-def _parts(frames: np.ndarray, number: np.ndarray) -> list[np.ndarray]:
-    """Return the frames (n,) of each of some parts, in the order of time.
+def _frames_of_cells(frames: np.ndarray, cell: np.ndarray) -> list[np.ndarray]:
+    """Return the frames of each cell, in the order of time.
 
     Args:
         frames: int (n,), rising.
-        number: int (n,), the part of each of these frames; no part is without a frame.
+        cell: int (n,), the cell of each of these frames; no cell is without a frame.
     """
-    order = np.argsort(number, kind="stable")
-    ends = np.cumsum(np.bincount(number))
+    order = np.argsort(cell, kind="stable")
+    ends = np.cumsum(np.bincount(cell))
     return np.split(frames[order], ends[:-1])
 
 

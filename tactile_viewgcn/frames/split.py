@@ -135,14 +135,11 @@ def split_groups(columns: Mapping[str, np.ndarray], by: str) -> np.ndarray:
         raise UserError(f"the recordings have no column {column!r}: {remedy}")
     if by == "session":
         return np.asarray(columns["session"], dtype=np.int64)
-    keys = [
-        np.asarray(columns.get("take", columns["recording"])),
-        np.asarray(columns["object"]),
-    ]
+    take = columns.get("take", columns["recording"])
+    keys = pd.DataFrame({"take": np.asarray(take), "object": np.asarray(columns["object"])})
     if by == "grasp":
-        keys.append(np.asarray(columns["grasp"]))
-    number = pd.DataFrame(dict(enumerate(keys))).groupby(list(range(len(keys)))).ngroup()
-    return np.asarray(number, dtype=np.int64)
+        keys["grasp"] = np.asarray(columns["grasp"])
+    return np.asarray(keys.groupby(list(keys)).ngroup(), dtype=np.int64)
 
 
 def with_validation_set(

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tactile_viewgcn.frames.folds import left_out
+from tactile_viewgcn.frames.folds import complete_folds
 from tactile_viewgcn.members.examples import Examples
 from tactile_viewgcn.members.member import Member
 from tactile_viewgcn.members.weighted_sum import log_probabilities, weighted_sum
@@ -52,8 +52,8 @@ def out_of_fold_answers(
 class OutOfFold:
     """The out-of-fold answers of members, and the weights, temperature and errors that follow.
 
-    A fifth of the groups is held out at a time. If a fold would take the last group of a class out
-    of the fits, that class's recordings are in no fold.
+    A fifth of the groups is held out at a time, so that every class of two groups or more is held
+    out in turn, see `complete_folds`.
 
     Attributes:
         labels: (R,) class of each training recording.
@@ -75,7 +75,7 @@ class OutOfFold:
             labels: (R,) class of each recording.
             groups: (R,) group of each recording.
         """
-        return cls(labels, groups, left_out(groups, labels, FOLDS))
+        return cls(labels, groups, complete_folds(groups, labels, FOLDS))
 
     def with_member(self, member: Member, examples: Examples, *, seed: int) -> "OutOfFold":
         """Return a copy that also has the answers of a member; see `out_of_fold_answers`."""
