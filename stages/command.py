@@ -91,14 +91,14 @@ def _run_stage(
     changes: tuple[str, ...],
     record_file: Path | None,
     debug: bool,
-    **paths: Path,
+    **input_options: Path,
 ) -> None:
-    """Run a stage with the values of its options; `paths` has the inputs but for the source."""
+    """Run a stage with the values of its options."""
     stage = work.__name__
     with program(debug=debug):
         params = load(params_file, changes)
-        if SOURCE in inputs:
-            paths[SOURCE] = Path(params.data.source)
+        given = input_options | {SOURCE: Path(params.data.source)}
+        paths = {name: given[name] for name in inputs}
         _check_inputs(paths)
         needed = NEEDS not in paths or _is_needed(stage, paths[NEEDS])
         job = _new_job(stage, params, params_file, paths, needed)

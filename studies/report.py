@@ -74,7 +74,7 @@ def write_report(
         text.append(DEALT.format(deals=deals))
     absent = missing(cells, answers)
     if absent:
-        text.append(f"Missing training runs: {', '.join(absent)}.")
+        text.append(f"Training runs that have not been run: {', '.join(absent)}.")
     if references:
         text.append(COMPARED)
     parts = [*map(_paragraph, text), *tables(rows, references, study.columns)]
