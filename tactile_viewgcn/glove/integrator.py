@@ -7,7 +7,7 @@ method of order 1 estimates the error, filtered through the stage's matrix (Hose
 Appl. Numer. Math. 20 (1996), 21-37) and converted to an error of the sensors' forces.
 
 A step in which a finger tunnels through an object is rejected too. Without contact the equation is
-linear and its steps are long, the contacts are known at the stages of a step alone, and a Newton
+linear and its steps are long, the contacts are known only at the stages of a step, and a Newton
 iteration may jump over one. So before a step is accepted the straight path between its two states
 is sampled, if the path is longer than a finger's thickness or the inradius of the object's thinnest
 part.
