@@ -6,12 +6,12 @@ position (3,) in m:
     D dy/dt = drive(t) - dU/dy,    U = sum_s k A_s d_s^2 / 2  +  joints  +  joint limits  +
     holding.
 
-D is the damping, d_s the depth of sensor s inside the object, A_s its area, and k the stiffness per
-area of skin and object in series (elastic or Winkler foundation: Johnson, "Contact Mechanics"
-(1985), section 4.3). The force on a sensor is k A_s d_s along the object's normal. There is no
-separate friction: a spring, `holding`, pulls the object to the position that the scene prescribes.
-The Hessian of U omits the curvature of the contact (Gauss-Newton) and is therefore never
-indefinite.
+D is the damping, d_s the depth of sensor s inside the object, and A_s the sensor's area. The
+stiffness k per area is that of skin and object in series: an elastic, or Winkler, foundation
+(Johnson, "Contact Mechanics" (1985), section 4.3). The force on a sensor is k A_s d_s along the
+object's normal. There is no separate friction: a spring, `holding`, pulls the object to the
+position that the scene prescribes. The Hessian of U omits the curvature of the contact
+(Gauss-Newton) and is therefore never indefinite.
 """
 
 from dataclasses import dataclass
@@ -95,7 +95,7 @@ class Drive:
 class Contacts:
     """C contacts of one sensor with one primitive, sorted by row and sensor.
 
-    Where primitives of an object overlap, a sensor has a contact with each of them, so the force on
+    Where primitives of an object overlap, a sensor has a contact with each of them. So the force on
     it changes continuously as it slides from one into the other. A sensor pressed past the middle
     of a wall is pushed out on the far side.
 

@@ -1,9 +1,9 @@
 """Scenes: the prescribed motion of a recording, with every squeeze, shift and release.
 
 A recording is one long manipulation. It begins with the open hand; then the object is grasped again
-and again. In each grasp the object arrives, the fingers close until they touch it, squeeze it more
-the heavier it is, hold it while it moves a little, and let go without opening wholly. The numbers
-below belong to the calibrated constants, see VERSION in `simulation.py`.
+and again. In each grasp the object arrives, and the fingers close until they touch it. They squeeze
+it more the heavier it is, hold it while it moves a little, and let go without opening wholly. The
+numbers below belong to the calibrated constants, see VERSION in `simulation.py`.
 """
 
 import numpy as np

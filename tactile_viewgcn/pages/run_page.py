@@ -64,9 +64,8 @@ class FinishedRun:
         uncertain: whether the test is too small for a reliable error.
         tested_set: `test` or `validation`.
         groups: number of split groups of that set.
-        objects: of each tested object the name, the number of recordings, the share of wrong
-            answers, and the object that it is most often taken for, with that share; the highest
-            error first.
+        objects: a row of each tested object, the highest error first: its name, its number of
+            recordings, its share of wrong answers, and what it is most often taken for.
         tested: their recordings, in words.
         weights: weight and error of each member, where `model.members` is auto; the largest weight
             first.
