@@ -58,24 +58,23 @@ def write_file(
     """
     path = Path(path)
     _check_place(path)
-    if is_own and path.exists() and not _may_be_replaced(path, is_own):
-        raise UserError(
-            f"{path}: a file that this command has not written; remove it or name another"
-        )
+    if is_own and path.exists():
+        _check_own(path, is_own)
     if isinstance(content, str):
         content = content.encode()
     with new_files(path.parent, path.name) as part:
         (part / path.name).write_bytes(content)
 
 
-def _may_be_replaced(path: Path, is_own: Callable[[str], bool]) -> bool:
-    """Return whether a file is empty, or of a size and text that this command writes."""
+def _check_own(path: Path, is_own: Callable[[str], bool]) -> None:
+    """Raise a UserError unless a file is empty, or of a size and text that this command writes."""
     size = path.stat().st_size
     if size == 0:
-        return True
-    if size > MOST_READ:
-        return False
-    return is_own(path.read_text("utf-8", errors="replace"))
+        return
+    if size > MOST_READ or not is_own(path.read_text("utf-8", errors="replace")):
+        raise UserError(
+            f"{path}: a file that this command has not written; remove it or name another"
+        )
 
 
 @contextmanager

@@ -40,7 +40,8 @@ def shown(text: object) -> str:
 def _shown(letter: str) -> str:
     is_joiner = letter in "\u200c\u200d"  # used in Persian and Hindi
     is_space = unicodedata.category(letter) == "Zs"  # as the one in 47.3 %
-    if letter.isprintable() or is_joiner or is_space:
+    is_harmless = is_joiner or is_space
+    if letter.isprintable() or is_harmless:
         return letter
     return letter.encode("unicode_escape").decode()
 

@@ -287,7 +287,8 @@ def _split_mistakes(params: Params) -> list[str]:
             "evaluate.side is validation, and split.validation is 0: expected a share of the groups"
         )
     system = params.model.system
-    if on_sensors(system) and split.validation and not tests_validation:
+    has_idle_validation = split.validation > 0 and not tests_validation
+    if on_sensors(system) and has_idle_validation:
         mistakes.append(
             f"split.validation is {split.validation:g}, and model.system is {system}, which is "
             "calibrated without validation groups: expected 0, or evaluate.side validation"

@@ -6,12 +6,12 @@ position (3,) in m:
     D dy/dt = drive(t) - dU/dy,    U = sum_s k A_s d_s^2 / 2  +  joints  +  joint limits  +
     holding.
 
-D is the damping, d_s the depth of sensor s inside the object, A_s its area, and k the stiffness per
-area of skin and object in series (elastic or Winkler foundation: Johnson, "Contact Mechanics"
-(1985), section 4.3). The force on a sensor is k A_s d_s along the object's normal. There is no
-separate friction: a spring, `holding`, pulls the object to the position that the scene prescribes.
-The Hessian of U omits the curvature of the contact (Gauss-Newton) and is therefore never
-indefinite.
+D is the damping, d_s the depth of sensor s inside the object, and A_s the sensor's area. The
+stiffness k per area is that of skin and object in series: an elastic, or Winkler, foundation
+(Johnson, "Contact Mechanics" (1985), section 4.3). The force on a sensor is k A_s d_s along the
+object's normal. There is no separate friction: a spring, `holding`, pulls the object to the
+position that the scene prescribes. The Hessian of U omits the curvature of the contact
+(Gauss-Newton) and is therefore never indefinite.
 """
 
 from dataclasses import dataclass
@@ -95,7 +95,7 @@ class Drive:
 class Contacts:
     """C contacts of one sensor with one primitive, sorted by row and sensor.
 
-    Where primitives of an object overlap, a sensor has a contact with each of them, so the force on
+    Where primitives of an object overlap, a sensor has a contact with each of them. So the force on
     it changes continuously as it slides from one into the other. A sensor pressed past the middle
     of a wall is pushed out on the far side.
 
@@ -407,26 +407,13 @@ def collisions(
         rotation: (R, 3, 3) from the object's axes to the palm's.
         palm: whether the palm's sensors are tested too.
     """
+    # centres of the bounding spheres of primitives (R, P, 3)
+    primitive = position[:, None] + np.einsum("rij,rpj->rpi", rotation, solids.centre[rows])
     patches = LINK_PATCHES
     if palm:
         patches = len(hands.start)
-    # Centres of the bounding spheres of primitives (R, P, 3) and patches (R, N, 3).
-    primitive = position[:, None] + np.einsum("rij,rpj->rpi", rotation, solids.centre[rows])
-    patch = pose.origin[:, :patches] + np.einsum(
-        "rnij,rnj->rni", pose.axes[:, :patches], hands.centre[rows, :patches]
-    )
-    # (R, N, P)
-    squared = sum((patch[:, :, None, axis] - primitive[:, None, :, axis]) ** 2 for axis in range(3))
-    radii = hands.bounding_radius[:patches, None] + solids.bounding_radius[rows][:, None]
-    # indices of hand, patch and primitive of each pair that is close
-    r, n, p = np.nonzero(squared < np.maximum(radii, 0) ** 2)
-    axes = rotation[r] @ solids.rotation[rows[r], p]
-    local = np.einsum("nij,ni->nj", axes, patch[r, n] - primitive[r, p])
-    is_close = solids.distance(rows[r], p, local) < hands.bounding_radius[n]
-    r = r[is_close]
-    n = n[is_close]
-    p = p[is_close]
-    axes = axes[is_close]
+    # indices (n,) of hand, patch and primitive of each close pair, and the primitive's axes
+    r, n, p, axes = _close_pairs(hands, solids, rows, pose, primitive, rotation, patches)
 
     # One entry for each sensor of the remaining pairs, first in the primitive's axes.
     offset = np.einsum("nij,ni->nj", axes, pose.origin[r, n] - primitive[r, p])
@@ -452,3 +439,42 @@ def collisions(
     return Contacts(
         row=r, sensor=sensor, patch=n, depth=-distance[inside], normal=normal, point=point
     )
+
+
+def _close_pairs(
+    hands: Hands,
+    solids: Solids,
+    rows: np.ndarray,
+    pose: Pose,
+    primitive: np.ndarray,
+    rotation: np.ndarray,
+    patches: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the pairs of a patch and a primitive that may be in contact.
+
+    The bounding spheres of a pair overlap, and the patch's sphere reaches into the primitive.
+
+    Args:
+        hands: B hands.
+        solids: the B objects that they hold.
+        rows: (R,) indices of R of these hands.
+        pose: pose of the R hands.
+        primitive: (R, P, 3) m, centres of the primitives' spheres.
+        rotation: (R, 3, 3) from the object's axes to the palm's.
+        patches: N, number of patches that are tested.
+
+    Returns:
+        Indices of hand, patch and primitive, (n,) each, and the axes (n, 3, 3) of the primitives.
+    """
+    # centres of the bounding spheres of patches (R, N, 3)
+    patch = pose.origin[:, :patches] + np.einsum(
+        "rnij,rnj->rni", pose.axes[:, :patches], hands.centre[rows, :patches]
+    )
+    # (R, N, P)
+    squared = sum((patch[:, :, None, axis] - primitive[:, None, :, axis]) ** 2 for axis in range(3))
+    radii = hands.bounding_radius[:patches, None] + solids.bounding_radius[rows][:, None]
+    r, n, p = np.nonzero(squared < np.maximum(radii, 0) ** 2)
+    axes = rotation[r] @ solids.rotation[rows[r], p]
+    local = np.einsum("nij,ni->nj", axes, patch[r, n] - primitive[r, p])
+    is_close = solids.distance(rows[r], p, local) < hands.bounding_radius[n]
+    return r[is_close], n[is_close], p[is_close], axes[is_close]

@@ -2,8 +2,8 @@
 
 Axes of the palm: x towards the fingertips, y from the little finger to the thumb, z out of the palm
 towards the object. Lengths are in m, and the wrist is at x = 0. Each finger has three flexion
-joints and two coordinates: the base joint bends by q[0], the middle one by q[1] and the last one by
-2/3 q[1], as the tendons of a human finger couple them. The opposition angle rotates the thumb's
+joints and two coordinates, as the tendons of a human finger couple them. The base joint bends by
+q[0], the middle one by q[1] and the last one by 2/3 q[1]. The opposition angle rotates the thumb's
 plane of flexion about x.
 
 Where the sensors sit in the 32 x 32 frame follows the description of STAG (Sundaram et al., Nature

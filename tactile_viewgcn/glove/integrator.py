@@ -7,10 +7,10 @@ method of order 1 estimates the error, filtered through the stage's matrix (Hose
 Appl. Numer. Math. 20 (1996), 21-37) and converted to an error of the sensors' forces.
 
 A step in which a finger tunnels through an object is rejected too. Without contact the equation is
-linear and its steps are long, the contacts are known at the stages of a step alone, and a Newton
-iteration may jump over one. So before a step is accepted the straight path between its two states
-is sampled, if the path is longer than a finger's thickness or the inradius of the object's thinnest
-part.
+linear and its steps are long. The contacts are known only at the stages of a step, and a Newton
+iteration may jump over one. So the straight path between the two states of a step is sampled before
+the step is accepted. That is done if the path is longer than a finger's thickness or the inradius
+of the object's thinnest part.
 
 The hands do not wait for each other: each evaluation of the mechanics serves all hands, each in its
 own step, stage and Newton iteration.
@@ -344,9 +344,9 @@ def tunnels(
 ) -> tuple[np.ndarray, int]:
     """Return which hands pass through their objects on the straight path between two states.
 
-    A finger or the palm does where the depth along the path exceeds the depth at both ends. The
-    excess is more than the distance from a finger's skin to its bone, or more than half of the
-    inradius of the object's thinnest part. Shallower contacts may be passed.
+    A finger or the palm does where the depth on the path exceeds the depth at both ends by enough.
+    Enough is the distance from a finger's skin to its bone, or half of the inradius of the object's
+    thinnest part. Shallower contacts may be passed.
 
     Args:
         mechanics: the equation.

@@ -166,6 +166,8 @@ def select_objects(selection: str | Sequence[str]) -> tuple[GraspObject, ...]:
     Args:
         selection: "all", or names of objects.
     """
+    if selection == "all":
+        return OBJECTS
     by_name = {grasp_object.name: grasp_object for grasp_object in OBJECTS}
-    names = by_name if selection == "all" else selection
-    return tuple(by_name[name] for name in dict.fromkeys([EMPTY_HAND, *names]))
+    names = dict.fromkeys([EMPTY_HAND, *selection])  # each once
+    return tuple(by_name[name] for name in names)

@@ -1,9 +1,9 @@
 """Scenes: the prescribed motion of a recording, with every squeeze, shift and release.
 
 A recording is one long manipulation. It begins with the open hand; then the object is grasped again
-and again. In each grasp the object arrives, the fingers close until they touch it, squeeze it more
-the heavier it is, hold it while it moves a little, and let go without opening wholly. The numbers
-below belong to the calibrated constants, see VERSION in `simulation.py`.
+and again. In each grasp the object arrives, and the fingers close until they touch it. They squeeze
+it more the heavier it is, hold it while it moves a little, and let go without opening wholly. The
+numbers below belong to the calibrated constants, see VERSION in `simulation.py`.
 """
 
 import numpy as np
@@ -76,11 +76,7 @@ def plan(
     ]
     # (B, G, ...) each
     position, rotation, opposition, squeeze = map(np.stack, zip(*draws, strict=True))
-    closures = [
-        closure(hands, solids, position[:, number], rotation[:, number], opposition[:, number])
-        for number in range(grasps)
-    ]
-    closed = np.stack(closures, axis=1)[:, grasp]
+    closed = _closures(hands, solids, position, rotation, opposition)[:, grasp]
     # (B, T, ...) each
     position = position[:, grasp]
     rotation = rotation[:, grasp]
@@ -98,10 +94,9 @@ def plan(
         squeeze *= np.exp(FINGER["within"] * drift[..., 6:])
     position[..., 2] += AWAY * (1 - near)
     posture = OPEN + (closing[:, None] * closed)[..., None] * (CLOSED - OPEN)
-    load = np.zeros((len(grasp_objects), frames, 3))
+    load = np.zeros_like(position)
     if "weight" in effects:
-        weight = np.array([[grasp_object.weight] for grasp_object in grasp_objects])
-        load[..., 2] = -1e-3 * GRAVITY * weight * loaded
+        load[..., 2] = _weights(grasp_objects) * loaded
     opposition = ASIDE + (opposition - ASIDE) * near
     return Drive(
         posture=_with_first_knot(posture),
@@ -111,6 +106,13 @@ def plan(
         rotation=_with_first_knot(rotation),
         load=_with_first_knot(load),
     )
+
+
+def _weights(grasp_objects: list[GraspObject]) -> np.ndarray:
+    """Return the force (B, 1) N of each object's weight along z."""
+    grams = np.array([[grasp_object.weight] for grasp_object in grasp_objects])
+    weights: np.ndarray = -1e-3 * GRAVITY * grams
+    return weights
 
 
 def _courses(phase: np.ndarray, progress: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -198,6 +200,18 @@ def closure(
     is_empty = ~np.isfinite(solids.bounding_radius[:, :1]).any(axis=1, keepdims=True)
     untouched = np.where(is_empty, IDLE, RELAXED)
     return np.where(np.isnan(first), untouched, first)
+
+
+def _closures(
+    hands: Hands, solids: Solids, position: np.ndarray, rotation: np.ndarray, opposition: np.ndarray
+) -> np.ndarray:
+    """Return the closure (B, G, 5) of each grasp; arguments are those of `closure`, by grasp."""
+    closures = list[np.ndarray]()
+    for grasp in range(position.shape[1]):
+        closures.append(
+            closure(hands, solids, position[:, grasp], rotation[:, grasp], opposition[:, grasp])
+        )
+    return np.stack(closures, axis=1)
 
 
 def _draw(

@@ -2,10 +2,10 @@
 
 There are two families of primitives. A solid of revolution about z is a rounded rectangle in the
 half-plane (rho, z): its centre is `offset` from the axis, its half sizes are `half`, its corners
-are rounded by `round`. A sphere has half = (0, 0), a capsule half = (0, c), a torus offset > 0, a
-tube half = (wall / 2, c) and offset > 0. A box is rounded in the same way and has three half sizes.
+are rounded by `round`. A sphere has half = (0, 0) and a capsule half = (0, c). A torus has offset >
+0, and a tube half = (wall / 2, c) too. A box is rounded in the same way and has three half sizes.
 Outside a primitive the distance is exact; inside it is the distance to the nearest face. A cut
-takes the larger of two distances and a union the smaller, which bounds the true distance (Hart,
+takes the larger of two distances and a union the smaller. That bounds the true distance (Hart,
 "Sphere tracing", The Visual Computer 12 (1996)).
 """
 

@@ -30,9 +30,9 @@ from tactile_viewgcn.params import Effect
 from tactile_viewgcn.progress import is_shown, progress, shown
 from tactile_viewgcn.randomness import stream
 
-#: Version of the constants in this folder, an attribute of every file. They are set against
-#: published and measured facts of STAG alone, on glove seed 7, and frozen: a changed constant needs
-#: a new version.
+#: Version of the constants in this folder, an attribute of every file. They are set only against
+#: published and measured facts of STAG, on glove seed 7, and frozen: a changed constant needs a new
+#: version.
 VERSION = 2
 LAYER = Layer(stiffness=1e7, thickness=4e-3, joint_damping=0.02, object_damping=60.0)
 RATE = 7.35  # frames a second, STAG's

@@ -1,8 +1,9 @@
 """The modified ResNet-18: a tactile frame to a feature of 128.
 
-He et al., "Deep residual learning for image recognition" (arXiv 1512.03385), with one input
-channel, two of its four stages and dropout between them, as in the network of Sundaram et al. 2019,
-which Tactile-ViewGCN takes over. It has 674,240 weights and is trained from scratch.
+It is the network of Sundaram et al. 2019, which Tactile-ViewGCN takes over: the ResNet-18 of He et
+al., "Deep residual learning for image recognition" (arXiv 1512.03385), with one input channel. Of
+the four stages it has two, with dropout between them. It has 674,240 weights and is trained from
+scratch.
 """
 
 import math
@@ -52,8 +53,8 @@ class Stem(nn.Module):
     They are a 3x3 convolution, batch normalisation, ReLU and maximum pooling.
 
     Equivalent to these four layers, in fewer passes over its maps, the largest of the network. A
-    frame has one channel, so the mean and variance of every map follow exactly from those of the
-    frame's 3x3 patches, and the normalisation becomes part of the convolution's nine weights. ReLU
+    frame has one channel, so the mean and variance of every map follow exactly from the moments of
+    the frame's 3x3 patches. The normalisation becomes part of the convolution's nine weights. ReLU
     comes after the pooling, with which it commutes.
     """
 

@@ -3,8 +3,8 @@
 Positions are (..., N, 3). Squared distances are sums of squared differences, never the expansion of
 the square, so that coincident points are at exactly zero. Ties go to the lowest index: distances
 that differ by less than the largest one's 65,536th part are ties, since on a circle equal ones
-differ by rounding. Nodes are compared in float64, so that a graph is the same in every precision of
-the network and the squares of very small and very large coordinates stay finite.
+differ by rounding. Nodes are compared in float64. So a graph is the same in every precision of the
+network, and the squares of very small and very large coordinates stay finite.
 """
 
 import torch

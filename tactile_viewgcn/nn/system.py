@@ -13,8 +13,9 @@ DROPOUT = 0.5  # ours: on the shape descriptor
 class ViewSystem(nn.Module):
     """Views (B, k, ...) to logits (B, classes); k is V, or what else the system takes.
 
-    A subclass is built from `viewpoints` (V, 3), the `shape` of a view's features, (C,), or of its
-    maps, (C, H, W), the number of `classes`, and the section `model` of params.yaml.
+    A subclass is built from `viewpoints` (V, 3), a `shape`, the number of `classes`, and the
+    section `model` of params.yaml. The shape is (C,) of a view's features, or (C, H, W) of its
+    maps.
 
     Attributes:
         takes: what the system reads: the backbone's `features` (B, k, C), or its `maps` (B, k, C,

@@ -14,9 +14,9 @@ class SelectiveViewSampling(nn.Module):
         classes: number of classes.
         samples: M, the nodes of the next level.
         neighbours: K, the nodes that a sampled view chooses from, itself included.
-        joint: as in the released code, one linear layer sees the q-th neighbours of all sampled
-            views at once, and its softmax runs over the sampled views. Else each sampled view has
-            its own classifier.
+        joint: as in the released code. One linear layer sees the q-th neighbours of all sampled
+            views at once, and its softmax runs over the sampled views. Otherwise each sampled view
+            has its own classifier.
     """
 
     def __init__(

@@ -250,20 +250,26 @@ def warnings(overview: Overview) -> list[Note]:
     if error and not error.beats_chance:
         text = f"The error of a quick classifier cannot be told from chance. {FIRMLY}"
         notes.append(Note(text, "warning", "error"))
-    session_error = overview.session_error
-    if error and session_error and error.high < min(session_error.error, error.chance):
-        text = (
-            f"The error rate of a quick classifier is {100 * session_error.error:.1f} % on "
-            f"{NEW_SESSION}, and {100 * error.error:.1f} % on a new recording. "
-            "Test both, and record more sessions."
-        )
-        notes.append(Note(text, "warning", "session"))
+    if error and overview.session_error:
+        notes += _session_warning(error, overview.session_error)
     by = overview.setting("split.by")
     single = _names(overview, overview.groups[by] == 1)
     if single:
         text = f"These have only one {by}: {single}. Nothing is left to test with. {TWICE}"
         notes.append(Note(text, "warning", "split"))
     return notes
+
+
+def _session_warning(error: QuickError, session_error: QuickError) -> list[Note]:
+    """Return a warning where new sessions have a clearly higher error than new recordings."""
+    if error.high >= min(session_error.error, error.chance):
+        return []
+    text = (
+        f"The error rate of a quick classifier is {100 * session_error.error:.1f} % on "
+        f"{NEW_SESSION}, and {100 * error.error:.1f} % on a new recording. "
+        "Test both, and record more sessions."
+    )
+    return [Note(text, "warning", "session")]
 
 
 def verdict(overview: Overview, warned: list[Note]) -> html.Verdict:

@@ -64,9 +64,8 @@ class FinishedRun:
         uncertain: whether the test is too small for a reliable error.
         tested_set: `test` or `validation`.
         groups: number of split groups of that set.
-        objects: of each tested object the name, the number of recordings, the share of wrong
-            answers, and the object that it is most often taken for, with that share; the highest
-            error first.
+        objects: a row of each tested object, the highest error first: its name, its number of
+            recordings, its share of wrong answers, and what it is most often taken for.
         tested: their recordings, in words.
         weights: weight and error of each member, where `model.members` is auto; the largest weight
             first.
@@ -153,11 +152,17 @@ class FinishedRun:
             return Verdict("unsure", answer, [below, *doubts])
         return Verdict("open", "It is better than chance, and no stage gave a warning.", [below])
 
+    def _fails_in_new_sessions(self) -> bool:
+        """Return whether the error for a new session lies above the interval."""
+        session = self.metrics.get("new_session")
+        if not session or not self.ends:
+            return False
+        return bool(session["error"]["mean"] > self.ends[1])
+
     def _doubts(self) -> list[str]:
         """Return the reasons for which a result that is better than chance may mislead."""
         doubts = list[str]()
-        session = self.metrics.get("new_session")
-        if session and self.ends and session["error"]["mean"] > self.ends[1]:
+        if self._fails_in_new_sessions():
             doubts.append(f"For {NEW_SESSION} the error is higher: record more sessions.")
         if self.uncertain:
             doubts.append(f"Little was tested: {self.tested}.")
@@ -391,7 +396,8 @@ def _content(read: Callable[[str], bytes], path: str, name: str) -> bytes:
         return read(path)
     except FileNotFoundError:
         sentence, change_folder = way_to_the_clone()
-        if sentence and not name and not Path("runs").exists():
+        is_no_workspace = not name and not Path("runs").exists()
+        if sentence and is_no_workspace:
             text = f"{_where(name)}: no {path}. {sentence} {change_folder}"
         else:
             text = f"{_where(name)}: no {path}; {REMEDY}"

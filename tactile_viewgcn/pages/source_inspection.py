@@ -321,10 +321,11 @@ def grid_notes(shape: tuple[int, int], form: Form) -> list[Note]:
         One note, or none.
     """
     rows, sensors = shape
-    if rows != 1 or sensors < GRID or form.shape != "auto":
-        return []
     root = isqrt(sensors)
-    if all(sensors % count != 0 for count in range(2, root + 1)):
+    is_one_row = rows == 1 and form.shape == "auto"
+    is_divisible = any(sensors % count == 0 for count in range(2, root + 1))
+    may_be_grid = sensors >= GRID and is_divisible
+    if not is_one_row or not may_be_grid:
         return []
     advice = "ROWS COLUMNS"
     if root**2 == sensors:

@@ -26,7 +26,8 @@ def system_class(name: str) -> "type[ViewSystem]":
 
     module = load_system(name)
     for value in vars(module).values():
-        is_defined_here = getattr(value, "__module__", "") == module.__name__
-        if is_defined_here and isinstance(value, type) and issubclass(value, ViewSystem):
-            return value
+        is_system = isinstance(value, type) and issubclass(value, ViewSystem)
+        if is_system and value.__module__ == module.__name__:
+            system: type[ViewSystem] = value
+            return system
     raise LookupError(f"{module.__name__} defines no system on the backbone")

@@ -3,7 +3,7 @@
 Kanezaki et al., "RotationNet: joint object categorization and pose estimation using multiviews from
 unsupervised viewpoints" (arXiv 1603.06208). One more class says "not at this viewpoint". The
 viewpoint of each view is latent: a class takes the assignment of views to viewpoints that gives it
-the highest score, the sum over views of log p(class) - log p(not at this viewpoint).
+the highest score. The score is the sum over views of log p(class) - log p(not at this viewpoint).
 """
 
 import numpy as np
