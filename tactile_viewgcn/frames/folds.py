@@ -40,26 +40,6 @@ def in_fold(
     return inside
 
 
-def left_out(groups: np.ndarray, labels: np.ndarray, folds: int) -> list[np.ndarray]:
-    """Return masks bool (n,) of what is held out, one for each fold that holds out anything.
-
-    What would take the last group of its class out of the training set is not held out.
-
-    Args:
-        groups: (n,), groups.
-        labels: (n,), classes.
-        folds: number of folds, at least 2.
-    """
-    across = spans_classes(groups, labels)
-    masks = list[np.ndarray]()
-    for fold in range(folds):
-        held_out = in_fold(groups, labels, folds=folds, fold=fold, across=across)
-        held_out &= np.isin(labels, labels[~held_out])
-        if held_out.any():
-            masks.append(held_out)
-    return masks
-
-
 def complete_folds(groups: np.ndarray, labels: np.ndarray, folds: int) -> list[np.ndarray]:
     """Return masks bool (n,), one for each fold, that hold out every class of two groups or more.
 

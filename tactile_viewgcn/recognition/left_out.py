@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactile_viewgcn.frames.folds import left_out
+from tactile_viewgcn.frames.folds import complete_folds
 from tactile_viewgcn.progress import steps
 from tactile_viewgcn.recognition.calibration import fit_temperature, fit_weights
 from tactile_viewgcn.sensors.estimators import added, log_shares, probabilities
@@ -21,7 +21,7 @@ LEAST_WEIGHT = 0.1  # of the largest: a member with less is left out
 class LeftOut:
     """Answers to training recordings by estimators that were fitted to other groups; a fifth is left out at a time.
 
-    If a fold would remove a class from the training, that class's recordings are not left out.
+    Every class of two groups or more is left out in turn, see `complete_folds`.
 
     Args:
         groups: (R,) split group of each of the examples' recordings.
@@ -35,7 +35,7 @@ class LeftOut:
 
     def __init__(self, examples: Examples, groups: np.ndarray, seed: int):
         self.examples, self.groups, self._seed = examples, groups, seed
-        self.folds = left_out(groups, examples.labels, FOLDS)
+        self.folds = complete_folds(groups, examples.labels, FOLDS)
         self.answered = (
             np.any(self.folds, axis=0) if self.folds else np.zeros(len(groups), dtype=bool)
         )

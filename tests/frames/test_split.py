@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from sklearn.model_selection import GroupShuffleSplit, StratifiedGroupKFold
 
 from tactile_viewgcn.frames import split as module
-from tactile_viewgcn.frames.folds import complete_folds, in_fold, left_out
+from tactile_viewgcn.frames.folds import complete_folds, in_fold
 from tactile_viewgcn.frames.split import (
     draw_anchors,
     published_test,
@@ -181,13 +181,17 @@ def test_surplus_groups_are_those_after_the_first_of_each_class_in_the_training_
     assert not surplus_groups(side, groups, labels, most=3).any()
 
 
-def test_what_a_fit_answers_is_left_out_of_it_and_every_class_stays_in():
-    """The groups span classes; both groups of class 2 are in the first fold, so that its members
-    are in all fits.
-    """
+def test_a_class_whose_groups_would_be_dealt_to_one_fold_is_held_out_in_two():
+    """Sessions 0 and 3 are dealt to one fold in turn; class 2 is in no other session."""
     groups, labels = np.array([0, 1, 2, 0, 1, 2, 0, 3, 3]), np.repeat([0, 1, 2], 3)
-    masks = left_out(groups, labels, 3)
-    assert [np.flatnonzero(left).tolist() for left in masks] == [[0, 3], [1, 4], [2, 5]]
+    in_turn = [in_fold(groups, labels, folds=3, fold=fold, across=True) for fold in range(3)]
+    assert np.flatnonzero(in_turn[0]).tolist() == [0, 3, 6, 7, 8]
+    masks = complete_folds(groups, labels, 3)
+    assert [np.flatnonzero(held_out).tolist() for held_out in masks] == [
+        [0, 3, 6],
+        [1, 4, 7, 8],
+        [2, 5],
+    ]
 
 
 def test_every_class_keeps_a_group_where_folds_of_scikit_learn_would_take_all():
@@ -244,5 +248,12 @@ def test_complete_folds_hold_out_every_class_of_two_groups_in_turn_where_that_is
         session = np.tile(np.arange(spanning), classes)  # every class is in every session
         in_session = np.repeat(np.arange(classes), spanning)
         for group, label in ((apart, labels), (session, in_session)):
-            expected = left_out(group, label, folds)
-            assert np.array_equal(complete_folds(group, label, folds), expected) or not expected
+            across = group is session
+            in_turn = [
+                in_fold(group, label, folds=folds, fold=fold, across=across)
+                for fold in range(folds)
+            ]
+            expected = [held_out for held_out in in_turn if held_out.any()]
+            masks = complete_folds(group, label, folds)
+            assert len(masks) == len(expected)
+            assert all(map(np.array_equal, masks, expected))
