@@ -119,10 +119,8 @@ def test_the_line_leaves_out_the_columns_that_are_warned_of_beside_what_the_user
     page = inspect_source(tmp_path / "glove", form)
     (note,) = (note for note in page.remarks if note.key == "data.columns")
     assert note.value == ["leave_out:tick", "leave_out:no, [of trial]"]
-    assert (
-        """ 'data.columns=["leave_out:tick","leave_out:no, [of trial]"]', in addition"""
-        in note.text
-    )
+    change = """'data.columns=["leave_out:tick","leave_out:no, [of trial]"]'"""
+    assert f" {change}, in addition" in note.text
     words = shlex.split(" ".join(command_lines(page)).replace("\\ ", ""))
     data = load(FILE, [words[i + 1] for i, word in enumerate(words) if word == "-S"]).data
     assert data.columns == [*form.columns, *note.value]
