@@ -40,9 +40,8 @@ def upgraded(values: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
             "install the version that wrote the file, or train the model again"
         )
     current = dict(values)
-    while number != FORMAT:
-        current = UPGRADES[number](current)
-        number += 1
+    for earlier in range(number, FORMAT):
+        current = UPGRADES[earlier](current)
     return current
 
 
@@ -64,9 +63,13 @@ def _with_a_state_of_each_member(values: Mapping[str, Any]) -> dict[str, Any]:
         members["convolutions"]["convolutions"] = learnt["convolutions"]
     if learnt["network"]:
         members["network"] = learnt["network"]
-    names = ("representation", "weights", "short")
-    kept = {name: learnt[name] for name in names}
-    return {**values, "learnt": {**kept, "members": members}, "format": 1}
+    of_each_member = {
+        "representation": learnt["representation"],
+        "weights": learnt["weights"],
+        "short": learnt["short"],
+        "members": members,
+    }
+    return {**values, "learnt": of_each_member, "format": 1}
 
 
 #: by format, the function to the next format

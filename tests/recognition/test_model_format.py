@@ -1,4 +1,4 @@
-"""A model file of the version before is read, and one of an unknown format is refused in one line."""
+"""A model file of the version before is read; one of an unknown format is refused in one line."""
 
 from pathlib import Path
 
