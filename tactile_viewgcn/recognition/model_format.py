@@ -45,11 +45,15 @@ def upgraded(values: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
     return current
 
 
-def _with_a_state_of_each_member(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Format 0 to 1: one mapping for each member, in place of one for each kind of answer."""
-    learnt = values["learnt"]
-    if "whole" not in learnt:  # a network
-        return {**values, "format": 1}
+def _format_1(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of format 0 as those of format 1."""
+    return {**values, "learnt": _learnt_by_member(values["learnt"]), "format": 1}
+
+
+def _learnt_by_member(learnt: Mapping[str, Any]) -> Mapping[str, Any]:
+    """One mapping for each member, in place of one for each kind of answer; a network's stays."""
+    if "whole" not in learnt:
+        return learnt
     members: dict[str, dict[str, Any]] = {}
     for name, estimator in learnt["whole"].items():
         if name == "kernel":
@@ -63,16 +67,13 @@ def _with_a_state_of_each_member(values: Mapping[str, Any]) -> dict[str, Any]:
         members["convolutions"]["convolutions"] = learnt["convolutions"]
     if learnt["network"]:
         members["network"] = learnt["network"]
-    of_each_member = {
+    return {
         "representation": learnt["representation"],
         "weights": learnt["weights"],
         "short": learnt["short"],
         "members": members,
     }
-    return {**values, "learnt": of_each_member, "format": 1}
 
 
 #: by format, the function to the next format
-UPGRADES: dict[int, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
-    UNNUMBERED: _with_a_state_of_each_member
-}
+UPGRADES: dict[int, Callable[[Mapping[str, Any]], dict[str, Any]]] = {UNNUMBERED: _format_1}
