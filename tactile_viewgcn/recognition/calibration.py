@@ -84,9 +84,9 @@ def recording_answers(
 def fit_temperature(logits: np.ndarray, labels: np.ndarray) -> float:
     """Return the temperature whose softmax(logits / temperature) fits the labels best.
 
-    As in Platt (1999, section 2.2), a label counts as right with the probability that Laplace's
-    rule gives for n right answers, (n + 1) / (n + 2). So the confidence stays below 1 where every
-    answer is right.
+    A label counts as right with a probability below 1, as in Platt (1999, section 2.2). Laplace's
+    rule gives it for n right answers: (n + 1) / (n + 2). So the confidence stays below 1 where
+    every answer is right.
 
     Args:
         logits: (n, Y), of at least two classes.

@@ -176,8 +176,8 @@ def _try_network(
 ) -> tuple[list[NetworkMember], OutOfFold, Note]:
     """Train the network without each fold, then on all training recordings.
 
-    It is skipped as a whole if its training runs would pass more readings than are allowed, which
-    is known before any of them, or if one of them diverges.
+    It is skipped as a whole if its training runs would pass more readings than are allowed. That
+    is known before any of them. It is also skipped if one of them diverges.
 
     Args:
         training: of the network.

@@ -1,6 +1,6 @@
 """The format number of model files: files of one minor version are read by the next one.
 
-Whoever changes what a model file holds adds one to `FORMAT`, and a function to `UPGRADES` that
+If you change what a model file holds, add one to `FORMAT`. Also add a function to `UPGRADES`, which
 turns the values of the format before into those of the new one.
 """
 
