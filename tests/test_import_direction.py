@@ -15,7 +15,7 @@ ALLOWED = {
     "root": set(),
     "readers": set(),
     "tables": {"readers"},
-    "frames": {"readers", "tables", "members"},
+    "frames": {"readers", "tables"},
     "views": {"tables"},
     "nn": set(),
     "members": set(),

@@ -108,8 +108,8 @@ def unordered(readings: np.ndarray) -> np.ndarray:
 def in_time(readings: np.ndarray) -> np.ndarray:
     """Return nine statistics of channels in the order of time.
 
-    They are the five of `unordered`, the logarithm of the mean absolute change between frames, the
-    slope over the recording, and the means of the first and of the last tenth.
+    Five are those of `unordered`. Then come the logarithm of the mean absolute change between
+    frames, the slope over the recording, and the means of the first and of the last tenth.
 
     Args:
         readings: (B, T, S) in the order of time.

@@ -1,6 +1,6 @@
 """The member `network`: the network of the preset of this name, which answers single frames.
 
-How it is trained is for the caller: members know neither tables of frames nor trainings.
+The caller says how it is trained, since members know neither tables of frames nor training runs.
 """
 
 from collections.abc import Mapping

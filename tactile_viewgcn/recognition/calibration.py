@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 #: - `views`: V. `viewpoints`: (V, 3).
 #: - `transform`: of frames to its input, see `network_input`; None for the table's.
 #: - `prepare(compute)`: puts it on a device, ready for the answers below.
-#: - `frame_values(inputs)`: values of n frames (n, H, W), each frame by itself; they are indexed by
+#: - `frame_values(inputs)`: values of n frames (n, H, W), each frame by itself. They are indexed by
 #:   frames.
-#: - `view_sets(values, sets)`: logits float32 (A, classes) of view sets (A, k) of indices into these
+#: - `view_sets(values, sets)`: logits float32 (A, classes) of view sets (A, k), indices into these
 #:   values.
 #: - `recording(values, points)`: logits float32 (classes,) of a recording. It takes the values of
 #:   its frames in the order of time, and their network input (T, S) at the live sensors, from which
@@ -84,9 +84,9 @@ def recording_answers(
 def fit_temperature(logits: np.ndarray, labels: np.ndarray) -> float:
     """Return the temperature whose softmax(logits / temperature) fits the labels best.
 
-    As in Platt (1999, section 2.2), a label counts as right with the probability that Laplace's
-    rule gives for n right answers, (n + 1) / (n + 2). So the confidence stays below 1 where every
-    answer is right.
+    A label counts as right with a probability below 1, as in Platt (1999, section 2.2). Laplace's
+    rule gives it for n right answers: (n + 1) / (n + 2). So the confidence stays below 1 where
+    every answer is right.
 
     Args:
         logits: (n, Y), of at least two classes.

@@ -98,7 +98,8 @@ def fit_members(
             training, out_of_fold, examples, seed=seed, is_only=not members
         )
         notes.append(outcome)
-        members = _in_order(names, [*members, *network])
+        if network is not None:
+            members = _in_order(names, [*members, network])
 
     weights = {member.name: 1.0 for member in members}
     if is_auto:
@@ -173,11 +174,11 @@ def _try_network(
     *,
     seed: int,
     is_only: bool,
-) -> tuple[list[NetworkMember], OutOfFold, Note]:
+) -> tuple[NetworkMember | None, OutOfFold, Note]:
     """Train the network without each fold, then on all training recordings.
 
-    It is skipped as a whole if its training runs would pass more readings than are allowed, which
-    is known before any of them, or if one of them diverges.
+    It is skipped as a whole if its training runs would pass more readings than are allowed. That
+    is known before any of them. It is also skipped if one of them diverges.
 
     Args:
         training: of the network.
@@ -187,7 +188,7 @@ def _try_network(
         is_only: whether there is no other member. The network is then trained whatever it takes.
 
     Returns:
-        The fitted network, none where it is skipped; the out-of-fold answers with those of the
+        The fitted network, or None where it is skipped; the out-of-fold answers with those of the
             network; a note on this.
 
     Raises:
@@ -198,7 +199,7 @@ def _try_network(
     if readings > training.most_readings and not is_only:
         text = f"{NETWORK}: skipped, since its {runs} would read {readings:.2g} sensor readings, "
         text += f"and the limit is {training.most_readings:.2g}; {ONLY_NETWORK}"
-        return [], out_of_fold, Note(text, topic=TOPIC)
+        return None, out_of_fold, Note(text, topic=TOPIC)
     network = NetworkMember(examples.representation, examples.classes, training=training)
     try:
         answers = out_of_fold.with_member(network, examples, seed=seed)
@@ -207,11 +208,11 @@ def _try_network(
         if is_only:
             raise
         text = f"{NETWORK}: skipped: {error}; {ONLY_NETWORK}"
-        return [], out_of_fold, Note(text, topic=TOPIC)
+        return None, out_of_fold, Note(text, topic=TOPIC)
     parts = several(len(out_of_fold.folds), "part")
     text = f"{NETWORK}: trained without each of {parts} of the training groups, then with all; "
     text += f"its {runs} read {readings:.2g} sensor readings"
-    return [network], answers, Note(text, topic=TOPIC)
+    return network, answers, Note(text, topic=TOPIC)
 
 
 def _weigh(out_of_fold: OutOfFold, names: list[str]) -> tuple[dict[str, float], list[Note]]:

@@ -1,6 +1,6 @@
 """The format number of model files: files of one minor version are read by the next one.
 
-Whoever changes what a model file holds adds one to `FORMAT`, and a function to `UPGRADES` that
+If you change what a model file holds, add one to `FORMAT`. Also add a function to `UPGRADES`, which
 turns the values of the format before into those of the new one.
 """
 
@@ -42,18 +42,16 @@ def upgraded(values: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
             "install the version that wrote the file, or train the model again"
         )
     current = dict(values)
-    while number != FORMAT:
-        current = UPGRADES[number](current)
-        number += 1
+    for earlier in range(number, FORMAT):
+        current = UPGRADES[earlier](current)
     return current
 
 
-def _to_format_1(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Format 0 to 1: a plan in place of `preprocessing`, and a state of each member."""
+def _format_1(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of format 0 as those of format 1."""
     current = dict(values)
     current["plan"] = _plan(current.pop("preprocessing"))
-    if "whole" in current["learnt"]:  # else it is a network
-        current["learnt"] = _with_a_state_of_each_member(current["learnt"])
+    current["learnt"] = _learnt_by_member(current["learnt"])
     return {**current, "format": 1}
 
 
@@ -66,8 +64,10 @@ def _plan(preprocessing: Mapping[str, Any]) -> dict[str, Any]:
     return plan
 
 
-def _with_a_state_of_each_member(learnt: Mapping[str, Any]) -> dict[str, Any]:
-    """One mapping for each member, in place of one for each kind of answer."""
+def _learnt_by_member(learnt: Mapping[str, Any]) -> Mapping[str, Any]:
+    """One mapping for each member, in place of one for each kind of answer; a network's stays."""
+    if "whole" not in learnt:
+        return learnt
     members: dict[str, dict[str, Any]] = {}
     for name, estimator in learnt["whole"].items():
         if name == "kernel":
@@ -81,10 +81,13 @@ def _with_a_state_of_each_member(learnt: Mapping[str, Any]) -> dict[str, Any]:
         members["convolutions"]["convolutions"] = learnt["convolutions"]
     if learnt["network"]:
         members["network"] = learnt["network"]
-    names = ("representation", "weights", "short")
-    kept = {name: learnt[name] for name in names}
-    return {**kept, "members": members}
+    return {
+        "representation": learnt["representation"],
+        "weights": learnt["weights"],
+        "short": learnt["short"],
+        "members": members,
+    }
 
 
 #: by format, the function to the next format
-UPGRADES: dict[int, Callable[[Mapping[str, Any]], dict[str, Any]]] = {UNNUMBERED: _to_format_1}
+UPGRADES: dict[int, Callable[[Mapping[str, Any]], dict[str, Any]]] = {UNNUMBERED: _format_1}

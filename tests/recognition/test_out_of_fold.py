@@ -121,7 +121,7 @@ def test_a_member_that_errs_more_weighs_less_and_one_that_adds_nothing_is_taken_
     assert alike["svm"] == pytest.approx(alike["kernel"], rel=1e-3)
 
 
-def test_a_member_of_less_than_a_tenth_of_the_largest_weight_goes_and_the_others_are_weighed_anew(
+def test_a_member_of_less_than_a_tenth_of_the_largest_weight_is_out_and_others_weighed_anew(
     monkeypatch,
 ):
     """Weights of four members, and of three once the fourth is gone."""
@@ -200,7 +200,7 @@ def test_no_network_is_trained_where_the_others_err_nowhere(monkeypatch):
 
 
 def test_a_recording_has_the_mean_probabilities_of_its_frames():
-    """By the member `kernel`, of two frames each, every second one of which is answered otherwise."""
+    """By the member `kernel`, of two frames each: the second one is answered otherwise."""
     made = [np.array([[0.0], [1.0]])] * 6
     scale = Representation(np.ones((1, 1), bool), np.zeros(1), np.ones(1))
     labels = np.repeat([0, 1, 2], 2)
