@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
+from os.path import relpath
 from pathlib import Path
 from shlex import quote
 
@@ -29,10 +30,9 @@ COPY = (
 STAGES = "(un|pre)?(raw|original|filtered|processed|cleaned?|calibrated|smoothed|normali[sz]ed|resampled|scaled)([_ -].*)?"
 
 
-def place_of(file: Path, path: Path) -> str:
-    """The path of a file below a folder, without its ending: the name of its recording; of a file alone its name."""
-    place = file.name if file == path else file.relative_to(path).as_posix()
-    return re.sub(r"(?i)(\.csv)?\.\w+$", "", place)
+def place_of(file: Path, folder: Path) -> str:
+    """Return the path of a file from a folder, without its ending: the name of its recording."""
+    return re.sub(r"(?i)(\.csv)?\.\w+$", "", Path(relpath(file, folder)).as_posix())
 
 
 def names_in(place: str, layout: str) -> dict[str, str]:
@@ -53,8 +53,21 @@ def names_in(place: str, layout: str) -> dict[str, str]:
     return names
 
 
+def raw_names(file: Path) -> dict[str, str]:
+    """Return the names of a raw recording of STAG, `[batch]/[recording]/pressuredata.mat`.
+
+    The object is the recording's name without its number: of 003-tea_box it is tea_box.
+    """
+    session, name = file.parts[-3:-1]
+    return {
+        "object": re.sub(r"^\d+-", "", name),
+        "recording": f"{session}/{name}",
+        "session": session,
+    }
+
+
 def names_of(
-    file: Path, root: Path, layout: str, form: Form, hint: Callable[[], str]
+    file: Path, place: str, layout: str, form: Form, hint: Callable[[], str]
 ) -> dict[str, str]:
     """See `names_in`.
 
@@ -65,7 +78,6 @@ def names_of(
     Raises:
         UserError: a path is not of that layout, or names no object where files are labelled.
     """
-    place = place_of(file, root)
     names = names_in(place, layout)
     if names and ("object" in names or not form.labelled):
         return names

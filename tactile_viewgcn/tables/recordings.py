@@ -1,7 +1,6 @@
 """The table of raw counts, data/recordings: every frame of every recording, from any form of source.
 
-A reader describes recordings as a `Source`, whose frames come in blocks. `read_source` checks them
-and writes a folder, which `Recordings` reads. Counts are the sensors' raw ADC counts, or readings
+`read_source` reads the files, checks them and writes a folder, which `Recordings` reads. Counts are the sensors' raw ADC counts, or readings
 in the glove's unit; axes are (frame, row, column).
 """
 
@@ -14,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.files import new_files, readable
-from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
-from tactile_viewgcn.readers.child import limit, run_apart, serve
-from tactile_viewgcn.readers.formats import TEXTS, files_of, open_source
+from tactile_viewgcn.files import new_files, readable, write_file
+from tactile_viewgcn.messages import EMPTY_HAND, Note
+from tactile_viewgcn.readers.catalogue import catalogue_text
+from tactile_viewgcn.readers.child import limit, run_apart, serve, system_limits
+from tactile_viewgcn.readers.discovery import bytes_of, discover, files_of
 from tactile_viewgcn.readers.source import (
     AUTO,
     BLOCK_FRAMES,
@@ -25,86 +25,53 @@ from tactile_viewgcn.readers.source import (
     MODEL_TOPIC,
     Form,
     Recording,
-    Source,
-    check_column,
 )
-from tactile_viewgcn.tables.counts import (
-    Counts,
-    Gathered,
-    read_columns,
-    read_counts,
-    write_columns,
-    write_counts,
-)
+from tactile_viewgcn.tables.counts import Counts, Gathered, read_columns, read_counts
+from tactile_viewgcn.tables.reading import write_recordings
 
 ALWAYS = tuple(COLUMNS)[:5]  # the columns that every table has
 NO_SESSION = ""  # name of the session of a recording that names none
-# of the readings of the sensor that varies most; see MAX_PRESSURE in readers/source.py
-MIN_SPREAD = 1e-30
+CATALOGUE = "catalogue.csv"  # what the child leaves beside the table, where it is asked for
 
 
-def read_source(path: Path, out: Path, form: Form = AUTO) -> None:
-    """Write the recordings at a path, see `open_source`, to a table, in a child process, see `run_apart`.
+def read_source(path: Path, out: Path, form: Form = AUTO, *, catalogue: Path | None = None) -> None:
+    """Write the recordings at a path to a table, in a child process, see `run_apart`.
+
+    Args:
+        path: of the source, see `discover`.
+        out: folder of the table.
+        form: as which files are read.
+        catalogue: file to which the catalogue of the recordings is written too.
 
     Raises:
-        UserError: as `open_source` and `write_recordings`, or the child crashed; nothing is left
+        UserError: as `discover` and `write_recordings`, or the child crashed; nothing is left
             behind.
     """
     with new_files(out) as part:
         request = {"path": str(path), "out": str(part), "form": asdict(form)}
+        if catalogue is not None:
+            request["catalogue"] = str(catalogue.parent.absolute())
         run_apart("tactile_viewgcn.tables.recordings", request, path)
+        if catalogue is not None:
+            text = (part / CATALOGUE).read_text("utf-8")
+            (part / CATALOGUE).unlink()
+            write_file(catalogue, text)
 
 
 def _read_here(request: dict[str, Any]) -> None:
     """In the child process: write the table that `read_source` asks for."""
     path = Path(request["path"])
-    files = files_of(path)
-    if any(file.name.lower().endswith(TEXTS) for file in files):
-        import pandas  # noqa: F401  # before the limits: its code takes much of the address space
-    limit(request, sum(file.stat().st_size for file in files if file.is_file()))
-    write_recordings(Path(request["out"]), open_source(path, Form(**request["form"])))
-
-
-def write_recordings(folder: Path, source: Source) -> None:
-    """Write the frames of a source to a table, block by block.
-
-    Raises:
-        UserError: no frames, an id out of range, or pressure that is not finite, too large or
-            varies too little.
-    """
-    low, high = np.full(source.shape, np.inf), np.full(source.shape, -np.inf)
-    columns: dict[str, list[np.ndarray]] = {}
-
-    def counts() -> Iterator[np.ndarray]:
-        for block in filter(lambda block: len(block["pressure"]), source.blocks):
-            for name, values in block.items():
-                check_column(name, values, block, source)
-            pressure = block["pressure"]
-            np.minimum(low, pressure.min(axis=0), out=low)
-            np.maximum(high, pressure.max(axis=0), out=high)
-            for name, dtype in COLUMNS.items():
-                if name in block:
-                    columns.setdefault(name, []).append(block[name].astype(dtype))
-            yield pressure
-
-    if not source.frames:
-        raise UserError(
-            f"{source.path}: no frames; expected at least one recording with frames in it"
-        )
-    folder.mkdir(exist_ok=True)
-    write_counts(folder, (source.frames, *source.shape), source.dtype, counts())
-    if 0 < (spread := float((high - low).max())) < MIN_SPREAD:
-        raise UserError(
-            f"{source.path}: no sensor varies by more than {spread:.3g}; expected {MIN_SPREAD:g} or more: "
-            "rescale the readings"
-        )
-    values: dict[str, Any] = {name: np.concatenate(blocks) for name, blocks in columns.items()}
-    values |= {f"{kind}s": names for kind, names in source.names.items()}
-    values |= {
-        "channel_names": source.channel_names,
-        "notes": [asdict(note) for note in source.notes],
-    }
-    write_columns(folder, values | {"live": low < high})
+    form = Form(**request["form"])
+    system = system_limits()
+    limit(request, bytes_of(files_of(path)), system)
+    source = discover(path, form)
+    if source.given is not None:
+        limit(request, bytes_of(source.files), system)
+    folder = Path(request["out"])
+    rows = write_recordings(folder, source, form)
+    if "catalogue" in request:
+        text = catalogue_text(rows, Path(request["catalogue"]))
+        (folder / CATALOGUE).write_text(text, encoding="utf-8", newline="")
 
 
 @contextmanager

@@ -1,0 +1,300 @@
+"""What arrays with names hold, of .npy, .npz, MATLAB and HDF5: one recording, windows, or labelled frames.
+
+An array is (frames, rows, columns), or (frames, cells) with the cells row after row. With a shape
+(rows and columns of a frame) it may also be one frame; without one, (frames, cells) are frames of
+one row.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from shlex import quote
+from typing import Any
+
+import numpy as np
+
+from tactile_viewgcn.messages import Note, UserError, listed, several
+from tactile_viewgcn.readers.hdf5 import Hdf5File
+from tactile_viewgcn.readers.lines import LABELS, label_kind, recordings_of_lines
+from tactile_viewgcn.readers.source import (
+    ATTRIBUTES_TOPIC,
+    Form,
+    Recording,
+    label_text,
+    setting,
+)
+from tactile_viewgcn.readers.windows import overlapping
+
+DATASETS = ("pressure", "time", "valid", "grasp", "grasp_valid")
+ATTRIBUTES = ("object", "session", "recording", "split")
+OBJECTS_OF_WINDOWS = ("y", "label", "labels")  # names of arrays, in small letters
+OBJECT_OF_FRAMES = "y"  # the same, beside the words of `label_kind`
+AS_TABLE = "pandas.DataFrame(X).assign(label=y, recording=r).to_csv('all.csv', index=False)"
+#: How Python opens a file as arrays by their names; HDF5 where the ending is none of these.
+OPENED = {".npz": "numpy.load({!r})", ".mat": "__import__('scipy.io').io.loadmat({!r})"}
+OPENED_HDF5 = "__import__('h5py').File({!r})"
+
+
+def recordings_of_arrays(file: Path, arrays: Mapping[str, Any], form: Form) -> list[Recording]:
+    """Return the recordings in arrays: of windows with labels, of labelled frames, else one.
+
+    Args:
+        file: which errors name.
+        arrays: by their names; those of an `Hdf5File` are read when they are sliced.
+        form: what the user says of the names.
+
+    Raises:
+        UserError: the file lacks what the form names, or has other numbers of labels and windows.
+    """
+    attributes = _attributes(arrays)
+    left_out = [name for name in form.left_out if name in arrays or name in attributes]
+    recordings = windows_in(file, arrays, form)
+    if not recordings:
+        recordings = labelled_frames(file, arrays, form)
+    if not recordings:
+        recordings = [recording_of(file, arrays, form)]
+    return [replace(recording, left_out=left_out) for recording in recordings]
+
+
+def _attributes(arrays: Mapping[str, Any]) -> list[str]:
+    """Return the names of the attributes beside arrays; only HDF5 has them."""
+    return arrays.attributes if isinstance(arrays, Hdf5File) else []
+
+
+def recording_of(file: Path, arrays: Mapping[str, Any], form: Form) -> Recording:
+    """Return the recording in arrays: `pressure` or the only array, and what the form names.
+
+    Of HDF5 it has all datasets of `DATASETS`. Frames that read NaN are dropped if `valid` says that
+    nothing is held.
+
+    Raises:
+        UserError: the file lacks something.
+    """
+    is_hdf5 = isinstance(arrays, Hdf5File)
+    readings = [name for name in _of_readings(arrays) if name not in form.left_out]
+    in_file = _names_in_file(readings, form, is_hdf5=is_hdf5)
+    names = dict[str, str]()
+    if isinstance(arrays, Hdf5File):
+        for kind in ATTRIBUTES:
+            if in_file.get(kind, "") in arrays.attributes:
+                names[kind] = arrays.attribute(in_file[kind])
+    values = dict[str, Any]()
+    for kind in DATASETS:
+        if in_file.get(kind, "") in arrays:
+            values[kind] = arrays[in_file[kind]]
+    for kind in ("pressure", *form.names):
+        is_needed = form.labelled or kind not in ATTRIBUTES
+        if is_needed and kind not in values and kind not in names:
+            raise UserError(f"{file}: {_missing(file, arrays, kind, in_file[kind])}")
+    if not is_hdf5:
+        for kind in values:
+            if kind != "pressure":
+                values[kind] = np.ravel(values[kind])
+    values, dropped = _without_unread_frames(values)
+    notes = _attribute_notes(arrays, {*in_file.values(), *form.left_out}, names)
+    return Recording(names, values, notes=notes, dropped=dropped)
+
+
+def _of_readings(arrays: Mapping[str, Any]) -> list[str]:
+    """Return the names of the arrays with more than one axis of some length; none of HDF5.
+
+    HDF5 says by its names what is what.
+    """
+    if isinstance(arrays, Hdf5File):
+        return []
+    return [name for name in arrays if _is_of_readings(arrays[name])]
+
+
+def _is_of_readings(array: Any) -> bool:
+    return sum(size > 1 for size in np.shape(array)) > 1
+
+
+def _names_in_file(readings: list[str], form: Form, *, is_hdf5: bool) -> dict[str, str]:
+    """Return the names in a file by what they hold: those of the form, else the usual ones."""
+    kinds = {"pressure", *ATTRIBUTES}
+    if is_hdf5:
+        kinds.update(DATASETS)
+    in_file = {kind: kind for kind in kinds.difference(form.left_out)}
+    in_file |= form.names
+    if "pressure" not in form.names and len(readings) == 1:
+        in_file["pressure"] = readings[0]
+    return in_file
+
+
+def _without_unread_frames(values: dict[str, Any]) -> tuple[dict[str, Any], int]:
+    """Return values without the frames that read NaN while nothing is held, and how many these are.
+
+    If there are any, `frame` has the numbers of the frames that stay.
+    """
+    counts = values["pressure"]
+    has_flags = "valid" in values and values["valid"].shape == counts.shape[:1]
+    if not has_flags or counts.dtype.kind != "f":
+        return values, 0
+    unread = np.isnan(counts[()]).any(axis=tuple(range(1, counts.ndim)))
+    held = values["valid"][()] != 0
+    stays = np.flatnonzero(held | ~unread)
+    dropped = len(counts) - len(stays)
+    if dropped:
+        values = {name: array[()][stays] for name, array in values.items()}
+        values["frame"] = stays
+    return values, dropped
+
+
+def _attribute_notes(
+    arrays: Mapping[str, Any], used: set[str], names: dict[str, str]
+) -> list[Note]:
+    """Return a note on the attributes that are not used, where none names the object."""
+    unused = [name for name in _attributes(arrays) if name not in used]
+    if not unused or "object" in names:
+        return []
+    remedy = setting(f"data.columns=[object:{unused[0]}]")
+    text = f"attributes that are not used: {listed(unused)}; if one names the object, {remedy}"
+    return [Note(text, topic=ATTRIBUTES_TOPIC)]
+
+
+def _missing(file: Path, arrays: Mapping[str, Any], kind: str, name: str) -> str:
+    """Return what a file of arrays lacks, and what to type: for `kind`, called `name` in it."""
+    found = arrays.everywhere() if isinstance(arrays, Hdf5File) else [*arrays]
+    if kind not in DATASETS and name in found:
+        length = len(np.ravel(arrays[name]))
+        return (
+            f"array {name} of {length:,} values is no attribute; a label for each frame belongs "
+            f"into a table, a line for each frame with the columns {name} and `recording`: "
+            f"{AS_TABLE}"
+        )
+    text = f"no array {name}; found {listed(found) or 'none'}"
+    if kind in ATTRIBUTES and isinstance(arrays, Hdf5File):
+        text += f"; attributes {listed(arrays.attributes) or 'none'}"
+    readings = [path for path in found if _is_of_readings(arrays[path])]
+    if kind == "pressure" and readings:
+        text += f"; if one has the readings, {setting(f'data.columns=[pressure:{readings[0]}]')}"
+    elif kind not in DATASETS:
+        text += f"; {setting(f'data.columns=[{kind}:NAME]')}"
+    if kind == "pressure" and len(readings) > 1:
+        text += f"; if each is a recording, save each as a file of its own: {as_files(file)}"
+    return text
+
+
+def as_files(file: Path) -> str:
+    """Return the line to type that saves each array of a file as .npy, in a folder beside it."""
+    opened = OPENED.get(file.suffix.lower(), OPENED_HDF5).format(file.name)
+    code = "import numpy; "
+    code += f"[numpy.save(n + '.npy', a) for n, a in {opened}.items() if numpy.ndim(a) > 1]"
+    return f'cd {quote(str(file.parent))} && python -c "{code}"'
+
+
+def windows_in(file: Path, arrays: Mapping[str, Any], form: Form) -> list[Recording]:
+    """Return the windows X (n, T, C) or (n, T, H, W) with labels y (n,), each as a recording.
+
+    A window that overlaps the one before is of the same take, see `overlapping`. An array (n,) that
+    is called as a session names the sessions. There are none without labels.
+
+    Raises:
+        UserError: there are other numbers of windows and labels.
+    """
+    label_name = _label_of_windows(arrays, form)
+    if "pressure" in arrays or label_name not in arrays:
+        return []
+    labels = [label_text(label) for label in np.ravel(arrays[label_name]).tolist()]
+    candidates = [name for name in arrays if getattr(arrays.get(name), "ndim", 0) > 2]
+    fitting = [name for name in candidates if len(arrays[name]) == len(labels) > 0]
+    if len(fitting) != 1:
+        is_label = len(labels) > 1 and np.ndim(arrays[label_name]) == 1
+        if is_label and not fitting and len(candidates) == 1:
+            windows = f"{candidates[0]} has {len(arrays[candidates[0]]):,} windows"
+            counts = f"{windows} and {label_name} {len(labels):,} labels"
+            raise UserError(f"{file}: {counts}; save a label for each window")
+        return []
+    name = fitting[0]
+    if list(arrays[name].shape[1:]) == list(form.shape):  # these are frames
+        return []
+    windows = arrays[name][()]
+    takes = np.cumsum([0, *~overlapping(windows)]).tolist()
+    note = _windows_note(name, windows, label_name, takes[-1] + 1)
+    sessions = _sessions_of_windows(arrays, len(windows))
+    recordings = list[Recording]()
+    for number, window in enumerate(windows):
+        names = {
+            "recording": f"{file.stem}/{number}",
+            "object": labels[number],
+            "take": f"{file}/{takes[number]}",
+        }
+        if sessions:
+            names["session"] = sessions[number]
+        recordings.append(Recording(names, {"pressure": window}, notes=[note], place=str(number)))
+    return recordings
+
+
+def _label_of_windows(arrays: Mapping[str, Any], form: Form) -> str:
+    """Return the name of the array that labels windows: the form's, else a usual one, else ""."""
+    if form.names.get("object"):
+        return form.names["object"]
+    for name in arrays:
+        if name.lower() in OBJECTS_OF_WINDOWS:
+            return name
+    return ""
+
+
+def _windows_note(name: str, windows: np.ndarray, label_name: str, takes: int) -> Note:
+    count, length = windows.shape[:2]
+    text = f"{name} holds {count:,} windows of {length} frames, labelled by {label_name}"
+    if takes < count:
+        text += f"; windows that overlap are held out together, as {several(takes, 'recording')}"
+    return Note(text, topic="windows")
+
+
+def _sessions_of_windows(arrays: Mapping[str, Any], count: int) -> list[str]:
+    """Return the session of each of `count` windows, by the first array (n,) called as one, or []."""
+    shapes = ((count,), (count, 1), (1, count))
+    for name in arrays:
+        if label_kind(name) == "session" and np.shape(arrays[name]) in shapes:
+            return [label_text(label) for label in np.ravel(arrays[name]).tolist()]
+    return []
+
+
+def labelled_frames(file: Path, arrays: Mapping[str, Any], form: Form) -> list[Recording]:
+    """Return the recordings in one array X (T, C) with a label y (T,) for each frame, or none.
+
+    Arrays (T,) that are called as a session or a recording part the frames too, and a `time` is
+    kept. See `recordings_of_lines`.
+    """
+    kinds = _kinds_of_labels(arrays, form)
+    large = [
+        name for name in arrays if np.ndim(arrays[name]) == 2 and min(np.shape(arrays[name])) > 1
+    ]
+    if len(large) != 1 or "object" not in kinds.values() or "pressure" in arrays:
+        return []
+    frames = len(arrays[large[0]])
+    columns = {
+        name: np.ravel(arrays[name]) for name in arrays if np.size(arrays[name]) == frames > 1
+    }
+    labels = dict[str, np.ndarray]()
+    for name, column in columns.items():
+        kind = kinds[name]
+        if kind in LABELS and kind not in labels:
+            texts = [label_text(label) for label in column.tolist()]
+            labels[kind] = np.array(texts, dtype=object)
+    if "object" not in labels or len(set(labels["object"])) < 2:
+        return []
+    values = {"pressure": arrays[large[0]][()]}
+    if "time" in columns:
+        values["time"] = columns["time"]
+    text = f"{large[0]} holds {several(frames, 'frame')}, each with its label"
+    table = Recording({}, values, notes=[Note(text, topic="labels of frames")], labels=labels)
+    return recordings_of_lines(table, file.stem)
+
+
+def _kinds_of_labels(arrays: Mapping[str, Any], form: Form) -> dict[str, str]:
+    """Return what the arrays name by their names: `object`, `session`, `recording` or nothing."""
+    kinds = dict[str, str]()
+    of_form = form.names.get("object", "")
+    for name in arrays:
+        kind = label_kind(name)
+        if not kind and name.lower() == OBJECT_OF_FRAMES:
+            kind = "object"
+        if of_form in arrays and kind == "object":
+            kind = ""
+        kinds[name] = kind
+    if of_form in arrays:
+        kinds[of_form] = "object"
+    return kinds
