@@ -19,7 +19,7 @@ from tactile_viewgcn.frames.open_hand import HandStates, hand_states
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.params import Params, load, preset_changes
-from tactile_viewgcn.readers.source import COLUMNS
+from tactile_viewgcn.readers.source import COLUMNS as COLUMN_TYPES
 from tactile_viewgcn.recognition.calibration import Classifier
 from tactile_viewgcn.recognition.estimator import train
 from tactile_viewgcn.recognition.recogniser import Answer, Recogniser, recording_of
@@ -68,7 +68,9 @@ def written(
     for part in np.split(counts, cuts):
         file.append(part, np.dtype(dtype or counts.dtype))
     file.finish()
-    table = {name: values[name].astype(kind) for name, kind in COLUMNS.items() if name in values}
+    table = {
+        name: values[name].astype(kind) for name, kind in COLUMN_TYPES.items() if name in values
+    }
     table["objects"] = list(objects or names("object", EMPTY_HAND))
     table["recordings"] = list(recordings or names("recording", "recording0"))
     table["sessions"] = list(sessions or names("session", "session0"))

@@ -194,18 +194,28 @@ class Overview:
 
 
 def inspect_source(
-    path: str | Path, form: Form = AUTO, asked: PreprocessSection = ASKED
+    path: str | Path,
+    form: Form = AUTO,
+    asked: PreprocessSection = ASKED,
+    *,
+    catalogue: Path | None = None,
 ) -> Overview:
-    """Inspect a source in any form that `ingest` reads, see `open_source`.
+    """Inspect a source in any form that `ingest` reads, see `readers.discovery.discover`.
 
     Folders that may be in two orders are read in the other one if readings tell sessions apart and
     not objects.
+
+    Args:
+        path: of the source.
+        form: as which files are read.
+        asked: settings of `preprocess`, see `Overview`.
+        catalogue: file to which the catalogue of the recordings is written.
 
     Raises:
         UserError: lists the mistakes of the source.
         FileNotFoundError: nothing at that path.
     """
-    with recordings_of(path, form) as recordings:
+    with recordings_of(path, form, catalogue=catalogue) as recordings:
         overview = Overview(recordings, form, asked)
     note = next((note for note in overview.remarks if note.key == "data.layout"), None)
     if not note:
@@ -217,7 +227,8 @@ def inspect_source(
     if predicted == [True, False]:
         overview.remarks[overview.remarks.index(note)] = replace(note, level="info")
     elif predicted == [False, True]:
-        overview = inspect_source(path, replace(form, layout=other_order(str(note.value))), asked)
+        form = replace(form, layout=other_order(str(note.value)))
+        overview = inspect_source(path, form, asked, catalogue=catalogue)
         text = f"folders are taken in the order {overview.form.layout}: readings tell the outer ones apart, not the "
         text += f"inner ones. If that is wrong, {setting(f'data.layout={note.value}')}"
         overview.remarks.append(replace(note, text=text, value=overview.form.layout))

@@ -106,7 +106,8 @@ def _of_readings(arrays: Mapping[str, Any]) -> list[str]:
 
 
 def _is_of_readings(array: Any) -> bool:
-    return sum(size > 1 for size in np.shape(array)) > 1
+    long_axes = [size for size in np.shape(array) if size > 1]
+    return len(long_axes) > 1
 
 
 def _names_in_file(readings: list[str], form: Form, *, is_hdf5: bool) -> dict[str, str]:

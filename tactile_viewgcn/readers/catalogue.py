@@ -42,6 +42,19 @@ ESCAPE = re.compile(r"\\(\\|[nrt]|x[0-9a-f]{2}|u[0-9a-f]{4}|U[0-9a-f]{8})")
 ESCAPED_FORMULA = re.compile(f"'+[{re.escape(''.join(FORMULA))}]")
 
 
+def check_is_new(file: Path) -> None:
+    """Refuse to write a catalogue where a file is, which may hold a person's corrections.
+
+    Raises:
+        UserError: there is a file, or the name does not end in .csv.
+    """
+    if file.suffix.lower() != ".csv":
+        raise UserError(f"{file}: a catalogue is read again by its ending; name it {file.stem}.csv")
+    if file.exists() or file.is_symlink():
+        what = "there is a file of that name, which may hold corrections"
+        raise UserError(f"{file}: {what}; name another one")
+
+
 def catalogue_text(catalogue: pd.DataFrame, folder: Path) -> str:
     """Return a catalogue as CSV, whose paths are relative to a folder.
 

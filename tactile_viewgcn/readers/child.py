@@ -89,8 +89,10 @@ def serve(work: Callable[[dict[str, Any]], None]) -> None:
     message: dict[str, Any] = {"kind": "done"}
     try:
         work(json.loads(sys.argv[1]))
-    except (UserError, MemoryError) as error:
-        message = {"kind": type(error).__name__, "args": [str(error)]}
+    except UserError as error:
+        message = {"kind": "UserError", "args": [str(error)]}
+    except MemoryError as error:
+        message = {"kind": "MemoryError", "args": [str(error)]}
     except OSError as error:
         args = list(error.args[:2])
         if error.filename:

@@ -11,7 +11,7 @@ from tactile_viewgcn.files import all_below, home_path
 from tactile_viewgcn.messages import Note, UserError, listed, several
 from tactile_viewgcn.readers.catalogue import given_rows, names_in_text
 from tactile_viewgcn.readers.child import reading
-from tactile_viewgcn.readers.formats import ARRAYS, HDF5, TEXTS, has_ending
+from tactile_viewgcn.readers.formats import ARRAYS, HDF5, STAG_RAW, TEXTS, has_ending
 from tactile_viewgcn.readers.hdf5 import is_hdf5
 from tactile_viewgcn.readers.layout import PLACES, place_of
 from tactile_viewgcn.readers.source import Form
@@ -22,7 +22,6 @@ EXPECTED = (
     ".txt or .h5, a .csv with a column `object`, or a catalogue "
     "(see the manual's page on data)"
 )
-RAW = "pressuredata.mat"  # name of STAG's raw recordings
 RAW_DEPTH = 3  # of [batch]/[recording]/pressuredata.mat
 
 
@@ -95,7 +94,7 @@ def discover(path: str | Path, form: Form) -> Source:
 
 
 def _is_raw(file: Path, path: Path) -> bool:
-    return file.name == RAW and len(file.relative_to(path).parts) == RAW_DEPTH
+    return file.name == STAG_RAW and len(file.relative_to(path).parts) == RAW_DEPTH
 
 
 def _single(path: Path, form: Form) -> Source:

@@ -8,12 +8,13 @@ from tactile_viewgcn.readers.hdf5 import Hdf5File
 from tactile_viewgcn.readers.matlab import fields_of_hdf5, read_matlab
 from tactile_viewgcn.readers.npy import read_npy, read_npz
 from tactile_viewgcn.readers.source import Form, Recording
-from tactile_viewgcn.readers.stag import is_stag, recordings_of_metadata
+from tactile_viewgcn.readers.stag import is_stag, read_raw, recordings_of_metadata
 
 TEXTS = (".csv", ".tsv", ".csv.gz", ".txt")  # endings of tables as text
 HDF5 = (".h5", ".hdf5")
 ARRAYS = (".npy", ".npz", ".mat")
 STAG_METADATA = "metadata.mat"
+STAG_RAW = "pressuredata.mat"  # of [batch]/[recording]/pressuredata.mat
 
 
 def has_ending(file: Path, endings: Iterable[str]) -> bool:
@@ -37,6 +38,8 @@ def read_file(file: Path, form: Form) -> list[Recording]:
         )
     if has_ending(file, [".npz"]):
         return recordings_of_arrays(file, read_npz(file), form)
+    if file.name == STAG_RAW:
+        return read_raw(file)
     if has_ending(file, [".mat"]):
         fields = read_matlab(file)
         if file.name == STAG_METADATA or is_stag(fields):

@@ -345,7 +345,8 @@ def takes_of(recordings: Sequence[Named]) -> np.ndarray:
             keys.append((names["object"], f"\0{number}"))
     numbers, _ = pd.factorize(pd.MultiIndex.from_tuples(keys))
     _, first = np.unique(numbers, return_index=True)
-    return first[numbers]
+    take: np.ndarray = first[numbers]
+    return take
 
 
 def catalogue_of(recordings: Sequence[Named], unread: Mapping[Path, str]) -> pd.DataFrame:

@@ -97,6 +97,7 @@ class Recording:
         dropped: number of frames that were left out.
         left_out: names in its file of the columns that `data.columns` leaves out.
         place: which recording of its file it is; "" where a file is one recording.
+        is_framed: its pressure is (T, H, W) whatever a form says, as STAG's is.
         labels: texts (T,) by `session`, `object` and `recording`, of a table whose lines have them.
     """
 
@@ -107,6 +108,7 @@ class Recording:
     dropped: int = 0
     left_out: list[str] = field(default_factory=list)
     place: str = ""
+    is_framed: bool = False
     labels: dict[str, Any] = field(default_factory=dict)
 
 

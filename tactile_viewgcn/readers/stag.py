@@ -81,6 +81,7 @@ def recordings_of_metadata(file: Path, fields: Mapping[str, Any]) -> list[Record
                 names,
                 {name: column[_as_slice(frames)] for name, column in values.items()},
                 place=f"{fields['recordings'][number]}",
+                is_framed=True,
             )
         )
     recordings[0].notes.extend(_unused_names(fields, ids))
@@ -146,7 +147,7 @@ def read_raw(file: Path) -> list[Recording]:
     fields = read_matlab(file)
     if "pressure" not in fields:
         raise UserError(f"{file}: no field pressure; found {listed(list(fields)) or 'nothing'}")
-    return [Recording({}, _values(fields))]
+    return [Recording({}, _values(fields), is_framed=True)]
 
 
 def _values(fields: Mapping[str, Any]) -> dict[str, Any]:

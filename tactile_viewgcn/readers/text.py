@@ -95,7 +95,7 @@ def table_in(file: Path, text: str, form: Form) -> Recording:
     check_numerals(file, numbers, top.separator, top.above)
     cells = _cells_of(file, text, numbers, top)
     places = _places(numbers, top.above)
-    width = 1 + max(np.flatnonzero(cells.notna().any()), default=-1)
+    width = 1 + int(max(np.flatnonzero(cells.notna().any()), default=-1))
     full = [row[:width] for row in top.rows if len(row) >= width and not any(row[width:])]
     # names of columns that are empty at the end
     if not full and top.rows and width < len(top.rows[-1]) <= cells.shape[1]:
@@ -421,10 +421,9 @@ def _numbers(cells: "Series") -> np.ndarray:
     from pandas import to_numeric
 
     if isinstance(cells.dtype, np.dtype) and cells.dtype.kind in NUMBERS:
-        return cells.to_numpy()
+        return np.asarray(cells.to_numpy())
     texts = np.array([str(cell).replace(",", ".") for cell in cells], dtype=object)
-    numbers: np.ndarray = to_numeric(texts, errors="coerce")
-    return numbers
+    return np.asarray(to_numeric(texts, errors="coerce"))
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,9 @@ def columns_of(
         ids: names of objects, recordings and sessions in the order of their numbers.
         frames: number of all frames.
     """
-    columns = {kind: np.zeros(frames, dtype=np.int64) for kind in ids}
+    columns = dict[str, np.ndarray]()
+    for kind in ids:
+        columns[kind] = np.zeros(frames, dtype=np.int64)
     columns["frame"] = np.zeros(frames)
     columns["time"] = np.full(frames, np.nan)
     numbers = {kind: {name: at for at, name in enumerate(names)} for kind, names in ids.items()}

@@ -33,7 +33,6 @@ from tactile_viewgcn.readers.source import (
     setting,
     stacked,
 )
-from tactile_viewgcn.readers.stag import read_raw
 from tactile_viewgcn.readers.text import read_text, table_in
 from tactile_viewgcn.tables.columns import columns_of, fault_text, first_fault
 from tactile_viewgcn.tables.counts import write_columns
@@ -170,8 +169,6 @@ class SourcePass:
         """Return the recordings in a file; None for a .txt that is no table, and for a labels.csv."""
         try:
             with reading(file):
-                if self._source.is_raw:
-                    return read_raw(file)
                 if not has_ending(file, TEXTS):
                     return read_file(file, self._form)
                 return self._recordings_in_text(file)
@@ -203,10 +200,9 @@ class SourcePass:
         for recording in recordings:
             pressure = recording.values["pressure"]
             axes = tuple(pressure.shape)
-            if not self._source.is_raw:
+            if not recording.is_framed:
                 pressure = framed(pressure, self._form, str(file))
             recording = replace(recording, values=recording.values | {"pressure": pressure})
-            self._left_out.update(recording.left_out)
             for one in stacked(recording, str(file)):
                 framed_ones.append(_Framed(one, axes, is_only=len(recordings) == 1))
         if self._source.given is None:
@@ -247,6 +243,7 @@ class SourcePass:
     def _keep(self, files: list[Path], parts: list[str], framed_one: _Framed) -> None:
         """Append the frames of a recording to the counts, and keep all else."""
         recording = framed_one.recording
+        self._left_out.update(recording.left_out)
         shape, dtype = check_values(recording.values, str(files[0]))
         columns = dict(recording.values)
         pressure = columns.pop("pressure")
@@ -345,7 +342,7 @@ class SourcePass:
 
     def _check_left_out(self, channels: list[str]) -> None:
         """Refuse a column to be left out that no file has."""
-        if not self._form.labelled:
+        if not self._form.labelled or self._found[0].recording.is_framed:
             return
         missing = [name for name in self._form.left_out if name not in self._left_out]
         if missing:

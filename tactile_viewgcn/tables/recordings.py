@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from tactile_viewgcn.files import new_files, readable, write_file
 from tactile_viewgcn.messages import EMPTY_HAND, Note
@@ -62,6 +63,8 @@ def _read_here(request: dict[str, Any]) -> None:
     """In the child process: write the table that `read_source` asks for."""
     path = Path(request["path"])
     form = Form(**request["form"])
+    # texts of Arrow need more memory than this process may take
+    pd.set_option("mode.string_storage", "python")
     system = system_limits()
     limit(request, bytes_of(files_of(path)), system)
     source = discover(path, form)
@@ -75,11 +78,19 @@ def _read_here(request: dict[str, Any]) -> None:
 
 
 @contextmanager
-def recordings_of(path: str | Path, form: Form = AUTO) -> Iterator["Recordings"]:
-    """A temporary table of the recordings at a path, see `open_source`; its errors name that path."""
+def recordings_of(
+    path: str | Path, form: Form = AUTO, *, catalogue: Path | None = None
+) -> Iterator["Recordings"]:
+    """Yield a temporary table of the recordings at a path; its errors name that path.
+
+    Args:
+        path: of the source.
+        form: as which files are read.
+        catalogue: file to which the catalogue of the recordings is written too.
+    """
     with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
         file = Path(folder) / "recordings"
-        read_source(Path(path), file, form)
+        read_source(Path(path), file, form, catalogue=catalogue)
         yield replace(Recordings.read(file), path=Path(path))
 
 
@@ -94,7 +105,7 @@ class Recordings:
         columns: one array (T,) for each column of the source, see `COLUMNS`.
         live: bool (H, W), the sensors whose counts vary.
         channel_names: names of all sensors, row after row, or none.
-        notes: of the reader, see `Source`.
+        notes: of the reader, see `source_notes`.
     """
 
     path: Path

@@ -132,7 +132,7 @@ class CountsFile:
 
     def _widen(self, dtype: np.dtype) -> None:
         """Write anew what is written, where a type cannot hold it together with another."""
-        wider = np.result_type(self.dtype, dtype)
+        wider = np.promote_types(self.dtype, dtype)
         if wider == self.dtype:
             return
         narrow = self._folder / f"narrow-{COUNTS}"
