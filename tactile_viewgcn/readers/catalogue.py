@@ -21,6 +21,7 @@ from io import StringIO
 from os.path import relpath
 from pathlib import Path, PureWindowsPath
 
+import numpy as np
 import pandas as pd
 
 from tactile_viewgcn.messages import FORMULA, UserError, csv_text, listed, shown
@@ -103,6 +104,7 @@ def names_in_text(file: Path, text: str) -> pd.DataFrame | None:
     kinds = _kinds_of_header(next(csv.reader([header], delimiter=separator), []))
     if "file" not in kinds or "object" not in kinds:
         return None
+    is_own = set(kinds) >= OWN_COLUMNS
     rows = list[dict[str, object]]()
     reader = csv.reader(StringIO(text), delimiter=separator)
     with library(file):
@@ -116,10 +118,13 @@ def names_in_text(file: Path, text: str) -> pd.DataFrame | None:
         padded = cells + [""] * (len(kinds) - len(cells))
         row: dict[str, object] = {"line": number}
         for kind, cell in zip(kinds, padded, strict=True):
-            if kind:
+            if kind and is_own:
+                row[kind] = _unescaped(cell)
+            elif kind:
                 row[kind] = cell
         rows.append(row)
-    return pd.DataFrame(rows, columns=["line", *filter(None, kinds)])
+    # texts of pandas cannot hold every name of a file
+    return pd.DataFrame(rows, columns=["line", *filter(None, kinds)], dtype=object)
 
 
 def _kinds_of_header(header: list[str]) -> list[str]:
@@ -168,19 +173,18 @@ def given_rows(file: Path, rows: pd.DataFrame, form: Form) -> pd.DataFrame:
         UserError: lists what is wrong, each with the number of its line.
     """
     rows = rows.copy()
-    kinds = [kind for kind in COLUMNS if kind in rows]
-    if set(kinds) >= OWN_COLUMNS:
-        rows[kinds] = rows[kinds].map(_unescaped)
     for kind in ("object", "session"):
         if kind in rows:
-            rows[kind] = rows[kind].map(label_text)
+            texts = [label_text(cell) for cell in rows[kind]]
+            rows[kind] = pd.Series(texts, index=rows.index, dtype=object)
     if "left_out" in rows:
-        rows = rows[rows["left_out"].str.strip() == ""]
+        rows = rows[[not reason.strip() for reason in rows["left_out"]]].copy()
     if rows.empty:
         raise UserError(f"{file}: names no recording; expected a line for each")
     if "place" not in rows:
         rows["place"] = ""
-    rows["path"] = [file.parent / path for path in rows["file"]]
+    paths = [file.parent / path for path in rows["file"]]
+    rows["path"] = pd.Series(paths, index=rows.index, dtype=object)
     mistakes = [*_wrong_cells(rows, form), *_doubled_rows(rows)]
     if mistakes:
         raise UserError(f"{file}: {listed(mistakes, '; ')}")
@@ -205,19 +209,22 @@ def _wrong_cells(rows: pd.DataFrame, form: Form) -> list[str]:
 def _doubled_rows(rows: pd.DataFrame) -> list[str]:
     """Return which rows are of one recording, though they are not its parts."""
     mistakes = list[str]()
-    for _, same in rows.groupby(["path", "place"], sort=False):
+    keys = [f"{path}/{place}" for path, place in zip(rows["path"], rows["place"], strict=True)]
+    for same in _alike(rows, keys):
         if len(same) > 1:
             mistakes.append(f"{_lines(same)} are of the same recording; delete all but one")
     if mistakes or "recording" not in rows:
         return mistakes
     parts = rows["part"] if "part" in rows else pd.Series("", index=rows.index)
     alike = [kind for kind in ("object", "session", "take", "split") if kind in rows]
-    for name, same in rows[rows["recording"] != ""].groupby("recording", sort=False):
+    named = rows[rows["recording"] != ""]
+    for same in _alike(named, list(named["recording"])):
         if len(same) == 1:
             continue
+        name = same["recording"].iloc[0]
         of_rows = parts[same.index]
         if (of_rows == "").any() or of_rows.duplicated().any():
-            what = f"{_lines(same)} are of recording {str(name)!r}"
+            what = f"{_lines(same)} are of recording {name!r}"
             mistakes.append(f"{what}; to join them, write unlike parts, else rename them")
         elif (same[alike] != same[alike].iloc[0]).any(axis=None):
             mistakes.append(f"{_lines(same)} are parts of one recording; write their names alike")
@@ -225,6 +232,12 @@ def _doubled_rows(rows: pd.DataFrame) -> list[str]:
             what = f"{_lines(same)} join recordings that share their files with others"
             mistakes.append(f"{what}; save each as its own file")
     return mistakes
+
+
+def _alike(rows: pd.DataFrame, keys: list[str]) -> list[pd.DataFrame]:
+    """Return the rows in groups of equal keys; by numbers, since pandas cannot group all texts."""
+    numbers, _ = pd.factorize(np.array(keys, dtype=object))
+    return [same for _, same in rows.groupby(numbers, sort=False)]
 
 
 def _lines(rows: pd.DataFrame) -> str:

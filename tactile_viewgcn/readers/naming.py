@@ -343,10 +343,8 @@ def takes_of(recordings: Sequence[Named]) -> np.ndarray:
             keys.append((names["object"], names["take"]))
         else:
             keys.append((names["object"], f"\0{number}"))
-    numbers, _ = pd.factorize(pd.MultiIndex.from_tuples(keys))
-    _, first = np.unique(numbers, return_index=True)
-    take: np.ndarray = first[numbers]
-    return take
+    first = dict[tuple[str, str], int]()
+    return np.array([first.setdefault(key, number) for number, key in enumerate(keys)], dtype=int)
 
 
 def catalogue_of(recordings: Sequence[Named], unread: Mapping[Path, str]) -> pd.DataFrame:
@@ -369,21 +367,23 @@ def catalogue_of(recordings: Sequence[Named], unread: Mapping[Path, str]) -> pd.
             take = recordings[takes[number]].names["recording"]
         for file, part in zip(recording.found.files, recording.found.parts, strict=True):
             row: dict[str, object] = {
+                **dict.fromkeys(COLUMNS, ""),
                 "file": str(file),
                 "place": recording.place,
                 "part": part if len(recording.found.files) > 1 else "",
                 "take": take,
                 "split": _split_of(recording),
                 "frames": recording.frames,
-                "left_out": "",
             }
             for kind in ("object", "session", "recording"):
                 row[kind] = names[kind]
             rows.append(row)
     for file, reason in unread.items():
         left_out = reason or f"no recording by its ending {file.suffix}".strip()
-        rows.append({"file": str(file), "frames": 0, "left_out": left_out})
-    return pd.DataFrame(rows, columns=list(COLUMNS)).fillna("")
+        left = {**dict.fromkeys(COLUMNS, ""), "file": str(file), "frames": 0}
+        rows.append(left | {"left_out": left_out})
+    # texts of pandas cannot hold every name of a file
+    return pd.DataFrame(rows, columns=list(COLUMNS), dtype=object)
 
 
 def _split_of(recording: Named) -> str:

@@ -12,7 +12,10 @@ from click.testing import CliRunner
 from tactile_viewgcn.cli import cli
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import TEST, TRAIN
+from tactile_viewgcn.readers.catalogue import catalogue_text
+from tactile_viewgcn.readers.discovery import discover
 from tactile_viewgcn.readers.source import Form
+from tactile_viewgcn.tables.reading import write_recordings
 from tactile_viewgcn.tables.recordings import Recordings, read_source
 from tests.readers.files import COUNTS, ingested, read_here, record, refusal, save
 from tests.stag_files import as_weights, metadata, save_folder, save_matlab5
@@ -121,8 +124,10 @@ FORMS = {
 
 
 def catalogued(source, catalogue, form=Form()):  # noqa: B008
-    """The table of a source, whose catalogue is written too."""
-    read_source(source, catalogue.parent / "first", form, catalogue=catalogue)
+    """The table of a source, whose catalogue is written too, in this process."""
+    rows = write_recordings(catalogue.parent / "first", discover(source, form), form)
+    text = catalogue_text(rows, catalogue.parent)
+    catalogue.write_text(text, encoding="utf-8", newline="")
     return Recordings.read(catalogue.parent / "first")
 
 
