@@ -1,4 +1,4 @@
-"""What arrays with names hold, of .npy, .npz, MATLAB and HDF5: one recording, windows, or labelled frames.
+"""What arrays with names hold: one recording, windows, or labelled frames.
 
 An array is (frames, rows, columns), or (frames, cells) with the cells row after row. With a shape
 (rows and columns of a frame) it may also be one frame; without one, (frames, cells) are frames of
@@ -73,11 +73,7 @@ def recording_of(file: Path, arrays: Mapping[str, Any], form: Form) -> Recording
     is_hdf5 = isinstance(arrays, Hdf5File)
     readings = [name for name in _of_readings(arrays) if name not in form.left_out]
     in_file = _names_in_file(readings, form, is_hdf5=is_hdf5)
-    names = dict[str, str]()
-    if isinstance(arrays, Hdf5File):
-        for kind in ATTRIBUTES:
-            if in_file.get(kind, "") in arrays.attributes:
-                names[kind] = arrays.attribute(in_file[kind])
+    names = _named_by_attributes(arrays, in_file)
     values = dict[str, Any]()
     for kind in DATASETS:
         if in_file.get(kind, "") in arrays:
@@ -87,9 +83,8 @@ def recording_of(file: Path, arrays: Mapping[str, Any], form: Form) -> Recording
         if is_needed and kind not in values and kind not in names:
             raise UserError(f"{file}: {_missing(file, arrays, kind, in_file[kind])}")
     if not is_hdf5:
-        for kind in values:
-            if kind != "pressure":
-                values[kind] = np.ravel(values[kind])
+        columns = {kind: np.ravel(array) for kind, array in values.items() if kind != "pressure"}
+        values |= columns
     values, dropped = _without_unread_frames(values)
     notes = _attribute_notes(arrays, {*in_file.values(), *form.left_out}, names)
     return Recording(names, values, notes=notes, dropped=dropped)
@@ -120,6 +115,16 @@ def _names_in_file(readings: list[str], form: Form, *, is_hdf5: bool) -> dict[st
     if "pressure" not in form.names and len(readings) == 1:
         in_file["pressure"] = readings[0]
     return in_file
+
+
+def _named_by_attributes(arrays: Mapping[str, Any], in_file: Mapping[str, str]) -> dict[str, str]:
+    """Return the names of a recording that attributes of HDF5 give."""
+    names = dict[str, str]()
+    if isinstance(arrays, Hdf5File):
+        for kind in ATTRIBUTES:
+            if in_file.get(kind, "") in arrays.attributes:
+                names[kind] = arrays.attribute(in_file[kind])
+    return names
 
 
 def _without_unread_frames(values: dict[str, Any]) -> tuple[dict[str, Any], int]:
@@ -245,7 +250,7 @@ def _windows_note(name: str, windows: np.ndarray, label_name: str, takes: int) -
 
 
 def _sessions_of_windows(arrays: Mapping[str, Any], count: int) -> list[str]:
-    """Return the session of each of `count` windows, by the first array (n,) called as one, or []."""
+    """Return the session of each of `count` windows, by the first array (n,) called so; or none."""
     shapes = ((count,), (count, 1), (1, count))
     for name in arrays:
         if label_kind(name) == "session" and np.shape(arrays[name]) in shapes:

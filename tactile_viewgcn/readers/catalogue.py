@@ -1,4 +1,4 @@
-"""The catalogue: a table with a row for each recording, which says where it lies and what its names are.
+"""The catalogue: a table with a row for each recording, where it lies and what its names are.
 
 Folders, attributes of HDF5, columns of a table and a labels.csv are ways to fill its columns. A
 person may correct it, and give it back as the source.
@@ -66,15 +66,17 @@ def catalogue_text(catalogue: pd.DataFrame, folder: Path) -> str:
     for row in catalogue[list(COLUMNS)].itertuples(index=False):
         cells = list(row)
         cells[0] = relpath(cells[0], folder)
-        rows.append([_escaped(cell) if isinstance(cell, str) else cell for cell in cells])
+        rows.append([_escaped(str(cell)) for cell in cells])
     return csv_text(rows)
 
 
 def _escaped(text: str) -> str:
-    """Return a text whose escapes can be taken back; `csv_text` adds the apostrophe of a formula."""
+    """Return a text whose escapes can be taken back; `csv_text` adds a formula's apostrophe."""
     text = "".join(r"\\" if letter == "\\" else shown(letter) for letter in text)
-    # one of a name's own would else be taken for that of `csv_text`
-    return f"'{text}" if ESCAPED_FORMULA.match(text) else text
+    if ESCAPED_FORMULA.match(text):
+        # an apostrophe of the name would else be taken for that of `csv_text`
+        return f"'{text}"
+    return text
 
 
 def _unescaped(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Reading files of recordings in a separate process, with limits on memory, time and the size of its table.
+"""Reading files of recordings in a separate process, with limits on memory, time and size.
 
 A damaged file may crash SciPy or HDF5, make them fill the memory or keep them busy for ever. That
 ends the child alone. The child gets its request as JSON and prints JSON: the file that it reads,
@@ -40,6 +40,8 @@ def run_apart(module: str, request: dict[str, Any], path: Path) -> None:
     """Run `python -m module`, which calls `serve` and reads the file or folder `path`.
 
     Args:
+        module: name of the module.
+        path: of the source; a crash names the file that was read last.
         request: plain values for the function that the module serves.
 
     Raises:

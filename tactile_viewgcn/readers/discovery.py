@@ -98,7 +98,7 @@ def _is_raw(file: Path, path: Path) -> bool:
 
 
 def _single(path: Path, form: Form) -> Source:
-    """Return the source of a file that is no folder: a recording, a table of all, or a catalogue."""
+    """Return the source of a single file: a recording, a table of all, or a catalogue."""
     root = path.parent
     with reading(path):
         if has_ending(path, [".csv", ".tsv"]):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tactile_viewgcn.messages import UserError, several
-from tactile_viewgcn.readers.naming import Found, Named
+from tactile_viewgcn.readers.naming import Named
 from tactile_viewgcn.readers.source import Form, Recording, setting
 
 
@@ -65,7 +65,10 @@ def side_by_side(
 
 
 def _chosen_channels(channels: list[str], form: Form) -> list[int]:
-    """Return the indices of the channels that are taken: a model's in its order, else those not left out."""
+    """Return the indices of the channels that are taken.
+
+    They are a model's in its order, else those that are not left out.
+    """
     are_unlike = len(set(channels)) == len(channels)
     if form.sensors and are_unlike and set(form.sensors) <= set(channels):
         return [channels.index(name) for name in form.sensors]
@@ -73,7 +76,7 @@ def _chosen_channels(channels: list[str], form: Form) -> list[int]:
 
 
 def doubled(recordings: Sequence[Named]) -> dict[Path, str]:
-    """Return the file of the first recording that is there twice, with what is wrong and what to type."""
+    """Return the file of the first recording that is there twice, and what is wrong."""
     known = dict[str, Path]()
     doubles = list[tuple[str, Path, Path]]()
     for recording in recordings:

@@ -1,4 +1,4 @@
-"""Lines with labels, of tables and of arrays: what a column is by its name, and which lines are a recording."""
+"""Lines with labels: what a column is by its name, and which lines are one recording."""
 
 import re
 from collections.abc import Mapping

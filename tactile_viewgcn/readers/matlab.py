@@ -55,10 +55,11 @@ def fields_of_hdf5(file: Hdf5File) -> dict[str, Any]:
 
 
 def _declared_bytes(file: Path, stream: BinaryIO) -> int:
-    """Return the bytes of all elements of a MAT-file 5, of compressed ones what they declare inside.
+    """Return the bytes of all elements of a MAT-file 5.
 
-    They are 0 for other files. See MathWorks' "MAT-File Format": a header, then elements of a tag,
-    kind and length, and their bytes.
+    Of compressed elements they are what these declare inside; they are 0 for other files. See
+    MathWorks' "MAT-File Format": a header, then elements of a tag, kind and length, and their
+    bytes.
     """
     size = 0
     order = {b"IM": "<", b"MI": ">"}.get(stream.read(MATLAB5_HEADER)[-2:])

@@ -1,4 +1,4 @@
-"""How recordings get their names: from the catalogue, the file, a labels.csv, the path, or by default."""
+"""How recordings get their names: from a catalogue, their file, a labels.csv, or their path."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -169,7 +169,7 @@ class Naming:
             self.layout, self._guessed = layout_of(places, form)
 
     def object_of(self, file: Path) -> str | None:
-        """Return the object that a labels.csv or a path names; None for a file that lies elsewhere."""
+        """Return the object that a labels.csv or a path names; None where neither does."""
         if self._labels:
             return self._labels.get(file.stem, {}).get("object")
         names = names_in(self._source.place_of(file), self.layout)
@@ -303,7 +303,7 @@ def hint_of(found: Found, counts: Any) -> str:
 
 
 def _label_like_column(table: np.ndarray) -> int | None:
-    """Return the column (T,) of the fewest different whole numbers; None without one that may be labels."""
+    """Return the column (T,) of the fewest different whole numbers that may be labels, or None."""
     fewest = dict[int, int]()
     for number, column in enumerate(table.T):
         count = len(np.unique(column))
@@ -387,7 +387,7 @@ def catalogue_of(recordings: Sequence[Named], unread: Mapping[Path, str]) -> pd.
 
 
 def _split_of(recording: Named) -> str:
-    """Return the published set of a recording, `BY_FRAME` where its frames have unlike ones, or ""."""
+    """Return the published set of a recording; `BY_FRAME` where its frames are of several."""
     if not recording.is_split_by_frame:
         return recording.names.get("split", "")
     found = recording.found

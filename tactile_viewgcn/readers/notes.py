@@ -35,7 +35,8 @@ def source_notes(
         unread: what is wrong in each file that was not read, "" where its ending says it.
     """
     notes = list(recordings[0].notes)
-    dropped = sum({id(each.found): each.found.recording.dropped for each in recordings}.values())
+    found = {id(recording.found): recording.found for recording in recordings}
+    dropped = sum(one.recording.dropped for one in found.values())
     if dropped:
         text = f"{several(dropped, 'frame')} without readings or object are left out"
         notes.append(Note(text, topic="frames"))

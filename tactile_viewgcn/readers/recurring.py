@@ -1,30 +1,61 @@
-"""Words and numbers that recur in the names of files: are they persons or days, which a split must not mix?"""
+"""Words that recur in the names of files: are they persons or days, which a split must not mix?"""
 
 import re
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from tactile_viewgcn.messages import Note, listed, several
 from tactile_viewgcn.readers.layout import PART, PIECE, without_copy
 from tactile_viewgcn.readers.source import SIDE, setting
 
 #: Words for a recording of several, maybe with its number.
-REPEATS = r"(?i:trial|rep|repetition|rec|recording|run|take|try|grasp|grip|sample|file|no|nr|num|idx|t|r|n)\d*"
-#: Words for a person or a day with a number; and names of letters alone.
-PERSON = r"(?i:(s|sub|subj|subject|p|pers|person|participant|user|volunteer|vp|d|day|session|sess)\d+)|\d{4}-?\d\d-?\d\d"
-NAME = r"[^\W\d_]{2,}"
+REPEATS = (
+    r"(?i:trial|rep|repetition|rec|recording|run|take|try|grasp|grip|sample|file|no|nr|num|idx"
+    r"|t|r|n)\d*"
+)
+#: Words for a person or a day with a number.
+PERSON = (
+    r"(?i:(s|sub|subj|subject|p|pers|person|participant|user|volunteer|vp|d|day|session|sess)\d+)"
+    r"|\d{4}-?\d\d-?\d\d"
+)
+NAME = r"[^\W\d_]{2,}"  # of letters only
 MOSTLY = 0.5  # of the pairs of a word and an object that have several files
+
+
+@dataclass(frozen=True)
+class _Names:
+    """The parts of the names of all files.
+
+    Attributes:
+        objects: of each file.
+        mark: between the parts; "" where letters and numbers alternate.
+        parts: for each part its texts in all names.
+        whole: indices of the parts that are no hand and no piece of a recording.
+        is_flat: the files' names begin with their objects.
+    """
+
+    objects: Sequence[object]
+    mark: str
+    parts: list[list[str]]
+    whole: list[int]
+    is_flat: bool
+
+    @property
+    def last(self) -> int:
+        """Index of the last part."""
+        return len(self.parts) - 1
 
 
 def session_notes(
     places: Sequence[str], objects: Sequence[str | None], layout: str, *, has_labels: bool
 ) -> list[Note]:
-    """Warnings of parts of files' names that may be persons or days, with the layout that says so.
+    """Return warnings of parts of files' names that may be persons or days.
 
     A name's parts stand between marks, equally many in all names. Such a part recurs: with several
     objects, and with several files of one object; or it is the whole name and looks like one of a
-    person or a day. What has one file an object is else the number of the recording. Whether a part
-    is a person cannot be known; the note asks.
+    person or a day. A part with one file for each object is the number of the recording. Whether a
+    part is a person cannot be known; the note asks.
 
     Args:
         places: of the files, see `place_of`.
@@ -32,51 +63,28 @@ def session_notes(
         layout: of the places, without a SESSION.
         has_labels: the objects stand in a labels.csv.
     """
-    names = [without_copy(place.rpartition("/")[2]) for place in places]
-    mark, parts = _parted(names)
-    last = len(parts) - 1
+    mark, parts = _parted([without_copy(place.rpartition("/")[2]) for place in places])
     is_in_folder = layout.endswith("/FILE") or has_labels
-    is_flat = not has_labels and bool(mark) and layout.rpartition("/")[2] == f"OBJECT{mark}FILE"
+    flat_layout = f"OBJECT{mark}FILE"
+    is_flat = not has_labels and bool(mark) and layout.rpartition("/")[2] == flat_layout
     if None in objects or not (is_in_folder or is_flat):
         return []
-    of_parts = [part for part in range(len(parts)) if all(map(_is_hand_or_piece, parts[part]))]
-    whole = [part for part in range(len(parts)) if part not in of_parts]
+    whole = [part for part, texts in enumerate(parts) if not all(map(_is_hand_or_piece, texts))]
     if not whole:
         return []
-    # files of one recording once
-    rows = dict.fromkeys(zip(objects, *(parts[part] for part in whole), strict=True))
-    objects, *columns = zip(*rows, strict=True)
-    parts = [[""]] * len(parts)
-    for part, column in zip(whole, columns, strict=True):
-        parts[part] = list(column)
-    recurring = list[int]()
-    for part, texts in enumerate(parts):
-        others: Sequence[object] = objects
-        if is_flat:  # what is called the object holds the part itself
-            others = list(zip(*(parts[at] for at in whole if at not in (part, last)), strict=True))
-        is_candidate = part in whole and (part < last or not is_flat)
-        if is_candidate and others and _recurs(texts, others, is_whole_name=last == 0):
-            recurring.append(part)
-    recurring = [part for part in recurring if not all(map(_is_no_person, parts[part]))]
-    # the numbers begin anew on each side
-    if any(all(map(_is_side, parts[part])) for part in whole):
-        recurring = [part for part in recurring if not all(text.isdigit() for text in parts[part])]
-    if is_flat:  # of two words, one with numbers is rather a person
-        likely = [part for part in recurring if all(re.search(r"\d", text) for text in parts[part])]
-    else:
-        likely = [part for part in recurring if not all(text.isdigit() for text in parts[part])]
+    names = _once_each(_Names(objects, mark, parts, whole, is_flat))
     notes = list[Note]()
-    for part in likely or recurring:
-        found = sorted(set(parts[part]))
-        text = f"{several(len(found), 'word')} recur in the names of files of several objects: {listed(found)}. "
-        text += "A split by recording mixes them. If they are persons or days, "
-        text += _remedy(parts, part, mark, layout, is_flat=is_flat, has_labels=has_labels)
-        notes.append(Note(f"{text}.", "warning", "names"))
+    for part in _likely(names, _recurring(names)):
+        words = sorted(set(names.parts[part]))
+        text = f"{several(len(words), 'word')} recur in the names of files of several objects: "
+        text += f"{listed(words)}. A split by recording mixes them. If they are persons or days, "
+        text += f"{_remedy(names, part, layout, has_labels=has_labels)}."
+        notes.append(Note(text, "warning", "names"))
     return notes
 
 
 def _parted(names: list[str]) -> tuple[str, list[list[str]]]:
-    """The mark that parts all names equally often, and for each part its texts in all names.
+    """Return the mark that parts all names equally often, and for each part its texts in all names.
 
     Without a mark the parts are letters with a number after them, as in S01T03; else the names
     themselves.
@@ -96,16 +104,72 @@ def _columns(rows: list[list[str]]) -> list[list[str]]:
     return [list(column) for column in zip(*rows, strict=True)]
 
 
+def _once_each(names: _Names) -> _Names:
+    """Return names in which the files of one recording, as of two hands, are there once."""
+    columns = [names.parts[part] for part in names.whole]
+    rows = dict.fromkeys(zip(names.objects, *columns, strict=True))
+    objects, *texts = zip(*rows, strict=True)
+    parts = [[""]] * len(names.parts)
+    for part, column in zip(names.whole, texts, strict=True):
+        parts[part] = [str(text) for text in column]
+    return replace(names, objects=objects, parts=parts)
+
+
+def _recurring(names: _Names) -> list[int]:
+    """Return the parts that recur, but for words that are no persons."""
+    recurring = list[int]()
+    for part in names.whole:
+        if names.is_flat and part == names.last:  # the number of the recording
+            continue
+        others = names.objects
+        if names.is_flat:  # the object's name holds the part itself
+            others = _other_texts(names, part)
+        is_whole_name = names.last == 0
+        if others and _recurs(names.parts[part], others, is_whole_name=is_whole_name):
+            recurring.append(part)
+    return [part for part in recurring if not all(map(_is_no_person, names.parts[part]))]
+
+
+def _other_texts(names: _Names, part: int) -> Sequence[object]:
+    """Return the texts of the parts of each name, without one part and the last one."""
+    others = [names.parts[other] for other in names.whole if other not in (part, names.last)]
+    return list(zip(*others, strict=True))
+
+
 def _recurs(texts: Sequence[str], objects: Sequence[object], *, is_whole_name: bool) -> bool:
-    """Whether each text of a part is with several objects, and mostly with several files of each."""
+    """Return whether each text of a part is with several objects, and mostly with several files."""
     files = Counter(zip(texts, objects, strict=True))
     objects_of = Counter(text for text, _ in files)
     if len(objects_of) < 2 or min(objects_of.values()) < 2:
         return False
     if is_whole_name:
         return all(re.fullmatch(f"{PERSON}|{NAME}", text) for text in texts)
-    several_files = [count > 1 for count in files.values()]
-    return sum(several_files) > MOSTLY * len(several_files)
+    have_several = [count > 1 for count in files.values()]
+    return sum(have_several) > MOSTLY * len(have_several)
+
+
+def _likely(names: _Names, recurring: list[int]) -> list[int]:
+    """Return those of the recurring parts that are likely persons; all where none is.
+
+    Of two words, one with numbers is rather a person. In folders of objects, numbers without
+    letters are rather recordings.
+    """
+    has_sides = any(all(map(_is_side, names.parts[part])) for part in names.whole)
+    if has_sides:  # the numbers begin anew in each published set
+        recurring = [part for part in recurring if not _are_numbers(names.parts[part])]
+    if names.is_flat:
+        likely = [part for part in recurring if _have_digits(names.parts[part])]
+    else:
+        likely = [part for part in recurring if not _are_numbers(names.parts[part])]
+    return likely or recurring
+
+
+def _are_numbers(texts: Sequence[str]) -> bool:
+    return all(text.isdigit() for text in texts)
+
+
+def _have_digits(texts: Sequence[str]) -> bool:
+    return all(re.search(r"\d", text) for text in texts)
 
 
 def _is_hand_or_piece(text: str) -> bool:
@@ -117,31 +181,37 @@ def _is_no_person(text: str) -> bool:
 
 
 def _is_side(text: str) -> bool:
-    """Whether a part of a name is a side of a split, such as `train`."""
+    """Return whether a part of a name is a published set, such as `train`."""
     return SIDE.fullmatch(text.lower()) is not None
 
 
-def _remedy(
-    parts: list[list[str]], part: int, mark: str, layout: str, *, is_flat: bool, has_labels: bool
-) -> str:
-    """What to type, so that a part of the names is the session."""
-    last = len(parts) - 1
+def _remedy(names: _Names, part: int, layout: str, *, has_labels: bool) -> str:
+    """Return what to type, so that a part of the names is the session."""
     if has_labels:
         return "add them to labels.csv as a column `session`"
-    if not mark and last:
-        example = "_".join(texts[0] for texts in parts)
-        return f"rename the files with a mark between, as {example}, and {setting('data.layout=OBJECT/SESSION_FILE')}"
-    pattern = ""
-    if is_flat and part == 0:
-        pattern = layout.replace("OBJECT", f"SESSION{mark}OBJECT")
-    elif is_flat and part == last - 1:
-        pattern = layout.replace("OBJECT", f"OBJECT{mark}SESSION")
-    elif not is_flat and last == 0:
-        pattern = layout.replace("FILE", "SESSION")
-    elif not is_flat and part == 0:
-        pattern = layout.replace("FILE", f"SESSION{mark}FILE")
-    elif not is_flat and part == last:
-        pattern = layout.replace("FILE", f"FILE{mark}SESSION")
+    if not names.mark and names.last:
+        example = "_".join(texts[0] for texts in names.parts)
+        remedy = setting("data.layout=OBJECT/SESSION_FILE")
+        return f"rename the files with a mark between, as {example}, and {remedy}"
+    pattern = _layout_with_session(names, part, layout)
     if pattern:
         return setting(f"data.layout={pattern}")
     return "sort the files into folders: SESSION/OBJECT/FILE"
+
+
+def _layout_with_session(names: _Names, part: int, layout: str) -> str:
+    """Return a layout in which a part of the names is the session; "" where none can say it."""
+    mark = names.mark
+    if names.is_flat:
+        if part == 0:
+            return layout.replace("OBJECT", f"SESSION{mark}OBJECT")
+        if part == names.last - 1:
+            return layout.replace("OBJECT", f"OBJECT{mark}SESSION")
+        return ""
+    if names.last == 0:
+        return layout.replace("FILE", "SESSION")
+    if part == 0:
+        return layout.replace("FILE", f"SESSION{mark}FILE")
+    if part == names.last:
+        return layout.replace("FILE", f"FILE{mark}SESSION")
+    return ""

@@ -118,7 +118,7 @@ def tidy(name: str) -> str:
 
 
 def label_text(value: Any) -> str:
-    """Return a label as text; a whole number is written as an integer, so 1 and 1.0 are one label."""
+    """Return a label as text; 1 and 1.0 are one label, which is written as an integer."""
     if isinstance(value, bytes):
         value = value.decode("utf-8", "replace")
     text = tidy(str(value))
@@ -259,7 +259,7 @@ def _in_one_row(array: np.ndarray) -> np.ndarray:
 
 
 def stacked(recording: Recording, where: str) -> list[Recording]:
-    """Return a recording, or the n recordings of pressure (n, T, H, W), whose places are 0 to n - 1.
+    """Return a recording, or the n recordings of pressure (n, T, H, W), at places 0 to n - 1.
 
     Raises:
         UserError: begins with `where`; other axes, or several recordings with times of one.

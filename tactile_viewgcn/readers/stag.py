@@ -97,7 +97,7 @@ def _as_slice(frames: np.ndarray) -> Any:
 
 
 def _codes_of_split(file: Path, numbers: np.ndarray, fields: Mapping[str, Any]) -> np.ndarray:
-    """Return the published set of each frame by our codes; the file has numbers of its own names."""
+    """Return the code of each frame's published set; the file numbers its own names."""
     names = fields.get("splits", DEFAULT_SPLITS)
     codes = dict(enumerate(map(side_of, names)))
     found = [codes.get(number) for number in numbers.tolist()]

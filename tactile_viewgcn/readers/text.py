@@ -1,4 +1,4 @@
-"""Tables of numbers as text: a line for each frame, whose columns are sensors, times, numbers and names.
+"""Tables of numbers as text: a line for each frame, a column for each sensor.
 
 Cells are separated by commas, semicolons, tabs or blanks, with a decimal point or comma. Lines
 above the numbers may hold words; the first one with a cell for each column names the columns. Lines
@@ -147,7 +147,7 @@ def _cells_of(file: Path, text: str, numbers: str, top: "_Top") -> "DataFrame":
 
 
 def _are_ones(first: list[str], cells: "DataFrame", width: int) -> bool:
-    """Return whether the first line of cells is a line of units: all ones, and no other cell is 1."""
+    """Return whether the first line of cells is one of units: ones, where no other cell is 1."""
     if width < 2 or first.count("1") != width or len(cells) < 3:
         return False
     return bool((cells.iloc[:, :width] == 1).sum().eq(1).all())

@@ -110,7 +110,7 @@ class Contents:
 
 
 class SourcePass:
-    """Reads the files of a source one after another into a file of counts, and names the recordings.
+    """One reading of the files of a source into a file of counts; at its end all get their names.
 
     Args:
         source: its files.
@@ -166,7 +166,7 @@ class SourcePass:
         self._keep(files, parts, replace(framed_ones[0], recording=joined))
 
     def _recordings_in(self, file: Path) -> list[Recording] | None:
-        """Return the recordings in a file; None for a .txt that is no table, and for a labels.csv."""
+        """Return the recordings in a file; None for a labels.csv, and a .txt that is no table."""
         try:
             with reading(file):
                 if not has_ending(file, TEXTS):
@@ -179,7 +179,10 @@ class SourcePass:
             return None
 
     def _recordings_in_text(self, file: Path) -> list[Recording] | None:
-        """Return the table in a text, or its recordings if a catalogue names them; None for labels."""
+        """Return the table in a text, or its recordings if a catalogue names them.
+
+        It is None for a labels.csv.
+        """
         text = self._source.texts.get(file)
         if text is None:
             text = read_text(file)
@@ -351,7 +354,7 @@ class SourcePass:
 
 
 def _with_splits(recordings: list[Named]) -> list[Named]:
-    """Return recordings of a catalogue: where one has a published set, those without are training."""
+    """Return recordings of a catalogue, all with a published set if one has it: else training."""
     if not any(recording.has_split for recording in recordings):
         return recordings
     filled = list[Named]()

@@ -1,4 +1,4 @@
-"""The file of counts while a source is read: recordings are appended, and the header is written last."""
+"""The file of counts while a source is read: frames are appended, the header is written last."""
 
 from dataclasses import dataclass
 from math import prod

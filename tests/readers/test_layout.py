@@ -11,7 +11,6 @@ from tactile_viewgcn.tables import frames
 from tests.readers.files import COUNTS, ingested, record, refusal, save
 
 
-
 def side_of_recording(table):
     """The code of the published set of each recording, by its name."""
     names = [table.recordings[number] for number in table.columns["recording"]]
