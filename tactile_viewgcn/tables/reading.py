@@ -130,6 +130,9 @@ class SourcePass:
         self._frames = 0  # those that are not written too
         self._first: Group | None = None
         self._stored = bytes_of(source.files)
+        self._given = dict[Path, pd.DataFrame]()  # the catalogue's rows of each file
+        if source.given is not None:
+            self._given = dict(list(source.given.groupby("path", sort=False)))
 
     def read(self) -> None:
         """Read all files; what is wrong in them is kept until the end."""
@@ -173,7 +176,7 @@ class SourcePass:
                     return read_file(file, self._form)
                 return self._recordings_in_text(file)
         except UserError as error:
-            if not has_ending(file, [".txt"]) or self._source.given is not None:
+            if self._given or not has_ending(file, [".txt"]):
                 raise
             self._no_tables[file] = str(error)
             return None
@@ -183,17 +186,16 @@ class SourcePass:
 
         It is None for a labels.csv.
         """
-        text = self._source.texts.get(file)
+        text = self._source.texts.pop(file, None)
         if text is None:
             text = read_text(file)
-        if has_ending(file, [".csv", ".tsv"]):
+        if not self._given and has_ending(file, [".csv", ".tsv"]):
             names = names_in_text(file, text)
             if names is not None:
                 self._label_tables[file] = names
                 return None
         table = table_in(file, text, self._form)
-        given = self._source.given
-        if given is not None and (given["place"][given["path"] == file] != "").any():
+        if self._given and (self._given[file]["place"] != "").any():
             return recordings_of_lines(table, self._source.place_of(file))
         return [table]
 
@@ -208,16 +210,14 @@ class SourcePass:
             recording = replace(recording, values=recording.values | {"pressure": pressure})
             for one in stacked(recording, str(file)):
                 framed_ones.append(_Framed(one, axes, is_only=len(recordings) == 1))
-        if self._source.given is None:
+        if not self._given:
             return framed_ones
-        return self._given_only(file, self._source.given, framed_ones)
+        return self._given_only(file, framed_ones)
 
-    def _given_only(
-        self, file: Path, given: pd.DataFrame, framed_ones: list[_Framed]
-    ) -> list[_Framed]:
+    def _given_only(self, file: Path, framed_ones: list[_Framed]) -> list[_Framed]:
         """Return the recordings of a file that a catalogue names."""
         by_place = {framed_one.recording.place: framed_one for framed_one in framed_ones}
-        rows = given[given["path"] == file]
+        rows = self._given[file]
         for line, place in zip(rows["line"], rows["place"], strict=True):
             if place in by_place:
                 continue
@@ -232,7 +232,7 @@ class SourcePass:
 
     def _check_parts(self, group: Group) -> None:
         """Refuse files of a recording whose parts are others than those of the first recording."""
-        if self._source.given is not None or not any(group.parts):
+        if self._given or not any(group.parts):
             return
         if self._first is None:
             self._first = group
