@@ -23,8 +23,8 @@ from tactile_viewgcn.readers.source import COLUMNS as COLUMN_TYPES
 from tactile_viewgcn.recognition.calibration import Classifier
 from tactile_viewgcn.recognition.estimator import train
 from tactile_viewgcn.recognition.recogniser import Answer, Recogniser, recording_of
-from tactile_viewgcn.tables.frames import Frames, Views
 from tactile_viewgcn.tables.counts import write_columns
+from tactile_viewgcn.tables.frames import Frames, Views
 from tactile_viewgcn.tables.recordings import Recordings, in_memory
 from tactile_viewgcn.tables.writing import CountsFile
 from tactile_viewgcn.training.finetuning import finetune_classifier

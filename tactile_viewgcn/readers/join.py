@@ -45,7 +45,9 @@ def side_by_side(
             remedy = setting("data.layout=auto")
             raise UserError(f"{file}: {what}; {expected}; to join none, {remedy}")
         pressure.append(counts[()])
-        names = recording.channel_names or [str(at) for at in range(1, counts.shape[2] + 1)]
+        names = recording.channel_names
+        if not names:
+            names = [str(number) for number in range(1, counts.shape[2] + 1)]
         channels += [f"{part}_{name}" for name in names]
         left_out += recording.left_out
     joined = np.concatenate(pressure, axis=-1)

@@ -36,7 +36,7 @@ def source_notes(
     """
     notes = list(recordings[0].notes)
     found = {id(recording.found): recording.found for recording in recordings}
-    dropped = sum(one.recording.dropped for one in found.values())
+    dropped = sum(in_files.recording.dropped for in_files in found.values())
     if dropped:
         text = f"{several(dropped, 'frame')} without readings or object are left out"
         notes.append(Note(text, topic="frames"))

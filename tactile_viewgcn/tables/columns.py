@@ -28,7 +28,9 @@ def columns_of(
         columns[kind] = np.zeros(frames, dtype=np.int64)
     columns["frame"] = np.zeros(frames)
     columns["time"] = np.full(frames, np.nan)
-    numbers = {kind: {name: at for at, name in enumerate(names)} for kind, names in ids.items()}
+    numbers = dict[str, dict[str, int]]()
+    for kind, names in ids.items():
+        numbers[kind] = {name: number for number, name in enumerate(names)}
     for recording in recordings:
         for kind, number_of in numbers.items():
             columns[kind][recording.lines] = number_of[recording.names[kind]]

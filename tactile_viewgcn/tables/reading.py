@@ -208,8 +208,8 @@ class SourcePass:
             if not recording.is_framed:
                 pressure = framed(pressure, self._form, str(file))
             recording = replace(recording, values=recording.values | {"pressure": pressure})
-            for one in stacked(recording, str(file)):
-                framed_ones.append(_Framed(one, axes, is_only=len(recordings) == 1))
+            for part in stacked(recording, str(file)):
+                framed_ones.append(_Framed(part, axes, is_only=len(recordings) == 1))
         if not self._given:
             return framed_ones
         return self._given_only(file, framed_ones)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy import io
 
-from tactile_viewgcn.tables import writing as module
 from tactile_viewgcn.params import TEST, TRAIN
 from tactile_viewgcn.readers.source import Form
+from tactile_viewgcn.tables import writing as module
 from tests.readers.files import COUNTS, ingested, read_here, record, refusal, save
 from tests.stag_files import (
     SENSORS,

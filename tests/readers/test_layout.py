@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames.split import split_groups
-from tactile_viewgcn.params import default_params
-from tactile_viewgcn.params import TEST, TRAIN, VALIDATION
+from tactile_viewgcn.params import TEST, TRAIN, VALIDATION, default_params
 from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.tables import frames
 from tests.readers.files import COUNTS, ingested, record, refusal, save
