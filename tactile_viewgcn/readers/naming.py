@@ -269,7 +269,8 @@ class Naming:
         for kind in ("object", "session"):
             names[kind] = label_text(names[kind])
         split = names.get("split", "")
-        if split == BY_FRAME or not split:
+        is_in_file = split == BY_FRAME and "split" in found.recording.values
+        if is_in_file or not split:
             return names
         code = side_of(split)
         if code is None:

@@ -274,10 +274,9 @@ def _add_column(
     table: _Table, column: _Column, content: str, file: str, places: Iterable[str]
 ) -> None:
     """Add a column to what was found in a table; a column that is no sensor gets a note."""
+    filled = np.abs(column.values) <= MAX_PRESSURE
     if content in LABELS:
         filled = column.cells.notna().to_numpy()
-    else:
-        filled = np.abs(column.values) <= MAX_PRESSURE
     if content in ("", *LABELS) and not filled.all():
         raise UserError(f"{file}: {_unfit(file, column, filled, content, places)}")
     if not content:

@@ -1,7 +1,7 @@
-"""The table of raw counts, data/recordings: every frame of every recording, from any form of source.
+"""The table of raw counts, data/recordings: all frames of all recordings, from any form of source.
 
-`read_source` reads the files, checks them and writes a folder, which `Recordings` reads. Counts are the sensors' raw ADC counts, or readings
-in the glove's unit; axes are (frame, row, column).
+`read_source` reads the files, checks them and writes a folder, which `Recordings` reads. Counts are
+the sensors' raw ADC counts, or readings in the glove's unit; axes are (frame, row, column).
 """
 
 from collections.abc import Iterator, Sequence
