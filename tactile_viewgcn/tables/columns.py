@@ -25,7 +25,7 @@ def columns_of(
     """
     columns = dict[str, np.ndarray]()
     for kind in ids:
-        columns[kind] = np.zeros(frames, dtype=np.int64)
+        columns[kind] = np.zeros(frames, dtype=np.int32)
     columns["frame"] = np.zeros(frames)
     columns["time"] = np.full(frames, np.nan)
     numbers = dict[str, dict[str, int]]()

@@ -390,9 +390,10 @@ def write_recordings(folder: Path, source: Source, form: Form) -> pd.DataFrame:
     _check_spread(source.path, counts)
     _sort_lines(contents.recordings, columns, counts)
     counts.finish()
-    values: dict[str, Any] = {
-        name: columns[name].astype(dtype) for name, dtype in COLUMNS.items() if name in columns
-    }
+    values = dict[str, Any]()
+    for name, dtype in COLUMNS.items():
+        if name in columns:
+            values[name] = columns.pop(name).astype(dtype, copy=False)
     for kind, names in ids.items():
         values[f"{kind}s"] = names
     values["channel_names"] = contents.channel_names
