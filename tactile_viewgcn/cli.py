@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactile_viewgcn.files import readable
-from tactile_viewgcn.messages import UserError, program, shown
+from tactile_viewgcn.messages import UserError, program, several, shown
 from tactile_viewgcn.params import MAX_SIDE, PreprocessSection, default_params, preset_changes
 
 if TYPE_CHECKING:
@@ -46,25 +46,40 @@ def cli() -> None:
     metavar="ROWS COLUMNS",
     help="Shape of a frame of arrays, see data.shape.",
 )
+@click.option(
+    "--catalogue",
+    type=click.Path(path_type=Path),
+    help="Write a table with a line for each recording to this .csv, to be corrected and read.",
+)
 @_SET_DATA
 def inspect(
-    source: Path, page: Path | None, shape: tuple[int, int] | None, changes: tuple[str, ...]
+    source: Path,
+    page: Path | None,
+    shape: tuple[int, int] | None,
+    catalogue: Path | None,
+    changes: tuple[str, ...],
 ) -> None:
     """Describe the recordings SOURCE and recommend parameters for them, with reasons.
 
     SOURCE is a STAG metadata.mat, a STAG folder, HDF5 recordings, a folder of arrays (OBJECT/*.npy,
-    .npz or .csv), or one table of all recordings with a column `object`. Every mistake in it is
-    listed.
+    .npz or .csv), one table of all recordings with a column `object`, or a catalogue. Every mistake
+    in it is listed.
     """
     from tactile_viewgcn.pages.html import write
     from tactile_viewgcn.pages.inspection import inspection_lines, inspection_page
     from tactile_viewgcn.pages.source_inspection import inspect_source
+    from tactile_viewgcn.readers.catalogue import check_is_new
 
     form, preprocess = _form(changes, "preprocess")
     if shape:
         form = replace(form, shape=shape)
-    inspection = inspect_source(source, form, preprocess)
+    if catalogue:
+        check_is_new(catalogue)
+    inspection = inspect_source(source, form, preprocess, catalogue=catalogue)
     _say(*inspection_lines(inspection))
+    if catalogue:
+        count = several(len(inspection.recordings.recordings), "recording")
+        _say(f"{catalogue}: {count}; correct it, and read it: tactile-viewgcn inspect {catalogue}")
     if page:
         _say(write(page, inspection_page(inspection)))
 

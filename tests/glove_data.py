@@ -19,17 +19,19 @@ from tactile_viewgcn.frames.open_hand import HandStates, hand_states
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.params import Params, load, preset_changes
-from tactile_viewgcn.readers.arrays import read_metadata
-from tactile_viewgcn.readers.source import Source
+from tactile_viewgcn.readers.source import COLUMNS as COLUMN_TYPES
 from tactile_viewgcn.recognition.calibration import Classifier
 from tactile_viewgcn.recognition.estimator import train
 from tactile_viewgcn.recognition.recogniser import Answer, Recogniser, recording_of
+from tactile_viewgcn.tables.counts import write_columns
 from tactile_viewgcn.tables.frames import Frames, Views
-from tactile_viewgcn.tables.recordings import Recordings, in_memory, write_recordings
+from tactile_viewgcn.tables.recordings import Recordings, in_memory
+from tactile_viewgcn.tables.writing import CountsFile
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
+from tests.readers.files import read_here
 from tests.stag_files import metadata, save_matlab5
 
 ROOT = Path(__file__).parents[1]
@@ -42,17 +44,12 @@ torch.set_num_threads(1)
 COLUMN_DEFAULTS = {"object": 0, "recording": 0, "session": 0, "time": 0.0}
 
 
-def source(
-    counts: np.ndarray,
-    *,
-    cuts: Sequence[int] = (),
-    dtype: type | None = None,
-    objects: Sequence[str] = (),
-    recordings: Sequence[str] = (),
-    sessions: Sequence[str] = (),
+def written(
+    path: Path, counts: np.ndarray, *, cuts: Sequence[int] = (), dtype: type | None = None,
+    objects: Sequence[str] = (), recordings: Sequence[str] = (), sessions: Sequence[str] = (),
     **columns: np.ndarray | float,
-) -> Source:
-    """A source at the path `glove` of counts (T, H, W), in blocks that end at `cuts`.
+) -> Recordings:  # fmt: skip
+    """A table of counts (T, H, W), written to `path` in blocks that end at `cuts`, and opened.
 
     Columns are (T,) or one value for all frames; missing names are made up for the ids, the first
     object being the empty hand.
@@ -67,29 +64,18 @@ def source(
     def names(column: str, first: str) -> list[str]:
         return [first, *(f"{column}{i}" for i in range(1, int(values[column].max(initial=0)) + 1))]
 
-    parts = np.split(np.arange(frames), cuts)
-    return Source(
-        Path("glove"),
-        {
-            "object": list(objects or names("object", EMPTY_HAND)),
-            "recording": list(recordings or names("recording", "recording0")),
-            "session": list(sessions or names("session", "session0")),
-        },
-        counts.shape[1:],
-        np.dtype(dtype or counts.dtype),
-        frames,
-        iter(
-            [
-                {"pressure": counts[at], **{name: column[at] for name, column in values.items()}}
-                for at in parts
-            ]
-        ),
-    )
-
-
-def written(path: Path, counts: np.ndarray, **changes: object) -> Recordings:
-    """The same as a table written to `path` and opened."""
-    write_recordings(path, source(counts, **changes))
+    file = CountsFile(path)
+    for part in np.split(counts, cuts):
+        file.append(part, np.dtype(dtype or counts.dtype))
+    file.finish()
+    table = {
+        name: values[name].astype(kind) for name, kind in COLUMN_TYPES.items() if name in values
+    }
+    table["objects"] = list(objects or names("object", EMPTY_HAND))
+    table["recordings"] = list(recordings or names("recording", "recording0"))
+    table["sessions"] = list(sessions or names("session", "session0"))
+    table |= {"channel_names": [], "notes": [], "live": file.low < file.high}
+    write_columns(path, table)
     return Recordings.read(path)
 
 
@@ -424,8 +410,7 @@ def table(*changes: str) -> Frames:
     tree["pressure"] = tree["pressure"][:, *CORNER]
     with tempfile.TemporaryDirectory() as folder:
         source, path = Path(folder) / "metadata.mat", Path(folder) / "recordings"
-        write_recordings(path, read_metadata(save_matlab5(source, tree)))
-        recordings = Recordings.read(path)
+        recordings = read_here(save_matlab5(source, tree), path)
         return preprocess_recordings(recordings, params.preprocess, params.split).frames
 
 

@@ -250,9 +250,13 @@ def _error_of(
 
 
 def inspect_source(
-    path: str | Path, form: Form = AUTO, preprocess: PreprocessSection = ALL_AUTO
+    path: str | Path,
+    form: Form = AUTO,
+    preprocess: PreprocessSection = ALL_AUTO,
+    *,
+    catalogue: Path | None = None,
 ) -> Overview:
-    """Inspect a source in any form that `ingest` reads, see `open_source`.
+    """Inspect a source in any form that `ingest` reads, see `readers.discovery.discover`.
 
     Folders that may be in two orders are read in the other order if readings tell sessions apart
     and not objects.
@@ -261,6 +265,7 @@ def inspect_source(
         path: of the source.
         form: the form in which it is read.
         preprocess: see `Overview`.
+        catalogue: file to which the catalogue of the recordings is written.
 
     Returns:
         The overview of its recordings.
@@ -269,7 +274,7 @@ def inspect_source(
         UserError: lists the mistakes of the source.
         FileNotFoundError: nothing at that path.
     """
-    with recordings_of(path, form) as recordings:
+    with recordings_of(path, form, catalogue=catalogue) as recordings:
         overview = Overview(recordings, form, preprocess)
     layout = next((note for note in overview.remarks if note.key == "data.layout"), None)
     if not layout:
@@ -280,7 +285,7 @@ def inspect_source(
         overview.remarks[overview.remarks.index(layout)] = replace(layout, level="info")
     elif sessions_are_told and not objects_are_told:
         other_form = replace(form, layout=other_order(str(layout.value)))
-        overview = inspect_source(path, other_form, preprocess)
+        overview = inspect_source(path, other_form, preprocess, catalogue=catalogue)
         remedy = setting(f"data.layout={layout.value}")
         text = (
             f"folders are taken in the order {overview.form.layout}: readings tell the outer ones "

@@ -1,4 +1,4 @@
-"""Reading files of recordings in a separate process, with limits on memory, time and the size of its table.
+"""Reading files of recordings in a separate process, with limits on memory, time and size.
 
 A damaged file may crash SciPy or HDF5, make them fill the memory or keep them busy for ever. That
 ends the child alone. The child gets its request as JSON and prints JSON: the file that it reads,
@@ -21,11 +21,14 @@ from typing import Any, TextIO
 from tactile_viewgcn.files import check_is_file, readable
 from tactile_viewgcn.messages import UserError
 
-# bytes on top of the program's own; and on top of these, times the source's size
-MEMORY, MEMORY_TIMES = 2**30, 20
-SECONDS, SECONDS_PER_MB = 10, 2  # of processor time; for each MB of the source, on top
-TABLE, TABLE_TIMES = 2**30, 200  # bytes of the table, and on top times the source's size
-UNPACKED, UNPACKED_TIMES = 2**27, 50  # bytes that a file may unpack to, and on top times its size
+MEMORY = 2**30  # bytes on top of the program's own
+MEMORY_TIMES = 20  # the same for each byte of the source
+SECONDS = 10  # of processor time
+SECONDS_PER_MB = 2  # the same for each MB of the source
+TABLE = 2**30  # bytes of the table
+TABLE_TIMES = 200  # the same for each byte of the source
+UNPACKED = 2**27  # bytes that a file may unpack to
+UNPACKED_TIMES = 50  # the same for each of its bytes
 LFS = b"version https://git-lfs.github.com/spec/"  # beginning of a placeholder
 # in the parent, by kind
 RAISED = {"UserError": UserError, "OSError": OSError, "fault": RuntimeError}
@@ -37,6 +40,8 @@ def run_apart(module: str, request: dict[str, Any], path: Path) -> None:
     """Run `python -m module`, which calls `serve` and reads the file or folder `path`.
 
     Args:
+        module: name of the module.
+        path: of the source; a crash names the file that was read last.
         request: plain values for the function that the module serves.
 
     Raises:
@@ -46,7 +51,9 @@ def run_apart(module: str, request: dict[str, Any], path: Path) -> None:
         RuntimeError: any other exception, with its traceback as text.
     """
     words = json.dumps(request | {"memory": MEMORY, "seconds": SECONDS})
-    places = os.pathsep.join([str(PACKAGES), *filter(None, [os.environ.get("PYTHONPATH")])])
+    places = str(PACKAGES)
+    if os.environ.get("PYTHONPATH"):
+        places += os.pathsep + os.environ["PYTHONPATH"]
     child = subprocess.run(
         # -P: a user's folder may hold files called like modules
         [sys.executable, "-P", "-m", module, words],
@@ -60,15 +67,19 @@ def run_apart(module: str, request: dict[str, Any], path: Path) -> None:
     for line in child.stdout.splitlines():
         message = json.loads(line)
         path = Path(message.get("file", path))
-    kind, args = message.get("kind"), message.get("args", [])
+    kind = message.get("kind")
+    args = message.get("args", [])
     if kind in RAISED:
         raise RAISED[kind](*args)
-    slow = child.returncode == -signal.SIGXCPU
-    what = f"reading it {'took too long' if slow else 'crashed'}; record or download again what is damaged"
+    if kind == "done":
+        return
+    what = "reading it crashed; record or download again what is damaged"
+    if child.returncode == -signal.SIGXCPU:
+        what = "reading it took too long; record or download again what is damaged"
     if kind == "MemoryError":
-        what = f"reading it takes more memory than a file of its size may ({args[0]}); save it uncompressed"
-    if kind != "done":
-        raise UserError(f"{path}: {what}")
+        what = "reading it takes more memory than a file of its size may "
+        what += f"({args[0]}); save it uncompressed"
+    raise UserError(f"{path}: {what}")
 
 
 def serve(work: Callable[[dict[str, Any]], None]) -> None:
@@ -80,57 +91,84 @@ def serve(work: Callable[[dict[str, Any]], None]) -> None:
     message: dict[str, Any] = {"kind": "done"}
     try:
         work(json.loads(sys.argv[1]))
-    except (UserError, MemoryError) as error:
-        message = {"kind": type(error).__name__, "args": [str(error)]}
+    except UserError as error:
+        message = {"kind": "UserError", "args": [str(error)]}
+    except MemoryError as error:
+        message = {"kind": "MemoryError", "args": [str(error)]}
     except OSError as error:
-        message = {
-            "kind": "OSError",
-            "args": [*error.args[:2], *map(str, filter(None, [error.filename]))],
-        }
+        args = list(error.args[:2])
+        if error.filename:
+            args.append(str(error.filename))
+        message = {"kind": "OSError", "args": args}
     except Exception:
         message = {"kind": "fault", "args": [traceback.format_exc()]}
     print(json.dumps(message), file=parent, flush=True)
 
 
-def limit(request: dict[str, Any], stored: int) -> None:
-    """In the child: set the limits of a request for a source of `stored` bytes, where the system has such limits."""
+def system_limits() -> dict[int, tuple[int, int]]:
+    """Return the limits of this process, soft and hard, by their kinds, as the system set them."""
+    kinds = (resource.RLIMIT_CPU, resource.RLIMIT_FSIZE, resource.RLIMIT_AS)
+    return {kind: resource.getrlimit(kind) for kind in kinds}
+
+
+def limit(
+    request: dict[str, Any], stored: int, system: dict[int, tuple[int, int]] | None = None
+) -> None:
+    """In the child: set the limits of a request, where the system has such limits.
+
+    Args:
+        request: its bytes of `memory` and its `seconds`.
+        stored: bytes of the source.
+        system: limits that are kept, from `system_limits`; None: those of this process by now.
+    """
+    seconds = request["seconds"] + SECONDS_PER_MB * stored // 10**6
     limits = {
-        resource.RLIMIT_CPU: int(time.process_time())
-        + request["seconds"]
-        + SECONDS_PER_MB * stored // 10**6,
+        resource.RLIMIT_CPU: int(time.process_time()) + seconds,
         resource.RLIMIT_FSIZE: TABLE + TABLE_TIMES * stored,
     }
-    # on Linux; other systems do not keep the limit
-    if (status := Path("/proc/self/statm")).exists():
+    status = Path("/proc/self/statm")
+    if status.exists():  # on Linux; other systems do not keep the limit
         in_use = int(status.read_text().split()[0]) * resource.getpagesize()
         limits[resource.RLIMIT_AS] = in_use + request["memory"] + MEMORY_TIMES * stored
     for kind, most in limits.items():
-        soft, hard = resource.getrlimit(kind)
-        resource.setrlimit(
-            kind, (most if soft == resource.RLIM_INFINITY else min(most, soft), hard)
-        )
+        soft, hard = (system or system_limits())[kind]
+        if soft != resource.RLIM_INFINITY:
+            most = min(most, soft)
+        resource.setrlimit(kind, (most, hard))
 
 
 @contextmanager
 def reading(file: Path) -> Iterator[None]:
-    """Context of all that is done with a file of recordings: a crash of the child names it; refuses what is no file."""
+    """Context of all that is done with a file of recordings: a crash of the child names it.
+
+    Raises:
+        UserError: it is no file, or something stands in place of a file that is kept elsewhere.
+    """
     for parent in _parents:
         print(json.dumps({"file": str(file)}), file=parent, flush=True)
     check_is_file(file)
-    check_is_there(file)
-    yield
+    _check_link(file)
+    try:
+        yield
+    except UserError:
+        _check_is_no_placeholder(file)
+        raise
 
 
-def check_is_there(file: Path) -> None:
-    """Raise a UserError for what stands in place of a file that is kept elsewhere: a dead link, a text of Git LFS."""
+def _check_link(file: Path) -> None:
+    """Raise a UserError for a dead link."""
     if file.is_symlink() and not file.exists():
         what = f"a link to {file.readlink()}, which is not there"
         raise UserError(f"{file}: {what}; if Git annex keeps it: git annex get .")
+
+
+def _check_is_no_placeholder(file: Path) -> None:
+    """Raise a UserError for a text of Git LFS; called for a file that could not be read."""
     with file.open("rb") as stream:
-        if stream.read(len(LFS)) == LFS:
-            raise UserError(
-                f"{file}: a placeholder of Git LFS, not the recording; bring it: git lfs pull"
-            )
+        beginning = stream.read(len(LFS))
+    if beginning == LFS:
+        remedy = "bring it: git lfs pull"
+        raise UserError(f"{file}: a placeholder of Git LFS, not the recording; {remedy}") from None
 
 
 def library(file: Path) -> AbstractContextManager[None]:
@@ -148,6 +186,7 @@ def check_unpacked(file: Path, unpacked: int, stored: int | None = None) -> None
     """Refuse a file that declares far more bytes than it stores, before they are read.
 
     Args:
+        file: its path, or that of the source.
         unpacked: bytes of its arrays or of its text in memory.
         stored: bytes on the disk; those of the file where they are not given.
 
@@ -159,6 +198,6 @@ def check_unpacked(file: Path, unpacked: int, stored: int | None = None) -> None
     most = UNPACKED + UNPACKED_TIMES * stored
     if unpacked > most:
         raise UserError(
-            f"{file}: {stored:,} bytes unpack to {unpacked:,} bytes; expected at most {most:,}, since more may fill "
-            "the memory; save it uncompressed"
+            f"{file}: {stored:,} bytes unpack to {unpacked:,} bytes; expected at most {most:,}, "
+            "since more may fill the memory; save it uncompressed"
         )

@@ -1,4 +1,4 @@
-"""Numbers in texts that have two readings: is 1,012 one thousand and twelve, or little more than one?"""
+"""Numbers in texts that have two readings: is 1,012 above a thousand, or little above one?"""
 
 import json
 import re
@@ -13,7 +13,10 @@ GROUP_MARKS = "\u202f\u00a0\u2009'\u2019"
 #: A number whose digits after each mark are three; {mark} is put in.
 GROUPED = r"(?<![\w.,:])[-+]?[1-9]\d{{0,2}}(?:[{mark}]\d{{3}})+(?![\w.,:])"
 #: A number with this mark that has no such groups, so that the mark is decimal.
-DECIMAL = r"(?<![\w.,:])[-+]?(?:0\d*[{mark}]\d+|\d{{4,}}[{mark}]\d+|\d+[{mark}](?:\d{{1,2}}|\d{{4,}}))(?![\d.,:])"
+DECIMAL = (
+    r"(?<![\w.,:])[-+]?(?:0\d*[{mark}]\d+|\d{{4,}}[{mark}]\d+"
+    r"|\d+[{mark}](?:\d{{1,2}}|\d{{4,}}))(?![\d.,:])"
+)
 GROUPED_BY_BLANKS = r"[-+]?[1-9]\d{0,2}(?: \d{3})+"
 #: A cell whose digits are in groups of three, maybe with a fraction after another mark: 1.012,5 or
 #: 1'012 or 1 012.
@@ -31,6 +34,7 @@ def check_numerals(file: Path, text: str, separator: str | None, above: int) -> 
     decimal. A point is suspicious only where the same column has whole numbers too.
 
     Args:
+        file: which errors name.
         text: of the file, without its comments.
         separator: of its cells, None for blanks.
         above: number of lines above the numbers.
@@ -51,18 +55,25 @@ def check_numerals(file: Path, text: str, separator: str | None, above: int) -> 
 
 
 def without_group_marks(file: str, cell: str) -> str:
-    """The line to type that takes the marks out of the groups of digits in a file; "" if the cell has no groups."""
+    """Return the line to type that takes the marks out of the groups of digits in a file.
+
+    It is "" if the cell has no groups.
+    """
     grouped = re.fullmatch(GROUPED_CELL, cell.strip())
     if not grouped:
         return ""
     pattern = rf"(?<=\d){re.escape(grouped[1])}(?=\d\d\d)"
     path = f"p = pathlib.Path({json.dumps(file)})"
-    code = f"import pathlib, re; {path}; p.write_text(re.sub({json.dumps(pattern)}, str(), p.read_text()))"
+    changed = f"re.sub({json.dumps(pattern)}, str(), p.read_text())"
+    code = f"import pathlib, re; {path}; p.write_text({changed})"
     return f"python -c {quote(code)}"
 
 
 def _with_groups(text: str, start: int, separator: str | None, mark: str) -> re.Match[str] | None:
-    """The first number from `start` that may have groups of three digits; None where the mark is decimal."""
+    """Return the first number from `start` that may have groups of three digits.
+
+    It is None where the mark is decimal.
+    """
     if text.find(mark, start) < 0 or re.compile(DECIMAL.format(mark=mark)).search(text, start):
         return None
     found = re.compile(GROUPED.format(mark=mark)).search(text, start)
@@ -72,8 +83,12 @@ def _with_groups(text: str, start: int, separator: str | None, mark: str) -> re.
 
 
 def _is_mixed(text: str, separator: str | None) -> bool:
-    """Whether a column has whole numbers of three digits beside numbers with a point, as 987 beside 1.012."""
-    with_point, whole = set[int](), set[int]()
+    """Return whether a column has whole numbers of three digits and numbers with a point.
+
+    An example is 987 beside 1.012.
+    """
+    with_point = set[int]()
+    whole = set[int]()
     for line in StringIO(text):
         for column, cell in enumerate(line.strip().split(separator)):
             if re.fullmatch(r"[-+]?\d{3}", cell.strip()):
@@ -86,29 +101,36 @@ def _is_mixed(text: str, separator: str | None) -> bool:
 def _two_readings(
     file: Path, text: str, found: re.Match[str], separator: str | None, above: int
 ) -> str:
-    """The place of a number, what it may be, and the lines to type that say which."""
+    """Return the place of a number, what it may be, and the lines to type that say which."""
     number = found[0].strip('" ')
     mark = next(letter for letter in number if letter in f",.{GROUP_MARKS}")
     line = text.count("\n", 0, found.start()) + 1
     before = text[text.rfind("\n", 0, found.start()) + 1 : found.start()]
-    column = len(re.findall(re.escape(separator) if separator else r"\s+(?=\S)", before)) + 1
+    between_cells = r"\s+(?=\S)"
+    if separator:
+        between_cells = re.escape(separator)
+    column = len(re.findall(between_cells, before)) + 1
     remedies = list[str]()
     if re.fullmatch(GROUPED.format(mark=mark), number):
-        remedies.append(
-            f"if it is {number.replace(mark, '')}: {_rewriting(file, separator, above, 'thousands', mark)}"
-        )
+        thousands = _rewriting(file, separator, above, "thousands", mark)
+        remedies.append(f"if it is {number.replace(mark, '')}: {thousands}")
     if mark in ",." and number.count(mark) == 1:
         whole, _, fraction = number.partition(mark)
         decimal = _rewriting(file, separator, above, "decimal", mark)
         remedies.append(f"if it is {whole}.{fraction}: {decimal}")
-    return f"line {line}, column {column} is {number!r}, which has two readings; {'; '.join(remedies) or WITHOUT_MARKS}"
+    what = f"line {line}, column {column} is {number!r}, which has two readings"
+    return f"{what}; {'; '.join(remedies) or WITHOUT_MARKS}"
 
 
 def _rewriting(file: Path, separator: str | None, above: int, option: str, mark: str) -> str:
-    """The line to type that writes a file anew with the numbers in plain form; what lies above them stays."""
+    """Return the line to type that writes a file anew with the numbers in plain form.
+
+    The lines above the numbers stay.
+    """
     path = json.dumps(str(file))  # quotes that a shell's own quotes may stand around
     if mark in GROUP_MARKS:  # pandas reads no mark of several bytes
-        code = f"import pathlib; p = pathlib.Path({path}); p.write_text(p.read_text().replace({json.dumps(mark)}, str()))"
+        changed = f"p.read_text().replace({json.dumps(mark)}, str())"
+        code = f"import pathlib; p = pathlib.Path({path}); p.write_text({changed})"
         return f"python -c {quote(code)}"
     options = {"sep": separator or BLANKS, option: mark}
     read_as = ", ".join(f"{name}={json.dumps(value)}" for name, value in options.items())

@@ -1,8 +1,7 @@
 """The table of raw counts, data/recordings: every frame of every recording of a source.
 
-A reader describes recordings as a `Source`, whose frames come in blocks. `read_source` checks them
-and writes a folder, which `Recordings` reads. Counts are the sensors' raw ADC counts, or readings
-in the glove's unit; axes are (frame, row, column).
+`read_source` reads the files, checks them and writes a folder, which `Recordings` reads. Counts are
+the sensors' raw ADC counts, or readings in the glove's unit; axes are (frame, row, column).
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,11 +12,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from tactile_viewgcn.files import new_files, readable
-from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
-from tactile_viewgcn.readers.child import limit, run_apart, serve
-from tactile_viewgcn.readers.formats import TEXTS, files_of, open_source
+from tactile_viewgcn.files import new_files, readable, write_file
+from tactile_viewgcn.messages import EMPTY_HAND, Note
+from tactile_viewgcn.readers.catalogue import catalogue_text
+from tactile_viewgcn.readers.child import limit, run_apart, serve, system_limits
+from tactile_viewgcn.readers.discovery import bytes_of, discover, files_of
 from tactile_viewgcn.readers.source import (
     AUTO,
     BLOCK_FRAMES,
@@ -25,121 +26,71 @@ from tactile_viewgcn.readers.source import (
     MODEL_TOPIC,
     Form,
     Recording,
-    Source,
-    check_column,
 )
-from tactile_viewgcn.tables.counts import (
-    Counts,
-    Gathered,
-    part_of,
-    read_columns,
-    read_counts,
-    write_columns,
-    write_counts,
-)
+from tactile_viewgcn.tables.counts import Counts, Gathered, part_of, read_columns, read_counts
+from tactile_viewgcn.tables.reading import write_recordings
 
 ALWAYS = tuple(COLUMNS)[:5]  # the columns that every table has
 NO_SESSION = ""  # name of the session of a recording that names none
-# of the readings of the sensor that varies most; see MAX_PRESSURE in readers/source.py
-MIN_SPREAD = 1e-30
+CATALOGUE = "catalogue.csv"  # what the child leaves beside the table, where it is asked for
 
 
-def read_source(path: Path, out: Path, form: Form = AUTO) -> None:
-    """Write the recordings at a path, see `open_source`, to a table, in a child process, see `run_apart`.
+def read_source(path: Path, out: Path, form: Form = AUTO, *, catalogue: Path | None = None) -> None:
+    """Write the recordings at a path to a table, in a child process, see `run_apart`.
+
+    Args:
+        path: of the source, see `discover`.
+        out: folder of the table.
+        form: as which files are read.
+        catalogue: file to which the catalogue of the recordings is written too.
 
     Raises:
-        UserError: as `open_source` and `write_recordings`, or the child crashed; nothing is left
+        UserError: as `discover` and `write_recordings`, or the child crashed; nothing is left
             behind.
     """
     with new_files(out) as part:
         request = {"path": str(path), "out": str(part), "form": asdict(form)}
+        if catalogue is not None:
+            request["catalogue"] = str(catalogue.parent.absolute())
         run_apart("tactile_viewgcn.tables.recordings", request, path)
+        if catalogue is not None:
+            text = (part / CATALOGUE).read_text("utf-8")
+            (part / CATALOGUE).unlink()
+            write_file(catalogue, text)
 
 
 def _read_here(request: dict[str, Any]) -> None:
     """In the child process: write the table that `read_source` asks for."""
     path = Path(request["path"])
-    files = files_of(path)
-    if any(file.name.lower().endswith(TEXTS) for file in files):
-        import pandas  # noqa: F401  # before the limits: its code takes much of the address space
-    limit(request, sum(file.stat().st_size for file in files if file.is_file()))
-    write_recordings(Path(request["out"]), open_source(path, Form(**request["form"])))
-
-
-def write_recordings(folder: Path, source: Source) -> None:
-    """Write the frames of a source to a table, block by block.
-
-    Args:
-        folder: of the table.
-        source: what a reader found.
-
-    Raises:
-        UserError: no frames, an id out of range, or pressure that is not finite, too large or
-            varies too little.
-    """
-    if not source.frames:
-        raise UserError(
-            f"{source.path}: no frames; expected at least one recording with frames in it"
-        )
-    folder.mkdir(exist_ok=True)
-    blocks = _CheckedBlocks(source)
-    write_counts(folder, (source.frames, *source.shape), source.dtype, blocks)
-    spread = float((blocks.high - blocks.low).max())
-    if 0 < spread < MIN_SPREAD:
-        raise UserError(
-            f"{source.path}: no sensor varies by more than {spread:.3g}; expected {MIN_SPREAD:g} "
-            "or more: rescale the readings"
-        )
-    values: dict[str, Any] = {name: np.concatenate(parts) for name, parts in blocks.columns.items()}
-    for kind, names in source.names.items():
-        values[f"{kind}s"] = names
-    values["channel_names"] = source.channel_names
-    values["notes"] = [asdict(note) for note in source.notes]
-    values["live"] = blocks.low < blocks.high
-    write_columns(folder, values)
-
-
-class _CheckedBlocks:
-    """The counts (n, H, W) of a source's blocks, which are checked as they are read.
-
-    Attributes:
-        low: (H, W), the smallest reading of each sensor so far.
-        high: (H, W), the largest.
-        columns: by name, the columns (n,) of the blocks so far.
-    """
-
-    def __init__(self, source: Source):
-        self.source = source
-        self.low = np.full(source.shape, np.inf)
-        self.high = np.full(source.shape, -np.inf)
-        self.columns = dict[str, list[np.ndarray]]()
-
-    def __iter__(self) -> Iterator[np.ndarray]:
-        for block in self.source.blocks:
-            if not len(block["pressure"]):
-                continue
-            for name, values in block.items():
-                check_column(name, values, block, self.source)
-            pressure = block["pressure"]
-            np.minimum(self.low, pressure.min(axis=0), out=self.low)
-            np.maximum(self.high, pressure.max(axis=0), out=self.high)
-            for name, dtype in COLUMNS.items():
-                if name in block:
-                    self.columns.setdefault(name, []).append(block[name].astype(dtype))
-            yield pressure
+    form = Form(**request["form"])
+    # texts of Arrow need more memory than this process may take
+    pd.set_option("mode.string_storage", "python")
+    system = system_limits()
+    limit(request, bytes_of(files_of(path)), system)
+    source = discover(path, form)
+    if source.given is not None:
+        limit(request, bytes_of(source.files), system)
+    folder = Path(request["out"])
+    rows = write_recordings(folder, source, form)
+    if "catalogue" in request:
+        text = catalogue_text(rows, Path(request["catalogue"]))
+        (folder / CATALOGUE).write_text(text, encoding="utf-8", newline="")
 
 
 @contextmanager
-def recordings_of(path: str | Path, form: Form = AUTO) -> Iterator["Recordings"]:
-    """Give a temporary table of the recordings at a path, see `open_source`.
+def recordings_of(
+    path: str | Path, form: Form = AUTO, *, catalogue: Path | None = None
+) -> Iterator["Recordings"]:
+    """Yield a temporary table of the recordings at a path; its errors name that path.
 
     Args:
-        path: errors name it.
-        form: as which the source is read.
+        path: of the source.
+        form: as which files are read.
+        catalogue: file to which the catalogue of the recordings is written too.
     """
     with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
         file = Path(folder) / "recordings"
-        read_source(Path(path), file, form)
+        read_source(Path(path), file, form, catalogue=catalogue)
         yield replace(Recordings.read(file), path=Path(path))
 
 
@@ -159,7 +110,7 @@ class Recordings:
         columns: one array (T,) for each column of the source, see `COLUMNS`.
         live: bool (H, W), the sensors whose counts vary.
         channel_names: names of all sensors, row after row, or none.
-        notes: of the reader, see `Source`.
+        notes: of the reader, see `source_notes`.
     """
 
     path: Path

@@ -8,10 +8,9 @@ import pytest
 from tactile_viewgcn.frames.preprocessing import frame_counts, preprocess_recordings
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import load
-from tactile_viewgcn.readers.arrays import read_metadata
 from tactile_viewgcn.tables.frames import SIDES, TEST, TRAIN
-from tactile_viewgcn.tables.recordings import Recordings, write_recordings
 from tests.glove_data import COLUMNS, COUNTS, FILE, FIXED, GRIP_FRAMES, prepared, written
+from tests.readers.files import read_here
 
 OBJECT, RECORDING, SESSION, VALID = (
     COLUMNS[name] for name in ("object", "recording", "session", "valid")
@@ -218,9 +217,9 @@ def test_data_that_cannot_be_learnt_from_are_refused_in_one_sentence(tmp_path, c
 
 @pytest.mark.stag
 def test_the_real_blindfolded_file_is_split_by_recording(tmp_path, stag_data):
-    write_recordings(tmp_path / "t", read_metadata(stag_data / "blindfolded_lite" / "metadata.mat"))
+    recordings = read_here(stag_data / "blindfolded_lite" / "metadata.mat", tmp_path / "t")
     auto = load(FILE, ("split.by=recording", "split.folds=4"))
-    made = preprocess_recordings(Recordings.read(tmp_path / "t"), auto.preprocess, auto.split)
+    made = preprocess_recordings(recordings, auto.preprocess, auto.split)
     assert (made.frames.plan.params.baseline, made.frames.plan.params.filter) == ("grasp", "flags")
     assert (made.passed.sum(), len(made.frames)) == (525, 520)
     assert "empty_hand" not in made.frames.classes and notes_on(made, "objects", "empty_hand")

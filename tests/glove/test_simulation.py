@@ -21,7 +21,7 @@ from tactile_viewgcn.glove.simulation import (
 )
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import load
-from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.tables.recordings import recordings_of
 from tests.glove.scenes import LAYER, recipe, simulated_counts
 
 HAND, PARAMS = stag_hands(), Path(__file__).parents[2] / "params.yaml"
@@ -103,11 +103,8 @@ def test_the_files_hold_each_object_of_each_session_with_the_last_session_on_the
             np.testing.assert_allclose(file["time"], np.arange(45) / 7.35)
             np.testing.assert_array_equal(file["grasp"], grasp)
             np.testing.assert_array_equal(file["valid"], phase == HOLD)
-    source = open_source(folder)
-    assert source.names["object"] == ["empty_hand", "ball", "coin"] and source.names["session"] == [
-        "000",
-        "001",
-    ]
+    with recordings_of(folder) as table:
+        assert table.objects == ["empty_hand", "ball", "coin"] and table.sessions == ["000", "001"]
 
 
 def test_one_seed_gives_the_same_files_whatever_the_number_of_processes_and_another_others(

@@ -8,8 +8,10 @@ import h5py
 import numpy as np
 
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.tables.recordings import Recordings, read_source, write_recordings
+from tactile_viewgcn.readers.discovery import discover
+from tactile_viewgcn.readers.source import AUTO, Form
+from tactile_viewgcn.tables.reading import write_recordings
+from tactile_viewgcn.tables.recordings import Recordings, read_source
 
 COUNTS = np.arange(500, 640, dtype=np.int16).reshape(4, 5, 7)
 
@@ -43,11 +45,15 @@ def save(path: Path, content=COUNTS) -> Path:
     return path
 
 
+def read_here(path: Path, out: Path, form: Form = AUTO) -> Recordings:
+    """The table of the recordings at a path, written to `out` in this process."""
+    write_recordings(out, discover(path, form), form)
+    return Recordings.read(out)
+
+
 def ingested(path: Path, **options) -> tuple[np.ndarray, Recordings]:
     """All frames of the recordings at a path, and their table, read in this process."""
-    out = path.parent / f"{path.name}.table"
-    write_recordings(out, open_source(path, **options))
-    table = Recordings.read(out)
+    table = read_here(path, path.parent / f"{path.name}.table", **options)
     return table.counts[np.arange(len(table))], table
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy import io
 
-from tactile_viewgcn.readers import source as module
-from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.readers.source import TEST, TRAIN, Form
-from tests.readers.files import COUNTS, ingested, record, refusal, save
+from tactile_viewgcn.params import TEST, TRAIN
+from tactile_viewgcn.readers.source import Form
+from tactile_viewgcn.tables import writing as module
+from tests.readers.files import COUNTS, ingested, read_here, record, refusal, save
 from tests.stag_files import (
     SENSORS,
     as_weights,
@@ -284,12 +284,11 @@ def test_windows_are_of_one_take_where_they_share_frames_that_change_and_not_whe
     tmp_path, windows, overlap
 ):
     np.savez(tmp_path / "all.npz", X=windows, y=np.zeros(len(windows), dtype=int))
-    source = open_source(tmp_path)
-    takes = [int(block["take"][0]) if "take" in block else None for block in source.blocks]
+    columns = ingested(tmp_path)[1].columns
     if overlap:
-        assert takes == [0] * len(windows)
+        assert columns["take"].tolist() == [0] * windows.shape[0] * windows.shape[1]
     else:
-        assert takes in ([None] * len(windows), [*range(len(windows))])
+        assert "take" not in columns
 
 
 LEFT = {  # a table, data.columns, the names and numbers of its sensors, and words of a note
@@ -357,7 +356,7 @@ def test_letters_of_labels_are_composed_and_blanks_at_their_ends_go(tmp_path):
     ]
     save(tmp_path / "all.csv", "\n".join(rows))
     for place in ("folders", "attributes", "all.csv"):
-        assert open_source(tmp_path / place).names["object"] == ["T\xeate"]
+        assert ingested(tmp_path / place)[1].objects == ["T\xeate"]
 
 
 ONE_TABLE = {  # names and columns of an object's part, and the names of recordings and sessions
@@ -557,11 +556,10 @@ def test_a_recording_needs_no_object_where_none_is_asked_for(tmp_path, name, pla
             record(path, attributes={"object": None, "session": None})
         case _:
             save(path, "time_s,a\n0,1\n1,2\n0,3\n")  # times that fall part recordings
-    source = open_source(
-        path if place == "grip" else path.parent, Form(labelled=False, columns=["object:motion"])
-    )
+    form = Form(labelled=False, columns=["object:motion"])
+    _, table = ingested(path if place == "grip" else path.parent, form=form)
     names = ["grip/1", "grip/2"] if name == "grip.csv" else ["grip"]
-    assert source.names == {"object": [""], "recording": names, "session": ["session"]}
+    assert (table.objects, table.recordings, table.sessions) == ([""], names, ["session"])
 
 
 def test_frames_that_read_nan_and_are_marked_as_not_held_are_left_out_and_counted(tmp_path):
@@ -615,18 +613,15 @@ def test_the_split_goes_by_its_names_and_not_by_its_numbers(tmp_path, save_as):
     ],
 )
 def test_the_real_files_have_the_frames_that_their_authors_state(
-    stag_data, name, frames, recordings, flag, flagged
+    tmp_path, stag_data, name, frames, recordings, flag, flagged
 ):
-    source = open_source(stag_data / name / "metadata.mat")
-    blocks = list(source.blocks)
-    columns = {key: np.concatenate([block[key] for block in blocks]) for key in blocks[0]}
-    assert columns["pressure"].shape == (frames, 32, 32)
-    assert (len(source.names["recording"]), len(source.names["object"])) == (recordings, 27)
-    assert source.names["object"][0] == "empty_hand"
+    table = read_here(stag_data / name / "metadata.mat", tmp_path / "table")
+    counts, columns = table.counts, table.columns
+    assert counts.shape == (frames, 32, 32)
+    assert (len(table.recordings), len(table.objects)) == (recordings, 27)
+    assert table.objects[0] == "empty_hand"
     assert len(np.unique(columns["recording"])) == recordings and columns[flag].sum() == flagged
-    assert (columns["pressure"][:, ~SENSORS] == 510).all() and np.ptp(
-        columns["pressure"][:, SENSORS], axis=0
-    ).all()
+    assert (counts[:, ~SENSORS] == 510).all() and np.ptp(counts[:, SENSORS], axis=0).all()
     if name == "blindfolded_lite":
         assert (columns["split"] == TEST).all()
     else:

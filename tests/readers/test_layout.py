@@ -4,11 +4,17 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames.split import split_groups
-from tactile_viewgcn.params import default_params
-from tactile_viewgcn.readers.formats import open_source
-from tactile_viewgcn.readers.source import TEST, TRAIN, VALIDATION, Form
+from tactile_viewgcn.params import TEST, TRAIN, VALIDATION, default_params
+from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.tables import frames
 from tests.readers.files import COUNTS, ingested, record, refusal, save
+
+
+def side_of_recording(table):
+    """The code of the published set of each recording, by its name."""
+    names = [table.recordings[number] for number in table.columns["recording"]]
+    return dict(zip(names, table.columns["split"].tolist(), strict=True))
+
 
 SIDES = {"train": TRAIN, "test": TEST, "val": VALIDATION, "dev": VALIDATION}
 
@@ -181,29 +187,21 @@ def test_folders_are_objects_and_above_them_sessions(tmp_path, places, order, le
         save(file) if ending == "npy" else record(
             file, attributes={"object": None, "session": None}
         )
-    source, names = open_source(tmp_path / "lab"), order.split("/")
-    for name in ("object", "session"):
+    table, names = ingested(tmp_path / "lab")[1], order.split("/")
+    for name, found in (("object", table.objects), ("session", table.sessions)):
         if name.upper() in names:
             expected = {place.split("/")[names.index(name.upper())] for place in places.split()}
-            assert source.names[name] == sorted(
-                expected, key=lambda name: (name != "empty_hand", name)
-            )
-    (note,) = source.notes
+            assert found == sorted(expected, key=lambda name: (name != "empty_hand", name))
+    (note,) = table.notes
     assert order in note.text and note.level == level
     assert ("data.layout=OBJECT/SESSION/FILE" in note.text) == (level == "warning")
     if "SPLIT" in order:
-        sides = {
-            source.names["recording"][block["recording"][0]]: block["split"][0]
-            for block in source.blocks
-        }
-        for name, side in sides.items():
+        for name, side in side_of_recording(table).items():
             assert side == next(code for word, code in SIDES.items() if word in name.lower())
     elif level == "warning":
-        source = open_source(tmp_path / "lab", Form(layout="OBJECT/SESSION/FILE"))
-        assert (
-            set(source.names["object"]) == {place.split("/")[0] for place in places.split()}
-            and not source.notes
-        )
+        table = ingested(tmp_path / "lab", form=Form(layout="OBJECT/SESSION/FILE"))[1]
+        assert set(table.objects) == {place.split("/")[0] for place in places.split()}
+        assert not table.notes
 
 
 def test_what_hdf5_says_of_itself_counts_more_than_its_place(tmp_path):
@@ -238,15 +236,15 @@ def test_an_object_s_name_may_have_the_mark_that_stands_between_names(tmp_path, 
 def test_several_folders_above_the_object_or_below_it_are_one_session(tmp_path, order):
     for place in ("anna/mon/ball", "anna/tue/mug", "bert/mon/mug"):
         save(tmp_path / "lab" / place / "1.npy")
-    source = open_source(tmp_path / "lab", Form(layout=order))
-    assert source.names["object"] == (["ball", "mug"] if order == "auto" else ["anna", "bert"])
+    table = ingested(tmp_path / "lab", form=Form(layout=order))[1]
+    assert table.objects == (["ball", "mug"] if order == "auto" else ["anna", "bert"])
     sessions = (
         ["anna/mon", "anna/tue", "bert/mon"]
         if order == "auto"
         else ["mon/ball", "mon/mug", "tue/mug"]
     )
-    assert source.names["session"] == sessions
-    offered = ["'data.layout=OBJECT/SESSION/SESSION/FILE'" in note.text for note in source.notes]
+    assert table.sessions == sessions
+    offered = ["'data.layout=OBJECT/SESSION/SESSION/FILE'" in note.text for note in table.notes]
     assert offered == [True] * (order == "auto")
 
 
@@ -254,9 +252,6 @@ def test_a_published_side_has_the_code_of_the_same_side_of_a_split(tmp_path):
     for side in frames.SIDES:
         for label in ("mug", "pen"):
             save(tmp_path / side / label / "1.npy")
-    source, side_of_recording = open_source(tmp_path), {}
-    for block in source.blocks:
-        name = source.names["recording"][block["recording"][0]]
-        side_of_recording[name] = frames.SIDES[block["split"][0]]
-    assert {name.split("/")[0] for name in side_of_recording} == {"train", "validation", "test"}
-    assert all(name.startswith(side) for name, side in side_of_recording.items())
+    sides = side_of_recording(ingested(tmp_path)[1])
+    assert {name.split("/")[0] for name in sides} == {"train", "validation", "test"}
+    assert all(name.startswith(frames.SIDES[side]) for name, side in sides.items())

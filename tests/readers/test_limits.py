@@ -17,8 +17,7 @@ from scipy import io
 
 import tactile_viewgcn.readers
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.readers.formats import open_source
-from tests.readers.files import COUNTS, ingested, record, refusal, save
+from tests.readers.files import COUNTS, ingested, read_here, record, refusal, save
 from tests.stag_files import metadata, save_matlab5, save_matlab73
 
 FRAMES = 2**23
@@ -100,7 +99,7 @@ def test_a_file_that_unpacks_to_far_more_than_it_stores_is_refused_before_it_is_
     assert stored < ZEROS // 50
     tracemalloc.start()
     with pytest.raises(UserError, match="uncompressed") as refused:
-        open_source(path.parents[1])
+        read_here(path.parents[1], tmp_path / "table")
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert str(path) in str(refused.value) and f"{stored:,} bytes" in str(refused.value)
@@ -146,8 +145,7 @@ def test_a_single_large_chunk_is_unpacked_once(tmp_path):
         file.create_dataset(
             "pressure", data=frames, compression="gzip", compression_opts=1, chunks=frames.shape
         )
-    blocks = [block["pressure"] for block in open_source(tmp_path / "lab").blocks]
-    np.testing.assert_array_equal(np.concatenate(blocks), frames)
+    np.testing.assert_array_equal(ingested(tmp_path / "lab")[0], frames)
 
 
 def large_table(path, seed):
@@ -167,11 +165,9 @@ def test_one_file_is_in_memory_at_a_time(tmp_path, ending):
             else:
                 large_table(path, number)
         # what libraries keep once and for all is kept already
-        list(open_source(tmp_path / "lab2").blocks)
+        read_here(tmp_path / "lab2", tmp_path / "warm")
         tracemalloc.start()
-        frames = sum(
-            len(block["pressure"]) for block in open_source(tmp_path / f"lab{count}").blocks
-        )
+        frames = len(read_here(tmp_path / f"lab{count}", tmp_path / "table"))
         _, most[count] = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         assert frames == 4000 * count
@@ -228,7 +224,7 @@ def own_functions():
 def test_a_fault_of_our_own_is_never_called_damage_of_a_file(tmp_path, monkeypatch):
     paths = sources(tmp_path)
     for path in paths:
-        assert list(open_source(path).blocks)
+        assert len(read_here(path, tmp_path / "table"))
 
     def fail(*_, **__):
         raise PlantedError
@@ -242,7 +238,7 @@ def test_a_fault_of_our_own_is_never_called_damage_of_a_file(tmp_path, monkeypat
             patch.setattr(module, name, fail)
             for path in paths:
                 try:
-                    list(open_source(path).blocks)
+                    read_here(path, tmp_path / "table")
                 except PlantedError:
                     raised += 1
     assert raised > 100

@@ -13,9 +13,9 @@ from scipy import io
 from tactile_viewgcn.cli import cli
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import default_params
-from tactile_viewgcn.readers.formats import open_source
+from tactile_viewgcn.readers.discovery import discover
 from tactile_viewgcn.readers.source import Form
-from tests.readers.files import COUNTS, ingested, record, refusal, save
+from tests.readers.files import COUNTS, ingested, read_here, record, refusal, save
 from tests.readers.test_two_readings import OBJECTS, STACK, form_in, run_line, texts
 
 ROWS = np.arange(500, 512).reshape(4, 3)
@@ -164,7 +164,7 @@ def test_a_home_folder_as_a_tilde_is_written_out(monkeypatch, tmp_path):
     with pytest.raises(UserError, match=f"write data.source={tmp_path}/lab"):
         default_params(("data.source=~/lab",))
     with pytest.raises(FileNotFoundError, match=f"write {tmp_path}/lab"):
-        open_source("~/lab")
+        discover("~/lab", Form())
 
 
 @pytest.mark.parametrize("side", ["train", "Test", "val"])
@@ -255,4 +255,4 @@ def test_a_file_that_may_not_be_read_is_not_called_damaged(tmp_path):
     path = save(tmp_path / "lab" / "mug" / "1.npy", STACK)
     path.chmod(0)
     with pytest.raises(OSError):
-        open_source(tmp_path / "lab")
+        read_here(tmp_path / "lab", tmp_path / "table")

@@ -19,8 +19,8 @@ from mlflow import MlflowClient
 from tactile_viewgcn.files import md5
 from tactile_viewgcn.params import System
 from tactile_viewgcn.provenance import Record
-from tactile_viewgcn.readers.formats import open_source
 from tactile_viewgcn.tables.frames import Views, load_table, save_table
+from tactile_viewgcn.tables.recordings import recordings_of
 from tactile_viewgcn.tracking import EXPERIMENT
 from tests.glove_data import ROOT, SMALL, fewer_anchors, table
 from tests.mlflow_stores import runs_of
@@ -63,11 +63,8 @@ def test_the_glove_s_recordings_are_written_with_a_record(place):
     result = run_stage("simulate", "--out", "made", "--record", "simulate.json", cwd=place)
     assert result.returncode == 0, result.stderr
     assert "100 simulated frames of 4 recordings, virtual glove version" in result.stdout
-    source = open_source(place / "made")
-    assert source.names["object"] == ["empty_hand", "ball"] and source.names["session"] == [
-        "000",
-        "001",
-    ]
+    with recordings_of(place / "made") as table:
+        assert table.objects == ["empty_hand", "ball"] and table.sessions == ["000", "001"]
     record = Record.read((place / "simulate.json").read_text())
     assert (record.stage, record.counts["frames"]) == ("simulate", 100) and record.seconds > 0
     assert "copied" not in result.stdout
@@ -96,10 +93,8 @@ def test_dvc_simulates_where_the_source_is_what_the_glove_writes_and_nowhere_els
     set_params(place, "glove", **GLOVE)
     sh("git", "init", "-q", cwd=place)
     assert repro(place)[0] == ["needs", "simulate", "ingest"]
-    assert open_source(place / "data" / "virtual" / "recordings").names["object"] == [
-        "empty_hand",
-        "ball",
-    ]
+    with recordings_of(place / "data" / "virtual" / "recordings") as table:
+        assert table.objects == ["empty_hand", "ball"]
     assert (place / "data" / "virtual" / "recordings.json").is_file()
     assert repro(place)[0] == []
     status = sh("git", "status", "--porcelain", "-uall", cwd=place)

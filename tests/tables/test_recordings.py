@@ -12,9 +12,8 @@ from tactile_viewgcn.tables.recordings import (
     Recordings,
     frames_by_recording,
     recordings_of,
-    write_recordings,
 )
-from tests.glove_data import source, written
+from tests.glove_data import written
 
 RNG = np.random.default_rng(0)
 COUNTS = RNG.integers(500, 600, size=(50, 4, 6)).astype(np.int16)
@@ -31,7 +30,7 @@ def test_recordings_in_blocks_are_written_in_equal_bytes_and_read_back_whole(tmp
         "valid": np.arange(50) % 3 == 0,
     }
     for name in ("t", "again"):
-        write_recordings(tmp_path / name, source(COUNTS, cuts=(7, 7, 30), **columns))
+        written(tmp_path / name, COUNTS, cuts=(7, 7, 30), **columns)
     assert md5(tmp_path / "t") == md5(tmp_path / "again")
     monkeypatch.setattr(module, "BLOCK_FRAMES", 20)
     table = Recordings.read(tmp_path / "t")

@@ -1,0 +1,135 @@
+"""Lines with labels: what a column is by its name, and which lines are one recording."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tactile_viewgcn.messages import Note, several
+from tactile_viewgcn.readers.source import Recording, setting
+
+#: What columns without readings hold, by their names in small letters.
+CONTENTS = {
+    **dict.fromkeys(("time", "timestamp", "t", "ms", "millis", "micros"), "time"),
+    # if they count
+    **dict.fromkeys(("sample", "frame", "index", "id", "seq", "counter"), "line number"),
+    **dict.fromkeys(("object", "label", "class", "gesture", "target"), "object"),
+    **dict.fromkeys(("recording", "trial"), "recording"),
+    **dict.fromkeys(("session", "subject", "person", "participant"), "session"),
+}
+LABELS = ("session", "object", "recording")
+# words of a label's name that say nothing more
+OF_A_NAME = ("id", "name", "no", "nr", "num", "number", "code")
+
+
+@dataclass(frozen=True)
+class Run:
+    """The lines of one recording among all lines of a table.
+
+    Attributes:
+        names: of the recording, and of its object and session where the lines have them.
+        place: the texts of its lines, by which it is found in its file.
+        lines: (n,) rising indices.
+    """
+
+    names: dict[str, str]
+    place: str
+    lines: np.ndarray
+
+
+def label_kind(name: str) -> str:
+    """Return `object`, `recording` or `session`, if a name says so, else "".
+
+    Such names are label, Labels, class_label, subject_id.
+    """
+    words = [word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name)]
+    telling = [re.sub(r"(?<=[^s])s$", "", word) for word in words if word not in OF_A_NAME]
+    kinds = {CONTENTS.get(word, "") for word in telling or words}
+    if len(kinds) != 1:
+        return ""
+    kind = kinds.pop()
+    return kind if kind in LABELS else ""
+
+
+def runs_of(
+    labels: Mapping[str, Any], time: np.ndarray | None, count: int, prefix: str
+) -> tuple[list[Run], list[Note]]:
+    """Return the recordings in `count` lines: the lines of one session, object and recording.
+
+    Where no column names recordings, one begins where the object or the session changes, and where
+    the time falls; a note says so.
+
+    Args:
+        labels: texts (count,) by `session`, `object`, `recording`, as far as the lines have them.
+        time: (count,) of the lines, if they have times.
+        count: number of the lines.
+        prefix: name with which the recordings' names begin, if it is not empty; the name of a
+            recording that is alone.
+    """
+    import pandas as pd  # here, since it loads slowly
+
+    codes = dict[str, np.ndarray]()
+    texts = dict[str, Any]()
+    for kind in LABELS:
+        if kind in labels:
+            codes[kind], texts[kind] = pd.factorize(labels[kind])
+    if "recording" not in codes:
+        codes["recording"] = _runs(list(codes.values()), time, count)
+    numbers = pd.DataFrame(codes).groupby(list(codes), sort=False).ngroup().to_numpy()
+    order = np.argsort(numbers, kind="stable")
+    ends = np.flatnonzero(np.diff(numbers[order])) + 1
+    groups = np.split(order, ends) if count else []
+    runs = list[Run]()
+    for lines in groups:
+        names = dict[str, str]()
+        for kind in codes:
+            code = int(codes[kind][lines[0]])
+            names[kind] = str(texts[kind][code]) if kind in texts else str(code)
+        place = "/".join(names.values())
+        names["recording"] = "/".join(filter(None, [prefix, place]))
+        if prefix and len(groups) == 1:
+            names["recording"] = prefix
+        runs.append(Run(names, place, lines))
+    notes = list[Note]()
+    if labels and "recording" not in labels and len(runs) > 1:
+        notes.append(_runs_note([len(run.lines) for run in runs], has_time=time is not None))
+    return runs, notes
+
+
+def _runs(codes: list[np.ndarray], time: np.ndarray | None, count: int) -> np.ndarray:
+    """Return the number from 1 of the run in which each line is: (count,)."""
+    begins = np.arange(count) == 0
+    for code in codes:
+        begins[1:] |= code[1:] != code[:-1]
+    if time is not None:
+        begins[1:] |= np.diff(time) < 0
+    return np.cumsum(begins)
+
+
+def _runs_note(lengths: list[int], *, has_time: bool) -> Note:
+    remedy = setting("data.columns=[recording:NAME]")
+    text = f"{several(len(lengths), 'recording')} of {min(lengths):,} to {max(lengths):,} lines "
+    text += "are runs of an object; if these are not what was recorded, "
+    text += f"add a column `recording`, or {remedy}"
+    return Note(text, "info" if has_time else "warning", "recordings")
+
+
+def recordings_of_lines(table: Recording, prefix: str) -> list[Recording]:
+    """Return the recordings in a table whose lines have labels, see `runs_of`."""
+    values = table.values
+    runs, notes = runs_of(table.labels, values.get("time"), len(values["pressure"]), prefix)
+    recordings = list[Recording]()
+    for run in runs:
+        recordings.append(
+            replace(
+                table,
+                names=run.names,
+                values={name: column[run.lines] for name, column in values.items()},
+                notes=[*table.notes, *notes],
+                place=run.place,
+                labels={},
+            )
+        )
+    return recordings

@@ -1,0 +1,166 @@
+"""The file of counts while a source is read: frames are appended, the header is written last."""
+
+from dataclasses import dataclass
+from math import prod
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from tactile_viewgcn.readers.source import BLOCK_FRAMES, first_unfit, limits
+from tactile_viewgcn.tables.counts import COUNTS, read_counts
+
+ENDLESS = np.dtype(np.float64)  # holds integers that are too large for a table of integers
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A reading or a value of a column that is out of range.
+
+    Attributes:
+        column: `pressure` or a column.
+        row: number of its frame among all frames.
+        value: the first one of that frame.
+        low: the smallest value that may stand there.
+        high: the largest one.
+        is_whole: fractions are out of range too.
+    """
+
+    column: str
+    row: int
+    value: float
+    low: float
+    high: float
+    is_whole: bool
+
+
+class CountsFile:
+    """The counts of all frames in a table's folder, of which one block is in memory at a time.
+
+    The type is that of the recordings so far; what is written already is written anew where a
+    later recording has a wider type.
+
+    Args:
+        folder: of the table.
+
+    Attributes:
+        frames: number of frames that are written.
+        shape: (H, W) of a frame; None before the first recording.
+        dtype: of what is written.
+        dtypes: of the recordings.
+        low: (H, W) the smallest reading of each sensor so far.
+        high: (H, W) the largest one.
+        fault: the first reading out of range, if there is any.
+        integer_fault: the same, of an integer that only a table of real numbers can hold.
+    """
+
+    def __init__(self, folder: Path):
+        self.frames = 0
+        self.shape: tuple[int, int] | None = None
+        self.dtype = np.dtype(np.int16)
+        self.dtypes = set[np.dtype]()
+        self.low = np.full((0, 0), np.inf)
+        self.high = np.full((0, 0), -np.inf)
+        self.fault: Fault | None = None
+        self.integer_fault: Fault | None = None
+        self._folder = folder
+
+    def append(self, pressure: Any, dtype: np.dtype) -> None:
+        """Append the frames of a recording.
+
+        Args:
+            pressure: (T, H, W), an array or a dataset that is read in blocks.
+            dtype: type in which a table stores it, see `storage_type`.
+        """
+        if self.shape is None:
+            self._begin(pressure.shape[1:], dtype)
+        self.dtypes.add(dtype)
+        self._widen(dtype)
+        for start in range(0, len(pressure), BLOCK_FRAMES):
+            block = np.asarray(pressure[start : start + BLOCK_FRAMES])
+            self._check(block, dtype)
+            np.minimum(self.low, block.min(axis=0), out=self.low)
+            np.maximum(self.high, block.max(axis=0), out=self.high)
+            with (self._folder / COUNTS).open("ab") as file:
+                file.write(block.astype(self.dtype).tobytes())
+            self.frames += len(block)
+
+    def finish(self) -> None:
+        """Write the number of frames into the file."""
+        with (self._folder / COUNTS).open("rb+") as file:
+            self._write_header(file, self.dtype)
+
+    def sort(self, first: int, order: np.ndarray) -> None:
+        """Bring the frames from `first` into an order (n,), which is counted from there."""
+        counts = np.memmap(
+            self._folder / COUNTS,
+            self.dtype,
+            mode="r+",
+            offset=self._header_bytes(),
+            shape=(self.frames, *(self.shape or ())),
+        )
+        part = counts[first : first + len(order)]
+        part[:] = part[order]
+        counts.flush()
+
+    def counts(self) -> np.ndarray:
+        """Return the counts (T, H, W) that are written, memory-mapped."""
+        self.finish()
+        return read_counts(self._folder)
+
+    def _begin(self, shape: tuple[int, int], dtype: np.dtype) -> None:
+        self.shape = (int(shape[0]), int(shape[1]))
+        self.dtype = dtype
+        self.low = np.full(self.shape, np.inf)
+        self.high = np.full(self.shape, -np.inf)
+        self._folder.mkdir(exist_ok=True)
+        with (self._folder / COUNTS).open("wb") as file:
+            self._write_header(file, dtype)
+
+    def _write_header(self, file: BinaryIO, dtype: np.dtype) -> None:
+        """Write the header, whose length does not depend on the number of frames."""
+        header = {
+            "descr": np.lib.format.dtype_to_descr(dtype),
+            "fortran_order": False,
+            "shape": (self.frames, *(self.shape or ())),
+        }
+        np.lib.format.write_array_header_1_0(file, header)
+
+    def _header_bytes(self) -> int:
+        stored = self.frames * prod(self.shape or ()) * self.dtype.itemsize
+        return (self._folder / COUNTS).stat().st_size - stored
+
+    def _widen(self, dtype: np.dtype) -> None:
+        """Write anew what is written, where a type cannot hold it together with another."""
+        wider = np.promote_types(self.dtype, dtype)
+        if wider == self.dtype:
+            return
+        narrow = self._folder / f"narrow-{COUNTS}"
+        self.finish()
+        (self._folder / COUNTS).rename(narrow)
+        counts = np.load(narrow, mmap_mode="r", allow_pickle=False)
+        with (self._folder / COUNTS).open("wb") as file:
+            self._write_header(file, wider)
+            for start in range(0, len(counts), BLOCK_FRAMES):
+                file.write(counts[start : start + BLOCK_FRAMES].astype(wider).tobytes())
+        narrow.unlink()
+        self.dtype = wider
+
+    def _check(self, block: np.ndarray, dtype: np.dtype) -> None:
+        """Keep the first reading of a block (n, H, W) that is out of range."""
+        is_integer = dtype.kind == "i"
+        if is_integer and np.can_cast(block.dtype, dtype):
+            return
+        low, high = limits("pressure", dtype)
+        row = first_unfit(block, low, high, is_whole=is_integer)
+        if row is None:
+            return
+        frame = block[row].ravel()
+        inside = (frame >= low) & (frame <= high)
+        value = float(frame[~inside][0])
+        fault = Fault("pressure", self.frames + row, value, low, high, is_integer)
+        if is_integer:
+            self._widen(ENDLESS)
+            self.integer_fault = self.integer_fault or fault
+        else:
+            self.fault = self.fault or fault
