@@ -20,6 +20,7 @@ from tactile_viewgcn.frames.baseline import (
 from tactile_viewgcn.frames.filter import pressed_frames
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tests.glove_data import recipe, table, with_settings, written
+from tests.readers.files import read_here
 from tests.trained_network import unusual_counts
 
 ROUNDING = 2.0**-22  # of single precision, twice over
@@ -155,14 +156,16 @@ def two_grasped_objects():
 
 
 def automatic(path, readings):
-    """What `auto` becomes, and the network input with it."""
-    label, recording = np.arange(6) % 2, np.arange(6)
-    columns = {
-        "object": np.repeat(label, 24),
-        "recording": np.repeat(recording, 24),
-        "objects": ["mug", "ball"],
-    }
-    recordings = written(path, readings.reshape(-1, 8, 8), **columns)
+    """What `auto` becomes, and the network input with it, of recordings that are read from files.
+
+    Six arrays in turn are of the mug and of the ball; their table is in the order of their names.
+    """
+    path.mkdir()
+    for number, counts in enumerate(np.reshape(readings, (6, -1, 8, 8))):
+        folder = path / "source" / ("mug", "ball")[number % 2]
+        folder.mkdir(parents=True, exist_ok=True)
+        np.save(folder / f"{number}.npy", counts)
+    recordings = read_here(path / "source", path / "table")
     params = recipe("split.by=recording", "split.folds=3")
     made = preprocess_recordings(recordings, params.preprocess, params.split)
     chosen = {note.key: note.value for note in made.choice.notes}

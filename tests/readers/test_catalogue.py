@@ -274,7 +274,10 @@ def unknown_place(rows):
 
 
 WRONG = {  # a change of the rows, and words of the line
-    "an unknown file": (lambda r: with_cell(r, 1, "file", "lab/nix.npy"), "line 3: no file lab/nix.npy"),
+    "an unknown file": (
+        lambda r: with_cell(r, 1, "file", "lab/nix.npy"),
+        "line 3: no file lab/nix.npy",
+    ),
     "a place that is not there": (unknown_place, "line 2: |has no recording '7'"),
     "no object": (lambda r: with_cell(r, 2, "object", " "), "line 4: no object"),
     "a recording twice": (lambda r: pd.concat([r, r[:1]]), "lines 2, 6 are of the same recording"),
