@@ -21,7 +21,7 @@ ENOUGH = 5.0  # percentage points: largest acceptable detectable difference of a
 OPEN = "not decided"
 UNTRAINED = "not trained to its end"
 TRAINING = ["seed", "deal"]  # a training run is the cells of all folds
-# training runs are paired on one kind of machine: they differ by percentage points
+# equal seeds give errors that differ by percentage points between kinds of machines
 PAIRED = [*TRAINING, "machine"]
 
 
@@ -76,7 +76,7 @@ def errors_of(answers: list[Answers]) -> pd.DataFrame:
 
 
 def costs_of(answers: list[Answers]) -> pd.DataFrame:
-    """Return the costs of the cheapest training run of each variant.
+    """Return the lowest costs of each variant, each the minimum over its training runs.
 
     Seconds are summed over folds, other costs are the maximum over folds.
 
@@ -142,7 +142,8 @@ def rows_of(answers: list[Answers], references: Iterable[str]) -> pd.DataFrame:
                 head = f"vs {reference} "
                 row |= compared(part, other_part, head)
                 row[f"{head}verdict"] = UNTRAINED
-                if once["trained"].reindex([variant, other]).all():
+                present = [name for name in (variant, other) if name in once.index]
+                if once.loc[present, "trained"].all():
                     row[f"{head}verdict"] = verdict(row, head)
             rows.append(row)
     return pd.DataFrame(rows)
@@ -217,7 +218,8 @@ def compared(part: pd.DataFrame, reference: pd.DataFrame | None, head: str) -> d
     if ours.empty:
         return row
     pairs = ours.merge(theirs, on=[*PAIRED, "group", "answers"], suffixes=("", " of the reference"))
-    if not len(pairs) == len(ours) == len(theirs):
+    have_same_view_sets = len(pairs) == len(ours) and len(pairs) == len(theirs)
+    if not have_same_view_sets:
         names = [rows["variant"].iloc[0] for rows in (part, reference)]
         raise UserError(
             f"variant {names[0]} was tested on other view sets than {names[1]}; set reference: null"
@@ -288,11 +290,12 @@ def power(rows: pd.DataFrame, groups: int) -> str:
 
 def _half_widths(rows: pd.DataFrame, groups: int) -> dict[str, float]:
     """Return half of the widest interval of a protocol's rows, by kind, if there is any."""
-    for verdicts in rows.filter(regex="^vs .* verdict$"):
-        head = verdicts.removesuffix("verdict")
+    rows = rows.copy()
+    for verdict_column in rows.filter(regex="^vs .* verdict$"):
+        head = verdict_column.removesuffix("verdict")
         columns = rows.columns[rows.columns.str.startswith(head)]
-        trained = rows[verdicts] != UNTRAINED
-        rows = rows.assign(**rows[columns].where(trained))
+        is_untrained = rows[verdict_column] == UNTRAINED
+        rows.loc[is_untrained, columns] = np.nan
     kinds = {f"over {several(groups, 'split group')}": " ", "over trainings": " seeds_"}
     widths = {}
     for kind, ends in kinds.items():

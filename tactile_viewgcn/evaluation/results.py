@@ -16,7 +16,7 @@ from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import NEW_SESSION, csv_text, several
 
 # titles of the scores by name in metrics.json; pages list them in this order, the terminal in the
-# reverse one
+# reverse one; only `new_session` may be missing there
 SCORED = {
     WHOLE: TITLES[WHOLE],
     "new_session": NEW_SESSION,
@@ -49,7 +49,7 @@ def summary(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]
 def errors_by_frames(metrics: dict[str, Any]) -> dict[str, list[tuple[int, dict[str, Any]]]]:
     """Return numbers of frames with their errors, by protocol.
 
-    The numbers of the protocol `recording` end with the number of whole recordings.
+    The last entry of `recording` is of whole recordings: their median number of frames.
 
     Args:
         metrics: content of metrics.json.

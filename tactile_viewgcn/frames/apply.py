@@ -1,8 +1,8 @@
 """Apply a plan: the baseline of each frame, and which frames are in contact.
 
 Nothing else looks at readings once a plan is made. All fallbacks stand here and in
-`frames/baseline.py`. A recording in which the hand never opens has the first baseline of these that
-there is:
+`frames/baseline.py`. With the baseline `grasp` a recording in which the hand never opens takes the
+first of these that is available; with `empty_hand` each recording does:
 
 1. the empty hand of its session;
 2. the open hand of its session's recordings. A new recording has none of other recordings;

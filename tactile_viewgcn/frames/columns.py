@@ -80,9 +80,9 @@ class _Motion:
 
     @property
     def is_clock(self) -> np.ndarray:
-        """Return the columns bool (S,) that move as one clock, whatever it reads at the beginning.
+        """Return the columns bool (S,) that move as one clock.
 
-        The question is stricter than `tables.common_frames.is_monotone`: a slow sensor is monotone
+        A clock of even steps may begin anywhere; one of uneven steps begins alike everywhere. The question is stricter than `tables.common_frames.is_monotone`: a slow sensor is monotone
         too, and no clock.
         """
         moves = np.quantile(self.moves, 1 - CLOCK_SHARE, axis=0, method="lower")
@@ -127,10 +127,10 @@ def column_notes(recordings: Recordings) -> list[Note]:
     """Return warnings of columns that move as no sensor does, and of odd frame rates.
 
     Such a column is constant within every recording where others vary, as the number of a person.
-    Or it rises, or falls, by even steps, as a clock. The sensors of an array are of one kind: there
-    it is named if its beginnings predict the objects of held-out recordings, or if its range is far
-    wider than the others'. Channels may be anything: there each constant column and each clock is
-    named, and constant columns are also checked together.
+    Or it rises, or falls, by even steps, as a clock. It is named if its beginnings predict the
+    objects of held-out recordings, or if its range is far wider than the others'. The sensors of an
+    array are of one kind, so that nothing else is named there. Channels may be anything: there each
+    constant column and each clock is named, and constant columns are also checked together.
 
     A finger that stays bent trembles, and one that closes evenly does so at another rate each time.
     Neither is such a column.

@@ -31,7 +31,8 @@ COMPARED_FRAMES = 2000  # frames whose readings are compared
 NEAR_ZERO = 0.05  # of the range of readings
 MOST_LOST = 0.05  # share of recordings without a frame in contact, above which contact is no filter
 RELEASED_SCALE = 150.0  # counts, of the released code, for STAG's glove
-# times the strongest hundredth of the readings: the released scale is kept up to there
+# the released scale of 150 is kept if it is at least the strongest hundredth of the readings in
+# contact, and at most ten times that
 HEADROOM = 10.0
 #: A setting and the reason for it.
 Reasoned = tuple[Any, str]
@@ -141,9 +142,9 @@ def _require_live_sensors(training: Recordings) -> None:
 
 
 def _grasps_subtract_signal() -> Note:
-    """Return the warning of a baseline of each grasp where the hand never opens."""
+    """Return the warning of a baseline of each grasp where no open hand is seen beside one."""
     text = (
-        "even the quietest frames are contact, so grasp subtracts signal: "
+        "most recordings do not show an open hand and a grasp, so grasp may subtract signal: "
         "set preprocess.baseline to auto"
     )
     return Note(text, "warning", "baseline", "preprocess.baseline", "auto")
@@ -187,7 +188,7 @@ def _contact_sensors(live: int) -> Reasoned:
     sensors = sensors_in_contact(live)
     if sensors == 1:
         return sensors, f"of {several(live, 'sensor')} an object may press a single one"
-    return sensors, f"a fortieth of {several(live, 'sensor')}, 14 at most"
+    return sensors, f"a fortieth of {several(live, 'sensor')}, at least 2 and at most 14"
 
 
 def _shows_open_hand(recordings: Recordings, states: HandStates) -> bool:
@@ -213,7 +214,8 @@ def _baseline(
         reason = "few sensors, which may read anything without contact: they are taken as they are"
         return "none", reason
     if states.all_contact:
-        return "none", "even the quietest frames are contact: recordings are taken as they are"
+        reason = "most recordings do not show an open hand and a grasp: they are taken as they are"
+        return "none", reason
     return "grasp", "of the open hand before each grasp: it may drift"
 
 

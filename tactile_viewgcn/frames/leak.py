@@ -229,8 +229,9 @@ def _answers(
 
     Every object has two groups or more, so that each mean is answered, see `complete_folds`.
 
-    The nearest mean answers, of readings or of ridge scores. Of ridge scores it is the mean of an
-    object. The largest score alone would never name an object that reads between two others, as
+    A mean of readings is answered by the nearest mean of other groups. Ridge scores are answered by
+    the object whose mean score is nearest. The largest score would never name an object that reads
+    between two others, as
     where all sensors of an object share an offset (Hastie, Tibshirani and Friedman, "The elements
     of statistical learning", section 4.2, masking).
 
@@ -285,8 +286,9 @@ def check_leak(
 ) -> QuickError | None:
     """Return the error of recognising objects by open-hand frames.
 
-    The baseline of the last frame of contact before is subtracted: one of the open hand itself
-    would hide its own drift. The empty hand is no object here.
+    From each open-hand frame the baseline of the last frame of contact before it is subtracted. The
+    open hand's own baseline contains these frames, so that its drift would cancel. Frames before
+    the first contact of a recording have no other than their own. The empty hand is no object here.
 
     Args:
         recordings: the table of raw counts.

@@ -8,8 +8,9 @@ It fails, and nothing says so,
 
 - where a recording has no five successive frames without contact, and its session no empty hand: a
   light grip is then taken for the open hand, and only what presses more than it is contact;
-- where sensors jump by more than five standard deviations of their noise between two frames, or
-  drift by more than a third of one a frame: that is taken for contact, to the end of the recording;
+- where several sensors jump by about four standard deviations of their noise between two frames, or
+  drift by more than about a tenth of one a frame. After a rise the later frames count as contact;
+  before a fall the earlier frames do;
 - where what is held from the first frame to the last presses more than three quarters of the
   sensors: that is taken for drift, even beside an empty hand.
 
@@ -54,8 +55,9 @@ class HandStates:
         contact: bool (T,) enough sensors are in contact, or a flag of the source says that an
             object is held.
         open: bool (T,) the hand is open in this frame and in the two before and after it: at most
-            one sensor is in contact, few reach three fifths of that, and no flag says that an
-            object is held. In other frames the hand is closing or opening, or presses weakly.
+            one sensor is in contact, at most two and a hundredth of all reach three fifths of the
+            threshold of contact, and no flag says that an object is held. In other frames the hand
+            is closing or opening, or presses weakly.
         quiet: (R, S) mean in counts over the five quietest successive frames of each recording with
             frames.
     """
@@ -68,7 +70,10 @@ class HandStates:
 
     @property
     def all_contact(self) -> bool:
-        """Return whether even the quietest frames are contact: no open hand gives a baseline."""
+        """Return whether every frame counts as contact, so that no open hand gives a baseline.
+
+        That is so where the quietest frames are contact, and after `as_all_contact`.
+        """
         return bool(self.contact.all())
 
     def as_all_contact(self) -> "HandStates":
@@ -119,7 +124,7 @@ def hand_states(
         empty, noise_of_session = moments[recordings.columns["session"][index[0]]]
         of_recording = counts[index].astype(np.float64)
         threshold = CONTACT_SIGMAS * noise_of_session
-        followed, start = _pressed(of_recording, threshold, contact_sensors, empty)
+        followed, start = _followed_from_quietest(of_recording, threshold, contact_sensors, empty)
         contact[index] = (followed.pressed >= contact_sensors) | is_held[index]
         still = followed.still & ~contact[index]
         opened[index] = minimum_filter1d(still, 2 * MARGIN + 1, mode="nearest")
@@ -137,7 +142,7 @@ def _flagged_as_held(recordings: Recordings) -> np.ndarray:
     return is_held
 
 
-def _pressed(
+def _followed_from_quietest(
     counts: np.ndarray, threshold: np.ndarray, sensors: int, empty: np.ndarray | None
 ) -> tuple[_Followed, int]:
     """Return what the frames of a recording show, and the index of its first quietest frame.
@@ -218,9 +223,9 @@ def quietest(counts: np.ndarray, *, common: bool = True) -> int:
 def is_contact(excess: np.ndarray, threshold: np.ndarray, sensors: int = 2) -> bool:
     """Return whether an excess over the empty hand is contact and not drift.
 
-    Drift moves all sensors together, or some up and some down. Contact moves less than half, all of
-    them up; or more, and leaves a quarter where they are. A single sensor shows no difference: what
-    it reads above is contact.
+    Drift moves all sensors together, or some up and some down. Sparse contact raises less than half
+    of the sensors. Dense contact raises up to three quarters of them and lowers none. A single
+    sensor cannot tell drift from contact: what it reads above the threshold is contact.
 
     Args:
         excess: (S,) in counts.

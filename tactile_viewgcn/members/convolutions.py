@@ -98,7 +98,7 @@ class RandomConvolutions(Arrays):
         for dilation, channels in zip(self.dilations, self.channels, strict=True):
             values = [_convolved(readings, dilation, channels) for readings in sample]
             biases.append(np.quantile(np.concatenate(values, axis=1), quantiles, axis=1).T)
-        self.biases = np.stack(biases).astype(np.float32)
+        self.biases = np.stack(biases).astype(np.float32, order="C")
         return self
 
     def features(self, readings: np.ndarray) -> np.ndarray:

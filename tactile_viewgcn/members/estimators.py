@@ -1,6 +1,6 @@
 """Estimators whose fitted state is plain arrays, so that they load and answer without scikit-learn.
 
-scikit-learn may fit them.
+Some of the fits use scikit-learn.
 """
 
 from abc import abstractmethod

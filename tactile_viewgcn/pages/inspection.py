@@ -30,7 +30,8 @@ NAME_LETTERS = 24  # of an object or a session
 PICTURE_TOP = 99.5  # percentile of all mean frames that is the brightest colour
 TWICE = "Record each object at least twice, better five times in two sessions."
 FIRMLY = (
-    "Record more of each, held firmly; or are sessions taken for objects? See the table of objects."
+    "Record more of each, held firmly. "
+    "Perhaps folders of sessions were read as objects: see the table of objects."
 )
 # parameters that the command always names, since params.yaml may be left from other recordings
 ALWAYS_NAMED = ("split.by", "split.folds", "split.fold", "views")
@@ -262,7 +263,9 @@ def warnings(overview: Overview) -> list[Note]:
 
 def _session_warning(error: QuickError, session_error: QuickError) -> list[Note]:
     """Return a warning where new sessions have a clearly higher error than new recordings."""
-    if error.high >= min(session_error.error, error.chance):
+    beats_chance = error.high < error.chance
+    sessions_are_harder = error.high < session_error.error
+    if not (beats_chance and sessions_are_harder):
         return []
     text = (
         f"The error rate of a quick classifier is {100 * session_error.error:.1f} % on "
@@ -362,8 +365,13 @@ def command_lines(overview: Overview, *, new_sessions: bool = False) -> list[str
 def _named_values(overview: Overview, advised: dict[str, Any]) -> dict[str, Any]:
     """Return every parameter that the command names, by dotted key.
 
-    Later values replace earlier ones: what params.yaml has otherwise, settings of `preprocess` that
-    the user has fixed, defaults of what is always named, the source, and the advice.
+    Later values replace earlier ones:
+
+    1. defaults, where params.yaml has another value;
+    2. settings of `preprocess` that the user has fixed;
+    3. defaults of the parameters that are always named;
+    4. the source and its form;
+    5. the advice of the remarks, and the recommended settings.
 
     Args:
         overview: the inspected recordings.

@@ -8,6 +8,7 @@ import numpy as np
 from tactile_viewgcn.device import Compute
 from tactile_viewgcn.members.by_name import answering_sets, build_members
 from tactile_viewgcn.members.examples import Examples
+from tactile_viewgcn.members.kernel import FITTED_FRAMES
 from tactile_viewgcn.members.member import Member
 from tactile_viewgcn.members.network import NETWORK, NetworkMember
 from tactile_viewgcn.messages import Note, UserError, several
@@ -133,9 +134,13 @@ def member_names(model: Model, live: np.ndarray) -> list[MemberName]:
 def _without_twins(
     names: list[MemberName], examples: Examples
 ) -> tuple[list[MemberName], list[Note]]:
-    """The members, without `pooled_kernel` where `kernel` is the same classifier."""
+    """The members, without `pooled_kernel` where `kernel` is the same classifier.
+
+    It is on recordings of one frame each, as long as `kernel` is fitted to all of them.
+    """
     has_both = {"kernel", "pooled_kernel"} <= set(names)
-    if not has_both or (examples.lengths > 1).any():
+    are_single_frames = bool((examples.lengths == 1).all())
+    if not (has_both and are_single_frames and len(examples.lengths) <= FITTED_FRAMES):
         return names, []
     text = "pooled_kernel: not used, since it is the same classifier as kernel "
     text += "on recordings of one frame"

@@ -52,8 +52,8 @@ def out_of_fold_answers(
 class OutOfFold:
     """The out-of-fold answers of members, and the weights, temperature and errors that follow.
 
-    A fifth of the groups is held out at a time, so that every class of two groups or more is held
-    out in turn, see `complete_folds`.
+    About five folds hold out every class of two groups or more in turn, see `complete_folds`: there
+    are fewer folds where classes have fewer groups, and more where groups span classes.
 
     Attributes:
         labels: (R,) class of each training recording.
@@ -103,10 +103,11 @@ class OutOfFold:
     def member_weights(self, members: Sequence[str]) -> dict[str, float]:
         """Return the weights of the members' log-probabilities that fit the labels best.
 
-        A member of little weight is taken out, and the others are weighed anew.
+        A member of less than `LEAST_WEIGHT` of the largest weight is taken out, and the others are
+        weighed anew.
 
         Args:
-            members: names of members that have answers.
+            members: names of members that have answers; there is at least one fold.
         """
         answers = [self.answers[name][self.held_out] for name in members]
         weights = fit_weights(log_probabilities(answers), self.labels[self.held_out])

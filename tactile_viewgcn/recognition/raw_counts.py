@@ -14,7 +14,7 @@ from tactile_viewgcn.tables.recordings import Recordings
 # factor by which readings may be weaker or stronger than in every training recording
 SCALE_TIMES = 4.0
 # factor by which the frames of an untouched hand may differ less than in every training recording
-STILL_TIMES = SCALE_TIMES**2
+STILL_TIMES = 16.0
 RATE_TIMES = 1.1  # factor by which frame rates may be lower or higher
 # (H, W) of a frame, and names of the sensors, row after row, or none
 Layout = tuple[tuple[int, ...], list[str]]
@@ -137,8 +137,9 @@ def is_untouched(plan: Plan, counts: np.ndarray, contact: np.ndarray, excess: np
 
     A glove in a smaller unit reads less, too. Then its baseline and its noise are smaller as well.
     So a recording is not taken for untouched if it reads less than a quarter of the smallest
-    baseline of the training set, or if its frames differ by less than a sixteenth of what those of
-    every training recording do. `fault_of` then says what is wrong.
+    baseline of the training set, or more than four times its strongest reading, or if its frames
+    differ by less than a sixteenth of what those of every training recording do. `fault_of` then
+    says what is wrong.
 
     Args:
         plan: of the training set.

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 BATCH = 128  # frames
 MAX_SET_VALUES = 1 << 20  # numbers in the frames of a batch of view sets
-SHORT = 0.1  # quantile of the training recordings' lengths, half of which is the limit `short`
+SHORT = 0.1  # quantile of the training recordings' lengths; `short` is half of it
 
 
 class SensorClassifier:
@@ -189,7 +189,8 @@ class SensorClassifier:
 
     def _sum(self, answers: Sequence[np.ndarray], members: Sequence[Member]) -> np.ndarray:
         """Logits (B, classes) of some members' probabilities (B, classes)."""
-        # the `svm` that only answers view sets has no weight, and needs none
+        # the `svm` that only answers view sets has no weight; `weighted_sum` ignores the weight of
+        # a single member
         weights = [self.weights.get(member.name, 1.0) for member in members]
         return weighted_sum(answers, weights)
 

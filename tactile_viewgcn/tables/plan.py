@@ -28,8 +28,8 @@ class Plan:
         live: bool (H, W), the sensors whose counts vary in the training set.
         dtype: type of the raw counts.
         channel_names: names of the sensors, row after row, or none.
-        shows_open_hand: whether the training recordings show an open hand. If not, every frame
-            counts as contact.
+        shows_open_hand: whether the training recordings show an open hand. If not, no frame gives a
+            baseline as one of the open hand; the filter still decides which frames are in contact.
         kept_share: share of the training frames that pass the filter.
         noise: (H, W) mean standard deviation of the training set's baselines in counts; NaN where
             it was not measured, and (0, 0) before `measured_on`.
