@@ -36,9 +36,9 @@ of the last epoch but one and of the last epoch. In some systems a loss is the s
 with † is not trained to its end, and decides nothing: its loss at the end is above {LEFT:.0%} of
 `guessing`, or fell by more than {FALL:.0%} of it in the last epoch. A system that is not fine-tuned
 has the losses of pretraining. A system on the sensors has none, nor has its member `network`."""
-PAID = """Each cost is the lowest of all training runs, since other work only adds to it. Seconds are
-summed over folds, milliseconds are for one answer, and the memory is the peak of the stage that
-needs most."""
+PAID = """Each cost is the lowest of all training runs, since other work only adds to it. Seconds
+are summed over folds, milliseconds are for one answer, and the memory is the peak of the stage
+that needs most."""
 
 
 def write_report(

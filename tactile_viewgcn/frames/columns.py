@@ -82,8 +82,9 @@ class _Motion:
     def is_clock(self) -> np.ndarray:
         """Return the columns bool (S,) that move as one clock.
 
-        A clock of even steps may begin anywhere; one of uneven steps begins alike everywhere. The question is stricter than `tables.common_frames.is_monotone`: a slow sensor is monotone
-        too, and no clock.
+        A clock of even steps may begin anywhere; one of uneven steps begins alike everywhere. The
+        question is stricter than `tables.common_frames.is_monotone`: a slow sensor is monotone too,
+        and no clock.
         """
         moves = np.quantile(self.moves, 1 - CLOCK_SHARE, axis=0, method="lower")
         return np.asarray((self._ticks() | self._runs_on()) & (moves >= FEWEST_CLOCK_STEPS))
