@@ -47,7 +47,8 @@ class Examples:
         self.classes = classes
         self.representation = representation
         self._read = read
-        self._points: dict[str, np.ndarray] = {}
+        self._points_of_recordings: dict[str, np.ndarray] = {}
+        self._points_of_frames: dict[str, np.ndarray] = {}
         most_frames = max(2 * max(sizes), LEAST_SAMPLED, SAMPLED_FRAMES // len(labels))
         sample = []
         lengths = []
@@ -89,11 +90,11 @@ class Examples:
         Returns:
             (R, F).
         """
-        if member not in self._points:
+        if member not in self._points_of_recordings:
             recordings = steps(range(len(self.labels)), f"{member}, reading", "recordings")
             points = [points_of(self.readings(recording)[None]) for recording in recordings]
-            self._points[member] = np.concatenate(points)
-        return self._points[member]
+            self._points_of_recordings[member] = np.concatenate(points)
+        return self._points_of_recordings[member]
 
     def frame_points(
         self, member: str, points_of: Callable[[np.ndarray], np.ndarray]
@@ -107,9 +108,9 @@ class Examples:
         Returns:
             (N, F).
         """
-        if member not in self._points:
-            self._points[member] = points_of(self.frames)
-        return self._points[member]
+        if member not in self._points_of_frames:
+            self._points_of_frames[member] = points_of(self.frames)
+        return self._points_of_frames[member]
 
     def set_readings(self, size: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the view sets of a number of frames.

@@ -9,7 +9,8 @@ person may correct it, and give it back as the source.
     session   person, day or fitting
     recording name of the recording; rows with one name and unlike parts are joined
     part      of the sensors, as left and right
-    take      recordings with one text here are held out together; empty: with no other
+    take      recordings of one object with one text here are held out together; empty: with no
+              other
     split     published set: train, validation or test; `by frame` where the file says it
     frames    their number, for reading only
     left_out  why the row is not read; empty where it is
@@ -17,6 +18,7 @@ person may correct it, and give it back as the source.
 
 import csv
 import re
+import sys
 from io import StringIO
 from os.path import relpath
 from pathlib import Path, PureWindowsPath
@@ -87,7 +89,12 @@ def _unescaped(text: str) -> str:
 
 def _letter(escape: re.Match[str]) -> str:
     named = {"\\": "\\", "n": "\n", "r": "\r", "t": "\t"}
-    return named.get(escape[1]) or chr(int(escape[1][1:], 16))
+    if escape[1] in named:
+        return named[escape[1]]
+    number = int(escape[1][1:], 16)
+    if number > sys.maxunicode:  # no letter: an escape that a person has written
+        return escape[0]
+    return chr(number)
 
 
 def names_in_text(file: Path, text: str) -> pd.DataFrame | None:
@@ -211,7 +218,8 @@ def _wrong_cells(rows: pd.DataFrame, form: Form) -> list[str]:
 def _doubled_rows(rows: pd.DataFrame) -> list[str]:
     """Return which rows are of one recording, though they are not its parts."""
     mistakes = list[str]()
-    keys = [f"{path}/{place}" for path, place in zip(rows["path"], rows["place"], strict=True)]
+    real_paths = [path.resolve() for path in rows["path"]]
+    keys = [f"{path}/{place}" for path, place in zip(real_paths, rows["place"], strict=True)]
     for same in _alike(rows, keys):
         if len(same) > 1:
             mistakes.append(f"{_lines(same)} are of the same recording; delete all but one")

@@ -1,10 +1,9 @@
 """How recordings get their names: from a catalogue, their file, a labels.csv, or their path."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -29,6 +28,10 @@ from tactile_viewgcn.readers.source import (
 NAMES = ("object", "session", "recording", "take", "split")  # of a recording, in a catalogue
 NO_SESSION_NAMED = "session"  # name of the session of recordings that name none
 AS_WINDOWS = "save X (n, frames, channels) and y (n,) by numpy.savez('all.npz', X=X, y=y)"
+
+
+#: Reads frames (n, H, W) by the number of the first one, and how many.
+FramesReader = Callable[[int, int], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -177,20 +180,20 @@ class Naming:
             return None
         return names.get("object", None if self._form.labelled else "")
 
-    def named(self, found: Found, counts: Any) -> list[Named]:
+    def named(self, found: Found, read_frames: FramesReader) -> list[Named]:
         """Return the recordings in what was found, with their names.
 
         Args:
             found: of this source.
-            counts: (T, H, W) of all frames, for a hint where no object is named.
+            read_frames: reads the counts, for a hint where no object is named.
 
         Raises:
             UserError: nothing names the object, or the published set is called otherwise.
         """
         if self._is_table_of_recordings(found):
-            return self._named_lines(found, counts)
+            return self._named_lines(found, read_frames)
         recording = found.recording
-        in_path, guessed = self._names_in_path(found, counts)
+        in_path, guessed = self._names_in_path(found, read_frames)
         names = chosen_names(
             given=self._given.get((found.file, recording.place)),
             in_file=recording.names,
@@ -208,7 +211,9 @@ class Naming:
             name = f"{name}/{place}"
         return {"recording": name, "object": UNLABELLED, "session": NO_SESSION_NAMED}
 
-    def _names_in_path(self, found: Found, counts: Any) -> tuple[dict[str, str], list[Note]]:
+    def _names_in_path(
+        self, found: Found, read_frames: FramesReader
+    ) -> tuple[dict[str, str], list[Note]]:
         """Return the names in a file's path, and notes on the layout if it was guessed.
 
         They are asked for where the file holds one recording and names no object.
@@ -221,7 +226,7 @@ class Naming:
         said = {**self._labels.get(file.stem, {}), **found.recording.names}
         needs_names = self._form.labelled or has_ending(file, [*TEXTS, *ARRAYS])
         if found.is_only and needs_names and not said.get("object"):
-            hint = partial(hint_of, found, counts)
+            hint = partial(hint_of, found, read_frames)
             place = self._source.place_of(file)
             return names_of(file, place, self.layout, self._form, hint), self._guessed
         names = names_in(self._source.place_of(file), self.layout)
@@ -236,7 +241,7 @@ class Naming:
             return has_object or not self._form.labelled
         return has_object and not self.object_of(found.file)
 
-    def _named_lines(self, found: Found, counts: Any) -> list[Named]:
+    def _named_lines(self, found: Found, read_frames: FramesReader) -> list[Named]:
         """Return the recordings in the lines of a table, see `runs_of`."""
         labels = found.recording.labels
         prefix = self._source.place_of(found.file)
@@ -247,7 +252,7 @@ class Naming:
         in_path = dict[str, str]()
         guessed = list[Note]()
         if len(runs) == 1 and "object" not in labels:
-            in_path, guessed = self._names_in_path(found, counts)
+            in_path, guessed = self._names_in_path(found, read_frames)
         recordings = list[Named]()
         for run in runs:
             names = chosen_names(
@@ -279,7 +284,7 @@ class Naming:
         return names
 
 
-def hint_of(found: Found, counts: Any) -> str:
+def hint_of(found: Found, read_frames: FramesReader) -> str:
     """Return which column or attribute may have the objects that no path names, and what to type.
 
     A column is one of whole numbers, with the fewest different ones: two at least, and at most half
@@ -291,8 +296,8 @@ def hint_of(found: Found, counts: Any) -> str:
         return attributes[0]
     if len(found.axes) != 2 or not found.frames or not found.is_written:
         return ""
-    lines = slice(found.first, found.first + found.frames)
-    table = np.asarray(counts[lines], dtype=np.float64).reshape(found.frames, -1)
+    readings = read_frames(found.first, found.frames)
+    table = readings.astype(np.float64).reshape(found.frames, -1)
     names = recording.channel_names or [""] * table.shape[1]
     best = _label_like_column(table)
     text = "each line is read as one frame"

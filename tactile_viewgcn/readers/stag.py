@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from tactile_viewgcn.messages import Note, UserError, listed, several
 from tactile_viewgcn.readers.matlab import read_matlab
@@ -43,7 +44,7 @@ DEFAULT_SPLITS = ["train", "test"]  # where the file does not name the published
 
 def is_stag(fields: Container[str]) -> bool:
     """Return whether these are the fields of a `metadata.mat`."""
-    return "objectId" in fields
+    return all(name in fields for name in REQUIRED)
 
 
 def recordings_of_metadata(file: Path, fields: Mapping[str, Any]) -> list[Recording]:
@@ -66,24 +67,28 @@ def recordings_of_metadata(file: Path, fields: Mapping[str, Any]) -> list[Record
     for column, field in NAMES_OF.items():
         _check_numbers(file, values, column, len(fields[field]))
     ids = {column: values.pop(column).astype(np.int64) for column in NAMES_OF}
-    order = np.argsort(ids["recording"], kind="stable")
-    used, begins = np.unique(ids["recording"][order], return_index=True)
     recordings = list[Recording]()
-    if not len(order):
+    if not len(ids["recording"]):
         return recordings
-    for number, frames in zip(used.tolist(), np.split(order, begins[1:]), strict=True):
-        names = {}
-        for column, field in NAMES_OF.items():
-            names[column] = fields[field][ids[column][frames[0]]]
-        names["take"] = names["recording"]  # other recordings are never held out with it
-        recordings.append(
-            Recording(
-                names,
-                {name: column[_as_slice(frames)] for name, column in values.items()},
-                place=f"{fields['recordings'][number]}",
-                is_framed=True,
+    numbers = pd.DataFrame(ids)
+    for _, of_recording in numbers.groupby("recording"):
+        parts = of_recording.groupby(["object", "session"])
+        for _, part in parts:
+            frames = part.index.to_numpy()
+            names = {}
+            for column, field in NAMES_OF.items():
+                names[column] = fields[field][ids[column][frames[0]]]
+            names["take"] = names["recording"]  # other recordings are never held out with it
+            if parts.ngroups > 1:  # of several objects: a recording of each
+                names["recording"] += f"/{names['object']}/{names['session']}"
+            recordings.append(
+                Recording(
+                    names,
+                    {name: column[_as_slice(frames)] for name, column in values.items()},
+                    place=names["recording"],
+                    is_framed=True,
+                )
             )
-        )
     recordings[0].notes.extend(_unused_names(fields, ids))
     return recordings
 

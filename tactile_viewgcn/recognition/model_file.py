@@ -104,7 +104,7 @@ class Content:
     answers: np.ndarray
     set_answers: np.ndarray | None = None
     clusters: Cluster | None = None
-    format: Literal[1] = FORMAT
+    format: int = FORMAT
     version: str = ""
 
     def answer(self, classifier: Classifier, excess: np.ndarray) -> np.ndarray:

@@ -68,8 +68,8 @@ def fault_of(plan: Plan, counts: np.ndarray, contact: np.ndarray, excess: np.nda
     """Return what is wrong with the counts of a recording, "" if nothing.
 
     That is a number that the training set's integer type cannot hold, or a scale unlike the
-    training set's. Whether counts are finite is checked where they come in, see `recording_of` and
-    `check_column`.
+    training set's. Whether counts are finite is checked where they come in, see `recording_of`
+    and `CountsFile`.
 
     Args:
         plan: of the training set.

@@ -67,7 +67,7 @@ class Recogniser:
         calibrated: whether the probabilities are.
 
     Raises:
-        UserError: the file is something else, damaged, altered, or of an earlier version.
+        UserError: the file is something else, damaged, altered, or of an unknown format.
         OSError: it cannot be opened.
     """
 

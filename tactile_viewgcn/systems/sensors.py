@@ -132,7 +132,8 @@ class SensorClassifier:
         parts = []
         for start in range(0, len(counts), BATCH):
             excess = counts[start : start + BATCH]
-            readings = self.representation.scaled(excess[:, self.representation.live])
+            scaled = self.representation.scaled(excess[:, self.representation.live])
+            readings = np.ascontiguousarray(scaled)  # sums depend on the order in memory
             answers = {}
             for member in self.members:
                 if member.answers_frames:

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-COUNTS, COLUMNS = "counts.npy", "columns.npz"
+COUNTS = "counts.npy"
+COLUMNS_FILE = "columns.npz"
 NO_ARRAYS = "no_arrays"  # the array in columns.npz with the JSON
 
 
@@ -49,13 +50,13 @@ def write_columns(folder: Path, values: Mapping[str, Any]) -> None:
         else:
             others[name] = value
     arrays[NO_ARRAYS] = np.frombuffer(json.dumps(others).encode(), np.uint8)
-    with (folder / COLUMNS).open("wb") as file:
+    with (folder / COLUMNS_FILE).open("wb") as file:
         np.savez(file, **arrays)
 
 
 def read_columns(folder: Path) -> dict[str, Any]:
     """Return the values that `write_columns` wrote, by name."""
-    with (folder / COLUMNS).open("rb") as file, np.load(file, allow_pickle=False) as stored:
+    with (folder / COLUMNS_FILE).open("rb") as file, np.load(file, allow_pickle=False) as stored:
         arrays = dict(stored)
     others: dict[str, Any] = json.loads(arrays.pop(NO_ARRAYS).tobytes())
     return arrays | others

@@ -29,7 +29,7 @@ WRITTEN_FRAMES = 4096  # written at once
 INPUT_FRAMES = 512  # whose network input is computed at once
 PLAN = "plan."  # beginning of the names of a plan's values in a table's folder
 #: The columns of the table of frames.
-COLUMNS = (
+FRAME_COLUMNS = (
     "label",
     "recording",
     "session",
@@ -149,7 +149,7 @@ class Frames:
 
     def values(self) -> dict[str, Any]:
         """Return all but the counts as arrays and plain values, for `save_table`."""
-        values: dict[str, Any] = {name: getattr(self, name) for name in COLUMNS}
+        values: dict[str, Any] = {name: getattr(self, name) for name in FRAME_COLUMNS}
         for name in ("baseline_mean", "classes", "recordings", "sessions"):
             values[name] = getattr(self, name)
         for name, value in asdict(self.plan).items():
@@ -159,7 +159,7 @@ class Frames:
     @classmethod
     def of_values(cls, folder: Path, values: dict[str, Any]) -> "Frames":
         """Return the table of `values`; its counts are memory-mapped in the folder."""
-        columns = pd.DataFrame({name: values.pop(name) for name in COLUMNS})
+        columns = pd.DataFrame({name: values.pop(name) for name in FRAME_COLUMNS})
         names = [name for name in values if name.startswith(PLAN)]
         plan = Plan(**{name.removeprefix(PLAN): values.pop(name) for name in names})
         return cls(read_counts(folder), columns, plan=plan, **values)

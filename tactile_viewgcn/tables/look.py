@@ -20,7 +20,7 @@ from tactile_viewgcn.tables.common_frames import (
     is_monotone,
     sensor_weights,
 )
-from tactile_viewgcn.tables.counts import COLUMNS, evenly, read_columns, write_columns
+from tactile_viewgcn.tables.counts import COLUMNS_FILE, evenly, read_columns, write_columns
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 FEWEST_INSIDE = 5  # frames between equal ends, of which it is known how the readings move
@@ -153,7 +153,7 @@ def write_takes(folder: Path, recordings: Recordings, look: Look) -> None:
         return
     columns = read_columns(folder)
     columns["take"] = _take_of_frames(recordings, look)
-    with new_files(folder, COLUMNS) as part:
+    with new_files(folder, COLUMNS_FILE) as part:
         write_columns(part, columns)
 
 

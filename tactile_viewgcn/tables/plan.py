@@ -65,6 +65,8 @@ class Plan:
             ValueError: an array or a list has another size or type than it should have, or the
                 noise of a sensor is below 0 or infinite.
         """
+        if "auto" in vars(self.params).values():
+            raise ValueError("a setting is not decided")
         if self.live.dtype != bool or self.live.ndim != 2 or not self.live.any():
             raise ValueError("no sensor is live")
         if self.noise.shape != self.live.shape:

@@ -93,7 +93,6 @@ class Contents:
     """What a source holds.
 
     Attributes:
-        source: its files.
         recordings: in the order of their frames, with their names.
         channel_names: of the sensors, row after row; empty without any.
         notes: what was taken for what, and what was left out.
@@ -101,7 +100,6 @@ class Contents:
         fault: the first reading out of range, if there is any.
     """
 
-    source: Source
     recordings: list[Named]
     channel_names: list[str]
     notes: list[Note]
@@ -155,6 +153,10 @@ class SourcePass:
             return
         files = list(contents)
         self._check_parts(Group(files, parts))
+        if self._given:
+            # in the catalogue the parts of each recording may stand in another order
+            files, parts = self._in_usual_order(files, parts)
+            contents = {file: contents[file] for file in files}
         if len(files) == 1:
             for framed_one in contents[files[0]]:
                 self._keep(files, parts, framed_one)
@@ -232,16 +234,30 @@ class SourcePass:
 
     def _check_parts(self, group: Group) -> None:
         """Refuse files of a recording whose parts are others than those of the first recording."""
-        if self._given or not any(group.parts):
+        if not any(group.parts):
             return
         if self._first is None:
             self._first = group
         usual = self._first.parts
-        if group.parts == usual and len(set(group.parts)) == len(group.parts):
+        parts = group.parts
+        if self._given:
+            parts = sorted(parts, key=lambda part: usual.index(part) if part in usual else -1)
+        if parts == usual and len(set(parts)) == len(parts):
             return
         expected = f"{listed([*dict.fromkeys(usual)])} once each, as by {self._first.files[0]}"
         what = f"PART is {listed(group.parts)}; expected {expected}"
-        raise UserError(f"{group.files[0]}: {what}; {setting('data.layout=auto')}")
+        remedy = setting("data.layout=auto")
+        if self._given:
+            remedy = "write the same parts for each recording"
+        raise UserError(f"{group.files[0]}: {what}; {remedy}")
+
+    def _in_usual_order(self, files: list[Path], parts: list[str]) -> tuple[list[Path], list[str]]:
+        """Return the files of a recording in the order of the first recording's parts."""
+        if self._first is None:
+            return files, parts
+        file_of_part = dict(zip(parts, files, strict=True))
+        usual = self._first.parts
+        return [file_of_part[part] for part in usual], list(usual)
 
     def _keep(self, files: list[Path], parts: list[str], framed_one: _Framed) -> None:
         """Append the frames of a recording to the counts, and keep all else."""
@@ -290,7 +306,7 @@ class SourcePass:
         if self._frames == 0 or self._counts.shape is None:
             what = "no frames; expected at least one recording with frames in it"
             raise UserError(f"{self._source.path}: {what}")
-        dtype = np.result_type(*self._counts.dtypes)
+        dtype = np.result_type(*{found.dtype for found in self._found})
         unpacked = self._bytes(self._counts.shape, dtype)
         check_unpacked(self._source.path, unpacked, self._stored)
         channels = recordings[0].found.recording.channel_names
@@ -302,7 +318,7 @@ class SourcePass:
         fault = self._counts.fault
         if dtype.kind == "i":
             fault = self._counts.integer_fault
-        return Contents(self._source, recordings, channels, notes, unread, fault)
+        return Contents(recordings, channels, notes, unread, fault)
 
     def _naming(self) -> Naming:
         """Return what gives the recordings their names, for the files that hold recordings."""
@@ -326,10 +342,9 @@ class SourcePass:
         """
         recordings = list[Named]()
         mistakes = dict(self._mistakes)
-        counts = self._counts.counts() if self._counts.shape else None
         for found in self._found:
             try:
-                recordings += naming.named(found, counts)
+                recordings += naming.named(found, self._counts.read)
             except UserError as error:
                 mistakes[found.file] = str(error)
         order = {file: number for number, file in enumerate(self._source.files)}

@@ -8,7 +8,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from tactile_viewgcn.readers.source import BLOCK_FRAMES, first_unfit, limits
-from tactile_viewgcn.tables.counts import COUNTS, read_counts
+from tactile_viewgcn.tables.counts import COUNTS
 
 ENDLESS = np.dtype(np.float64)  # holds integers that are too large for a table of integers
 
@@ -92,21 +92,24 @@ class CountsFile:
 
     def sort(self, first: int, order: np.ndarray) -> None:
         """Bring the frames from `first` into an order (n,), which is counted from there."""
-        counts = np.memmap(
-            self._folder / COUNTS,
-            self.dtype,
-            mode="r+",
-            offset=self._header_bytes(),
-            shape=(self.frames, *(self.shape or ())),
-        )
-        part = counts[first : first + len(order)]
-        part[:] = part[order]
-        counts.flush()
+        frames = self.read(first, len(order))
+        with (self._folder / COUNTS).open("rb+") as file:
+            file.seek(self._place_of(first))
+            file.write(frames[order].tobytes())
 
-    def counts(self) -> np.ndarray:
-        """Return the counts (T, H, W) that are written, memory-mapped."""
-        self.finish()
-        return read_counts(self._folder)
+    def read(self, first: int, frames: int) -> np.ndarray:
+        """Return some of the counts (frames, H, W) that are written.
+
+        They are read and not mapped: a map of all would count against the limit on memory.
+
+        Args:
+            first: number of the first frame.
+            frames: how many.
+        """
+        shape = (frames, *(self.shape or ()))
+        with (self._folder / COUNTS).open("rb") as file:
+            file.seek(self._place_of(first))
+            return np.fromfile(file, self.dtype, prod(shape)).reshape(shape)
 
     def _begin(self, shape: tuple[int, int], dtype: np.dtype) -> None:
         self.shape = (int(shape[0]), int(shape[1]))
@@ -126,24 +129,25 @@ class CountsFile:
         }
         np.lib.format.write_array_header_1_0(file, header)
 
-    def _header_bytes(self) -> int:
-        stored = self.frames * prod(self.shape or ()) * self.dtype.itemsize
-        return (self._folder / COUNTS).stat().st_size - stored
+    def _place_of(self, frame: int) -> int:
+        """Return where a frame begins in the file, in bytes."""
+        bytes_of_frame = prod(self.shape or ()) * self.dtype.itemsize
+        size = (self._folder / COUNTS).stat().st_size
+        header = size - self.frames * bytes_of_frame
+        return header + frame * bytes_of_frame
 
     def _widen(self, dtype: np.dtype) -> None:
         """Write anew what is written, where a type cannot hold it together with another."""
         wider = np.promote_types(self.dtype, dtype)
         if wider == self.dtype:
             return
-        narrow = self._folder / f"narrow-{COUNTS}"
-        self.finish()
-        (self._folder / COUNTS).rename(narrow)
-        counts = np.load(narrow, mmap_mode="r", allow_pickle=False)
-        with (self._folder / COUNTS).open("wb") as file:
+        wide = self._folder / f"wide-{COUNTS}"
+        with wide.open("wb") as file:
             self._write_header(file, wider)
-            for start in range(0, len(counts), BLOCK_FRAMES):
-                file.write(counts[start : start + BLOCK_FRAMES].astype(wider).tobytes())
-        narrow.unlink()
+            for start in range(0, self.frames, BLOCK_FRAMES):
+                block = self.read(start, min(BLOCK_FRAMES, self.frames - start))
+                file.write(block.astype(wider).tobytes())
+        wide.rename(self._folder / COUNTS)
         self.dtype = wider
 
     def _check(self, block: np.ndarray, dtype: np.dtype) -> None:
