@@ -244,6 +244,34 @@ def test_two_hands_are_joined_by_one_recording_and_two_parts(tmp_path):
     assert (table.recordings, table.objects) == (["mug/1"], ["mug"])
 
 
+def test_parts_stand_in_the_order_of_the_first_recording_whatever_their_files_are_called(tmp_path):
+    left = np.full((4, 2, 3), 500)
+    for name, added in (("1_a", 0), ("1_b", 1), ("2_a", 1), ("2_b", 0)):
+        save(tmp_path / "lab" / f"{name}.npy", left + added + 10 * (name > "2"))
+    rows = "file,object,recording,part\nlab/1_a.npy,mug,1,left\nlab/1_b.npy,mug,1,right\n"
+    rows += "lab/2_a.npy,pen,2,right\nlab/2_b.npy,pen,2,left\n"
+    counts, _ = ingested(save(tmp_path / "c.csv", rows))
+    assert counts[:, 0].tolist() == 4 * [[500] * 3 + [501] * 3] + 4 * [[510] * 3 + [511] * 3]
+    line = refusal(
+        save(tmp_path / "d.csv", rows.replace("right\nlab/2_b", "up\nlab/2_b")), tmp_path
+    )
+    assert "PART is up, left; expected left, right once each" in line
+
+
+def test_a_file_is_one_recording_by_whatever_path_it_is_named(tmp_path):
+    save(tmp_path / "a" / "x.npy")
+    (tmp_path / "link.npy").symlink_to(tmp_path / "a" / "x.npy")
+    rows = "file,object,recording\na/x.npy,mug,1\na/../a/x.npy,ball,2\nlink.npy,cup,3\n"
+    line = refusal(save(tmp_path / "c.csv", rows), tmp_path)
+    assert "lines 2, 3, 4 are of the same recording" in line
+
+
+def test_an_escape_that_is_no_letter_stays_as_it_is(tmp_path):
+    rows = [",".join(("file", "place", "object", "left_out")), "x.npy,,\\Uffffffff,"]
+    save(tmp_path / "x.npy")
+    assert ingested(save(tmp_path / "c.csv", "\n".join(rows)))[1].objects == ["\\Uffffffff"]
+
+
 def test_takes_are_what_the_catalogue_says(tmp_path):
     source = arrays(tmp_path / "lab")
     path = edited(tmp_path, lambda rows: rows.assign(take=""), source=source)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import io
 
+from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import TEST, TRAIN
 from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.tables import writing as module
@@ -602,6 +603,35 @@ def test_the_split_goes_by_its_names_and_not_by_its_numbers(tmp_path, save_as):
     }
     split = ingested(save_as(tmp_path / "metadata.mat", turned))[1].columns["split"]
     np.testing.assert_array_equal(split, np.where(TREE["splitId"].ravel() == 1, TEST, TRAIN))
+
+
+def test_a_recording_of_several_objects_is_a_recording_of_each(tmp_path):
+    fields = dict(TREE)
+    of_first = fields["recordingId"] == fields["recordingId"].ravel()[0]
+    half = np.flatnonzero(of_first.ravel())[4:]
+    fields["objectId"] = fields["objectId"].copy()
+    fields["objectId"].reshape(-1)[half] = 2
+    for name in "ab":
+        (tmp_path / name).mkdir()
+    before = ingested(save_matlab5(tmp_path / "a" / "metadata.mat", TREE))[1]
+    table = ingested(save_matlab5(tmp_path / "b" / "metadata.mat", fields))[1]
+    assert len(table.recordings) == len(before.recordings) + 1 and len(table) == len(before)
+    objects = np.bincount(table.columns["object"]) - np.bincount(before.columns["object"])
+    assert objects.tolist() == [-4, 0, 4]
+
+
+def test_a_type_that_leaves_no_room_is_refused_in_the_line_on_unpacking(tmp_path, monkeypatch):
+    monkeypatch.setattr("tactile_viewgcn.tables.reading.UNPACKED", 100_000)
+    monkeypatch.setattr("tactile_viewgcn.tables.reading.UNPACKED_TIMES", 1)
+    monkeypatch.setattr("tactile_viewgcn.readers.child.UNPACKED", 100_000)
+    monkeypatch.setattr("tactile_viewgcn.readers.child.UNPACKED_TIMES", 1)
+    for number, kind in enumerate((np.int16, np.float64, np.int16)):
+        (tmp_path / "lab" / "mug").mkdir(parents=True, exist_ok=True)
+        counts = np.zeros((100, 8, 8), dtype=kind)
+        counts[1] = 1
+        np.savez_compressed(tmp_path / "lab" / "mug" / f"{number}.npz", pressure=counts)
+    with pytest.raises(UserError, match="unpack to"):
+        ingested(tmp_path / "lab")
 
 
 @pytest.mark.stag

@@ -57,6 +57,13 @@ CASES |= {
     "a sensor without a name": ("trees", "plan/channel_names", ["a"], "1 names of 80"),
     "one strong reading": ("trees", "plan/strong_readings", [[1.0], [1.0, 2.0]], "pairs"),
     "three rates": ("trees", "plan/rates", [1.0, 2.0, 3.0], "pairs"),
+    "a baseline that is not decided": ("trees", "plan/params/baseline", "auto", "not decided"),
+    "a number of sensors that is not decided": (
+        "trees",
+        "plan/params/contact_sensors",
+        "auto",
+        "not decided",
+    ),
     "a filter that there is not": ("trees", "plan/params/filter", "x", "filter"),
 }
 for noise in (np.inf, -1.0):
