@@ -124,15 +124,26 @@ def measure_baseline(
         moments: of each session, see `session_moments`.
         states: of these recordings. They are needed by `grasp`, and where a session lacks an empty
             hand.
+
+    Raises:
+        ValueError: a baseline that is none of these.
     """
-    if params.baseline == "none":
-        zero = np.full((1, *recordings.shape), params.zero, _dtype(recordings))
-        of_frame = np.zeros(len(recordings), dtype=np.int16)
-        return Baseline(zero, np.full_like(zero, np.nan), of_frame)
-    if params.baseline == "empty_hand":
-        return _of_sessions(recordings, moments, states)
-    assert states
-    return _of_grasps(recordings, moments, states)
+    match params.baseline:
+        case "none":
+            return _constant(recordings, params.zero)
+        case "empty_hand":
+            return _of_sessions(recordings, moments, states)
+        case "grasp":
+            assert states
+            return _of_grasps(recordings, moments, states)
+    raise ValueError(f"no such baseline: {params.baseline}")
+
+
+def _constant(recordings: Recordings, zero: float) -> Baseline:
+    """Return one baseline for all frames, whose noise is not known."""
+    mean = np.full((1, *recordings.shape), zero, _dtype(recordings))
+    of_frame = np.zeros(len(recordings), dtype=np.int16)
+    return Baseline(mean, np.full_like(mean, np.nan), of_frame)
 
 
 def _of_sessions(
