@@ -314,7 +314,7 @@ def _sensors_of_model(keys: list[str], form: Form, file: str) -> list[str]:
 
     If files are joined by a PART in the layout, a file has a part of the sensors only: the column
     `thumb` of the left hand's file is the sensor `left_thumb`. The names are then in the order of
-    the columns, and none may be missing without an error.
+    the columns, and a missing one is no error.
 
     Returns:
         No names, if no column has one of the model's, or names do not tell the sensors apart.
@@ -425,8 +425,8 @@ def _base_and_unit(name: str) -> tuple[str, str]:
 def _numbers(cells: "Series") -> np.ndarray:
     """Return the cells of a column (T,) as integers, float64 or bool; NaN where one is no number.
 
-    A column of True and False stays bool. It becomes a sensor of ones and zeros, unless its name
-    says that it holds something else.
+    A column of True and False stays bool. Beside columns of numbers it becomes a sensor of ones and
+    zeros, unless its name says that it holds something else.
     """
     from pandas import to_numeric
 
@@ -455,8 +455,8 @@ def _top(file: Path, text: str) -> _Top:
     """Return the separator of a table, and the lines above its numbers.
 
     A line above the numbers is a comment, or begins with a word and has words where the lines below
-    have numbers. Whether a line of numbers is cut is looked at only in a file's first line: logging
-    may have begun in the middle of it. If a comment or a line of names stands above, it did not.
+    have numbers. Logging may have begun in the middle of a line, so a file's first line may be cut.
+    If anything stands above the first line of numbers, even a comment, this is not looked for.
 
     Raises:
         UserError: there is no line of numbers, or the file begins with one that is cut.
