@@ -1,4 +1,9 @@
-"""Independent streams of random numbers, all from the one `seed` of params.yaml."""
+"""Independent streams of random numbers, each from a seed and the purpose of the numbers.
+
+`seed` of params.yaml is the seed of clustering, training and evaluation. Anchors and validation
+groups have the fixed seed `SPLIT_SEED`, a shuffle of the folds has `split.deal`, and the virtual
+glove has `glove.seed`: another `seed` leaves the data as they are.
+"""
 
 from typing import TYPE_CHECKING
 from zlib import crc32
@@ -17,7 +22,7 @@ def stream(seed: int, purpose: str, *numbers: int) -> np.random.Generator:
     words change, since a different text gives different numbers.
 
     Args:
-        seed: the one of params.yaml.
+        seed: see the top of this module.
         purpose: a text that no other purpose has.
         *numbers: of the trial or fold, where each has its own generator.
     """

@@ -39,22 +39,25 @@ class Found:
     """A recording as it was found in its files, without its frames; or a table of recordings.
 
     Attributes:
-        files: mostly one; those that were joined.
-        parts: of the sensors, in each file; "" in a single one.
+        files: mostly one; several where files were joined.
+        parts: the part of the sensors in each file, such as ["left", "right"]. It is [""] where
+            nothing names a part, and ["left"] where there is a file for the left hand only.
         recording: names and notes that stand in the files; `values` has the columns (T,) only.
-        is_only: its file holds no other recording.
+        is_only_array: its file holds no other array or table. An array (3, 20, 4, 4) is cut into
+            three recordings, and each of them is of the only array.
         axes: of the array in its file, of which frames were made.
         shape: (H, W) of a frame.
         dtype: in which a table stores the pressure.
         first: number of its first frame among all frames.
         frames: their number.
-        is_written: its frames are among all frames; they are not where their shape is another.
+        is_written: its frames are in the file of counts. They are not if their shape differs from
+            the first recording's, or if all frames so far take more room than may be unpacked.
     """
 
     files: list[Path]
     parts: list[str]
     recording: Recording
-    is_only: bool
+    is_only_array: bool
     axes: tuple[int, ...]
     shape: tuple[int, int]
     dtype: np.dtype
@@ -216,7 +219,7 @@ class Naming:
     ) -> tuple[dict[str, str], list[Note]]:
         """Return the names in a file's path, and notes on the layout if it was guessed.
 
-        They are asked for where the file holds one recording and names no object.
+        They are asked for where the file holds one array or table and names no object.
         """
         file = found.file
         if self._source.given is not None:
@@ -225,7 +228,7 @@ class Naming:
             return raw_names(file), []
         said = {**self._labels.get(file.stem, {}), **found.recording.names}
         needs_names = self._form.labelled or has_ending(file, [*TEXTS, *ARRAYS])
-        if found.is_only and needs_names and not said.get("object"):
+        if found.is_only_array and needs_names and not said.get("object"):
             hint = partial(hint_of, found, read_frames)
             place = self._source.place_of(file)
             return names_of(file, place, self.layout, self._form, hint), self._guessed
@@ -269,14 +272,21 @@ class Naming:
         return recordings
 
     def _checked(self, found: Found, names: dict[str, str]) -> dict[str, str]:
-        """Return names of which objects and sessions are tidy and the published set is known."""
+        """Return the names with tidy objects and sessions, and `split` as one of `SIDES`.
+
+        `by frame` stays as it is where the file has a published set for each frame.
+        """
         names = dict(names)
         for kind in ("object", "session"):
             names[kind] = label_text(names[kind])
         split = names.get("split", "")
-        is_in_file = split == BY_FRAME and "split" in found.recording.values
-        if is_in_file or not split:
+        if not split:
             return names
+        if split == BY_FRAME:
+            if "split" in found.recording.values:
+                return names
+            what = f"split is {split!r}, and the file has no published set of each frame"
+            raise UserError(f"{found.file}: {what}; write train, test or validation")
         code = side_of(split)
         if code is None:
             raise UserError(f"{found.file}: split is {split!r}; expected train, test or validation")
@@ -285,10 +295,13 @@ class Naming:
 
 
 def hint_of(found: Found, read_frames: FramesReader) -> str:
-    """Return which column or attribute may have the objects that no path names, and what to type.
+    """Return where the objects that no path names may stand instead, and what to type.
 
-    A column is one of whole numbers, with the fewest different ones: two at least, and at most half
-    as many as lines. The hint is "" without one.
+    Returns:
+        The note on the attributes of an HDF5 file, if there is one. Of a table, or an array of two
+        axes: that each line is read as one frame, which column may hold the objects, if one looks
+        like labels (see `_label_like_column`), and what to type if a line is a whole recording. Of
+        all other files, and where the frames are not written: "".
     """
     recording = found.recording
     attributes = [note.text for note in recording.notes if note.topic == ATTRIBUTES_TOPIC]
@@ -309,7 +322,11 @@ def hint_of(found: Found, read_frames: FramesReader) -> str:
 
 
 def _label_like_column(table: np.ndarray) -> int | None:
-    """Return the column (T,) of the fewest different whole numbers that may be labels, or None."""
+    """Return the number of the column of a table (T, S) that may hold labels, or None.
+
+    It holds whole numbers, at least two different ones and at most T / 2. Of several such columns
+    it is the one with the fewest different numbers.
+    """
     fewest = dict[int, int]()
     for number, column in enumerate(table.T):
         count = len(np.unique(column))

@@ -178,11 +178,7 @@ class _Table:
 def table_of(
     names: list[str], cells: "DataFrame", form: Form, file: str, places: Iterable[str]
 ) -> tuple[Recording, dict[str, Any]]:
-    """Return a table as one recording, and the names in its lines.
-
-    The recording has pressure (T, S), times if a column has them, and notes on the columns without
-    readings. The names are by `session`, `object` and `recording` the texts (T,) of columns that
-    have names of these.
+    """Return a table of T lines as one recording, and its columns of labels.
 
     Args:
         names: of the columns, "" without one, which then goes by its number from 1.
@@ -190,6 +186,11 @@ def table_of(
         form: what the user says of the columns.
         file: with which errors begin.
         places: of each row of `cells`, for an error.
+
+    Returns:
+        The recording: pressure (T, S), the times if a column has them, and notes on the columns
+        that are no sensors. And a dict of the columns that hold labels: by `session`, `object` or
+        `recording` the T texts of that column.
 
     Raises:
         UserError: a cell without a number or a name, or no column of a name that the form gives.
@@ -309,15 +310,20 @@ def _labels_of(cells: "Series") -> Any:
 
 
 def _sensors_of_model(keys: list[str], form: Form, file: str) -> list[str]:
-    """Return the sensors of the form among the columns, in the form's order.
+    """Return the names of the columns that are sensors of the model, in the model's order.
 
-    There are none where the columns have no names of these.
+    If files are joined by a PART in the layout, a file has a part of the sensors only: the column
+    `thumb` of the left hand's file is the sensor `left_thumb`. The names are then in the order of
+    the columns, and a missing one is no error.
+
+    Returns:
+        No names, if no column has one of the model's, or names do not tell the sensors apart.
 
     Raises:
-        UserError: some of the model's sensors are there and others are not.
+        UserError: without PART, some of the model's sensors are there and others are not.
     """
     wanted = [*form.sensors]
-    if "PART" in form.layout:  # of left_thumb a file of the left hand has thumb
+    if "PART" in form.layout:
         parts = [name for name in keys if any(sensor.endswith(f"_{name}") for sensor in wanted)]
         return [name for name in dict.fromkeys(parts) if keys.count(name) == 1]
     found = [name for name in wanted if name in keys]
@@ -396,9 +402,10 @@ def _content(name: str, values: np.ndarray, form: Form, *, is_index: bool) -> st
     steps = np.diff(values)
     is_counter = np.sum(steps == 1) > MOSTLY * len(steps)
     rises = np.sum(steps > 0) > MOSTLY * len(steps)
-    is_finger = content == "line number" and not is_counter
+    # such as the index finger
+    is_sensor_named_like_index = content == "line number" and not is_counter
     is_temperature = last.lower() == "t" and not rises
-    if is_finger or is_temperature:
+    if is_sensor_named_like_index or is_temperature:
         content = ""
     if (content or "pressure") in form.names:
         return "data.columns names others"
@@ -416,7 +423,11 @@ def _base_and_unit(name: str) -> tuple[str, str]:
 
 
 def _numbers(cells: "Series") -> np.ndarray:
-    """Return the cells of a column (T,) as int64 or float64, NaN where one is no number."""
+    """Return the cells of a column (T,) as integers, float64 or bool; NaN where one is no number.
+
+    A column of True and False stays bool. Beside columns of numbers it becomes a sensor of ones and
+    zeros, unless its name says that it holds something else.
+    """
     from pandas import to_numeric
 
     if isinstance(cells.dtype, np.dtype) and cells.dtype.kind in NUMBERS:
@@ -444,10 +455,11 @@ def _top(file: Path, text: str) -> _Top:
     """Return the separator of a table, and the lines above its numbers.
 
     A line above the numbers is a comment, or begins with a word and has words where the lines below
-    have numbers.
+    have numbers. Logging may have begun in the middle of a line, so a file's first line may be cut.
+    If anything stands above the first line of numbers, even a comment, this is not looked for.
 
     Raises:
-        UserError: there is no line of numbers, or the first one is cut.
+        UserError: there is no line of numbers, or the file begins with one that is cut.
     """
     top = list[tuple[int, str]]()
     for number, line in enumerate(islice(io.StringIO(text), TOP_LINES)):
@@ -492,9 +504,20 @@ def _check_is_whole(
     *,
     width: int,
 ) -> None:
-    """Refuse a table whose first line of numbers alone is cut at its beginning, see `_is_cut`.
+    """Refuse a table whose first line holds numbers only and is cut at its beginning.
 
-    `width` is the number of cells of the lines below.
+    The line is the first one that is not empty: no names and no comment stand above it.
+
+    Args:
+        file: with which the error begins.
+        number: of the line, from 0.
+        cells: of the line.
+        top: the first lines of the file that are not empty, with their numbers.
+        separator: of the cells, None for blanks.
+        width: number of cells of the lines below.
+
+    Raises:
+        UserError: the line is cut, see `_is_cut`.
     """
     has_only_numbers = any(cells) and all(NUMBER.fullmatch(cell) for cell in cells if cell)
     if not has_only_numbers or not _is_cut(cells, number, top, separator):
@@ -509,11 +532,14 @@ def _is_cut(
 ) -> bool:
     """Return whether a line of numbers is cut at its beginning.
 
-    It has fewer cells than all lines below it, two at least. Or its first cell is empty, and the
-    cells below that are no index of pandas, which has no name and counts.
+    It is compared with the lines below it, of which there must be two or more. The last of these
+    is left out, since it may be cut too. All others must have equally many cells. The line is cut
+
+    - if it has fewer cells than they have: `14,502` above `510,514,502`;
+    - if its first cell is empty: `,514,502`. An exception is the line of names that pandas writes,
+      `,0,1`, below which the first cells count 0, 1, 2.
     """
     below = [line for other, line in top if other > number and not _is_comment(line)]
-    # the last one may be cut too
     rows = [_split_line(line.strip(), separator) for line in below[:-1]]
     counts = {len(row) for row in rows}
     if len(counts) != 1 or len(cells) > min(counts):

@@ -1,7 +1,8 @@
 """One pass over a source: each file is read once, and its frames are appended to a table.
 
 The names of objects, recordings and sessions, and their numbers, are decided at the end, when all
-that stands in the files is known. The frames of one file are in memory, and the columns of all.
+that stands in the files is known. Memory holds one file's frames, or those of the files that are
+joined to one recording, and the other columns of all files.
 """
 
 from collections.abc import Sequence
@@ -49,7 +50,8 @@ class Group:
 
     Attributes:
         files: in order.
-        parts: of the sensors, in each file; "" of a file that is not joined.
+        parts: the part of the sensors in each file, such as ["left", "right"]; [""] where neither
+            the layout nor a catalogue names parts.
     """
 
     files: list[Path]
@@ -81,11 +83,17 @@ def groups_of(source: Source, form: Form) -> list[Group]:
 
 @dataclass(frozen=True)
 class _Framed:
-    """A recording with pressure (T, H, W), and the axes of the array in its file."""
+    """A recording with pressure (T, H, W).
+
+    Attributes:
+        recording: see above.
+        axes: of the array in its file, of which the frames were made.
+        is_only_array: its file holds no other array or table, see `Found`.
+    """
 
     recording: Recording
     axes: tuple[int, ...]
-    is_only: bool
+    is_only_array: bool
 
 
 @dataclass(frozen=True)
@@ -97,7 +105,7 @@ class Contents:
         channel_names: of the sensors, row after row; empty without any.
         notes: what was taken for what, and what was left out.
         unread: what is wrong in each file that was not read, "" where its ending says it.
-        fault: the first reading out of range, if there is any.
+        fault: the first reading out of range, if there is any. `write_recordings` refuses it.
     """
 
     recordings: list[Named]
@@ -122,7 +130,7 @@ class SourcePass:
         self._counts = counts
         self._found = list[Found]()
         self._mistakes = dict[Path, str]()
-        self._no_tables = dict[Path, str]()
+        self._unread_texts = dict[Path, str]()  # what is wrong in each
         self._label_tables = dict[Path, pd.DataFrame]()
         self._left_out = set[str]()
         self._frames = 0  # those that are not written too
@@ -171,7 +179,14 @@ class SourcePass:
         self._keep(files, parts, replace(framed_ones[0], recording=joined))
 
     def _recordings_in(self, file: Path) -> list[Recording] | None:
-        """Return the recordings in a file; None for a labels.csv, and a .txt that is no table."""
+        """Return the recordings in a file, or None if the file counts as no recording.
+
+        That is a labels.csv, and, unless a catalogue names the files, a .txt with any mistake in
+        it: many folders hold a readme.txt. What is wrong in the .txt is kept in `_unread_texts`.
+
+        Raises:
+            UserError: another file has a mistake, or a .txt that a catalogue names.
+        """
         try:
             with reading(file):
                 if not has_ending(file, TEXTS):
@@ -180,13 +195,13 @@ class SourcePass:
         except UserError as error:
             if self._given or not has_ending(file, [".txt"]):
                 raise
-            self._no_tables[file] = str(error)
+            self._unread_texts[file] = str(error)
             return None
 
     def _recordings_in_text(self, file: Path) -> list[Recording] | None:
-        """Return the table in a text, or its recordings if a catalogue names them.
+        """Return the table in a text as one recording; None for a labels.csv.
 
-        It is None for a labels.csv.
+        If a catalogue names recordings by their `place` in the table, there are several.
         """
         text = self._source.texts.pop(file, None)
         if text is None:
@@ -204,6 +219,7 @@ class SourcePass:
     def _framed(self, file: Path, recordings: list[Recording]) -> list[_Framed]:
         """Return the recordings in a file with pressure (T, H, W), those that a catalogue names."""
         framed_ones = list[_Framed]()
+        is_only_array = len(recordings) == 1
         for recording in recordings:
             pressure = recording.values["pressure"]
             axes = tuple(pressure.shape)
@@ -211,7 +227,7 @@ class SourcePass:
                 pressure = framed(pressure, self._form, str(file))
             recording = replace(recording, values=recording.values | {"pressure": pressure})
             for part in stacked(recording, str(file)):
-                framed_ones.append(_Framed(part, axes, is_only=len(recordings) == 1))
+                framed_ones.append(_Framed(part, axes, is_only_array=is_only_array))
         if not self._given:
             return framed_ones
         return self._given_only(file, framed_ones)
@@ -276,7 +292,7 @@ class SourcePass:
             files,
             parts,
             replace(recording, values=columns),
-            is_only=framed_one.is_only,
+            is_only_array=framed_one.is_only_array,
             axes=framed_one.axes,
             shape=shape,
             dtype=dtype,
@@ -287,7 +303,7 @@ class SourcePass:
         self._found.append(found)
 
     def _has_room(self, shape: tuple[int, int], dtype: np.dtype) -> bool:
-        """Return whether all frames so far take no more room than files of their size may."""
+        """Return whether all frames so far take no more room than their files may unpack to."""
         return self._bytes(shape, dtype) <= UNPACKED + UNPACKED_TIMES * self._stored
 
     def _bytes(self, shape: tuple[int, int], dtype: np.dtype) -> int:
@@ -299,7 +315,7 @@ class SourcePass:
         Raises:
             UserError: lists the files that cannot be read, or are unlike most others, or have the
                 name of an earlier one; or there are no frames, or they take far more room than
-                their files, or a reading is out of range.
+                their files. A reading out of range is no error here, see `Contents.fault`.
         """
         naming = self._naming()
         recordings = self._named(naming)
@@ -313,7 +329,7 @@ class SourcePass:
         if len(channels) != prod(self._counts.shape):
             channels = []
         self._check_left_out(channels)
-        unread = dict.fromkeys(self._source.unread, "") | self._no_tables
+        unread = dict.fromkeys(self._source.unread, "") | self._unread_texts
         notes = source_notes(self._source, recordings, naming, self._form, unread=unread)
         fault = self._counts.fault
         if dtype.kind == "i":
@@ -322,9 +338,9 @@ class SourcePass:
 
     def _naming(self) -> Naming:
         """Return what gives the recordings their names, for the files that hold recordings."""
-        files = [file for file in self._source.files if file not in self._no_tables]
+        files = [file for file in self._source.files if file not in self._unread_texts]
         if not files:
-            raise UserError(listed(once_each(self._no_tables.items()), "; "))
+            raise UserError(listed(once_each(self._unread_texts.items()), "; "))
         labels = dict[str, dict[str, str]]()
         for table, rows in self._label_tables.items():
             add_labels(labels, table, rows)
