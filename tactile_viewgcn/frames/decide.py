@@ -211,7 +211,7 @@ def _baseline(
     if has_empty_hand and not array:
         return "empty_hand", "recorded in every session"
     if not array:
-        reason = "few sensors, which may read anything without contact: they are taken as they are"
+        reason = "channels may read anything without contact: they are taken as they are"
         return "none", reason
     if states.all_contact:
         reason = "most recordings do not show an open hand and a grasp: they are taken as they are"

@@ -19,7 +19,7 @@ def sensors_in_contact(live: int) -> int:
     """Return the fewest sensors that are pressed in a frame of contact.
 
     They are 14 of STAG's 548 and a fortieth of a smaller array, but at least two, since one may be
-    faulty. Of few sensors an object may press a single one: then one is enough.
+    faulty. Of fewer than 16 an object may press a single one: then one is enough.
 
     Args:
         live: number of sensors that vary.
