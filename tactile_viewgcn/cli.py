@@ -1,6 +1,7 @@
 """The command `tactile-viewgcn`: inspect recordings, print presets, predict, report."""
 
 import io
+import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -79,7 +80,12 @@ def inspect(
     _say(*inspection_lines(inspection))
     if catalogue:
         count = several(len(inspection.recordings.recordings), "recording")
-        _say(f"{catalogue}: {count}; correct it, and read it: tactile-viewgcn inspect {catalogue}")
+        words = ["tactile-viewgcn", "inspect", str(catalogue)]
+        if shape:
+            words += ["--shape", *map(str, shape)]
+        for change in changes:
+            words += ["--set", change]
+        _say(f"{catalogue}: {count}; correct it, and read it:", f"  {shlex.join(words)}")
     if page:
         _say(write(page, inspection_page(inspection)))
 

@@ -361,17 +361,20 @@ def split_settings(groups: dict[str, np.ndarray]) -> list[Note]:
     if "source" in groups and (groups["source"][recorded] == 2).all():
         reason = "every object is in the published training set and in the test set"
         return [_choice("split.by", "source", reason)]
+    unused = ""
+    if "source" in groups:
+        unused = "; the sets that the source names are not used, as not every object is in both"
     by = "recording"
     twice_recorded = groups["recording"] >= 2
     if "grasp" in groups and twice_recorded.sum() < 0.5 * recorded.sum():
         by = "grasp"
     repeated = groups[by] >= 2
     if repeated.sum() < 2:
-        reason = "no whole recording can be held out: record each object twice"
+        reason = f"no whole recording can be held out: record each object twice{unused}"
         return [_choice("split.by", by, reason)]
     fewest = int(groups[by][repeated].min())
     # each fold tests FEW groups in all, if there are so many
     folds = max(2, min(MOST_FOLDS, fewest // 2, int(groups[by].sum()) // FEW))
-    why_by = f"an object has {fewest} {by}s or more, of which whole ones are held out"
+    why_by = f"an object has {fewest} {by}s or more, of which whole ones are held out{unused}"
     why_folds = f"{by}s in {folds} parts; split.fold says which is tested"
     return [_choice("split.by", by, why_by), _choice("split.folds", folds, why_folds)]

@@ -161,7 +161,7 @@ class SourcePass:
             return
         files = list(contents)
         self._check_parts(Group(files, parts))
-        if self._given:
+        if self._given and any(parts):
             # in the catalogue the parts of each recording may stand in another order
             files, parts = self._in_usual_order(files, parts)
             contents = {file: contents[file] for file in files}

@@ -258,6 +258,17 @@ def test_parts_stand_in_the_order_of_the_first_recording_whatever_their_files_ar
     assert "PART is up, left; expected left, right once each" in line
 
 
+def test_recordings_with_and_without_parts_are_one_line_each_if_their_frames_differ(tmp_path):
+    for name in "abc":
+        save(tmp_path / "lab" / f"{name}.npy")
+    rows = "file,object,recording,part\nlab/a.npy,mug,1,left\nlab/b.npy,mug,1,right\n"
+    rows += "lab/c.npy,pen,2,\n"
+    line = refusal(save(tmp_path / "c.csv", rows), tmp_path)
+    assert "c.npy" in line and "expected" in line
+    alone = rows.replace("lab/b.npy,mug,1,right", "lab/b.npy,mug,3,")
+    assert ingested(save(tmp_path / "d.csv", alone))[1].recordings == ["1", "3", "2"]
+
+
 def test_a_file_is_one_recording_by_whatever_path_it_is_named(tmp_path):
     save(tmp_path / "a" / "x.npy")
     (tmp_path / "link.npy").symlink_to(tmp_path / "a" / "x.npy")
