@@ -94,7 +94,7 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(
         assert (note.key, note.value) == (
             "preprocess.baseline",
             "auto",
-        ) and "subtracts signal" in note.text
+        ) and "subtract signal" in note.text
     if write is floats:
         assert sorted(page.recordings.objects) == sorted(FOREIGN_NAMES)
         assert page.recordings.sessions == ["Übung 1", "Übung 2"]
