@@ -11,7 +11,7 @@ from pydantic import StrictStr
 from pydantic.dataclasses import dataclass
 
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.params import Natural, Seed, default_params, preset_changes
+from tactile_viewgcn.params import VIRTUAL, Natural, Seed, default_params, preset_changes
 from tactile_viewgcn.provenance import committed_params
 from tactile_viewgcn.schema import SECTION, as_change, build, read_yaml
 
@@ -25,6 +25,8 @@ COLUMNS = {  # costs, and their keys in results/timing.json
     "peak MB": ("peak_mb",),
 }
 AXES = ("seed", "split.deal", "split.fold")  # keys of params.yaml that a study sets in every cell
+WORLD = "glove.seed"  # has the value of `seed`, unless the study or --set names it
+SEEDS = (101, 102, 103, 104, 105)  # worlds on which nothing was set or chosen
 Seeds = Annotated[list[Seed], MinLen(1)]
 # names, and changes to params.yaml
 Variants = Annotated[dict[StrictStr, dict[StrictStr, Any]], MinLen(1)]
@@ -40,6 +42,8 @@ class Cell:
         deal: value of `split.deal`.
         fold: value of `split.fold`.
         changes: `key=value`, to the defaults.
+        world: the value of `glove.seed`, which all simulated recordings hang on; 0 for recordings
+            of files.
     """
 
     variant: str
@@ -47,6 +51,7 @@ class Cell:
     deal: int
     fold: int
     changes: tuple[str, ...]
+    world: int = 0
 
     def __str__(self) -> str:
         return f"{self.variant}, seed {self.seed}, deal {self.deal}, fold {self.fold}"
@@ -63,7 +68,9 @@ class Study:
             for a preset's.
         reference: the variants that the others are compared with; or, with `cross`, their first
             part.
-        seeds: every variant is trained from each.
+        seeds: every variant is trained from each. A seed is also the simulated world, `glove.seed`,
+            so that the spread over seeds is that of recordings and training runs. Where `set` has
+            `glove.seed`, all seeds are of one world.
         folds: every variant is trained on each; `all`: as many as `split.folds` says.
         columns: costs in the table.
         deals: values of `split.deal`.
@@ -78,9 +85,9 @@ class Study:
     question: Annotated[StrictStr, MaxLen(41)]
     variants: Variants
     reference: StrictStr | list[StrictStr] | None
-    seeds: Seeds
     folds: Literal["all"] | Annotated[list[Natural], MinLen(1)]
     columns: list[Literal[tuple(COLUMNS)]]  # type: ignore[valid-type]
+    seeds: Seeds = field(default_factory=lambda: list(SEEDS))
     deals: Seeds = field(default_factory=lambda: [0])
     set: dict[StrictStr, Any] = field(default_factory=dict)
     cross: list[Variants] = field(default_factory=list)
@@ -96,9 +103,10 @@ class Study:
         return self.reference or []
 
     def cells(self, on_top: tuple[str, ...] = ()) -> list[Cell]:
-        """Return all cells, seed by seed and deal by deal.
+        """Return all cells, deal by deal, variant by variant and seed by seed.
 
-        Their changes begin with the committed params.yaml.
+        Cells that begin together are so of different worlds, and none waits for the simulation of
+        another. Their changes begin with the committed params.yaml.
 
         Args:
             on_top: changes of every cell, `key=value`, after all others.
@@ -119,16 +127,19 @@ class Study:
             params = default_params((*shared, *on_top, "split.fold=0"), self.name)
             folds = list(range(params.split.folds))
         cells = []
-        for seed, deal, (variant, changes), fold in product(
-            self.seeds, self.deals, self.crossed(), folds
+        for deal, (variant, changes), seed, fold in product(
+            self.deals, self.crossed(), self.seeds, folds
         ):
             if seed != self.seeds[0] and variant in self.one_seed:
                 continue
             if deal != self.deals[0] and variant in self.one_deal:
                 continue
             place = (f"seed={seed}", f"split.deal={deal}", f"split.fold={fold}")
-            whole = (*shared, *changes, *on_top, *place)
-            cells.append(Cell(variant=variant, seed=seed, deal=deal, fold=fold, changes=whole))
+            own_world = (f"{WORLD}={seed}",)
+            if any(change.startswith(f"{WORLD}=") for change in (*_changes(self.set), *on_top)):
+                own_world = ()
+            whole = (*shared, *own_world, *changes, *on_top, *place)
+            cells.append(Cell(variant, seed, deal, fold, whole, world_of(whole)))
         return cells
 
     def crossed(self) -> Iterator[tuple[str, list[str]]]:
@@ -140,6 +151,14 @@ class Study:
             for _, part in entries:
                 changes += _changes(part)
             yield " / ".join(names_of_parts), changes
+
+
+def world_of(changes: tuple[str, ...]) -> int:
+    """Return the value of `glove.seed` with these changes; 0 for recordings of files."""
+    params = default_params(changes)
+    if params.data.source != VIRTUAL:
+        return 0
+    return params.glove.seed
 
 
 def names() -> list[str]:
