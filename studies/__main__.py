@@ -1,12 +1,15 @@
 """`python -m studies` lists the studies; `python -m studies NAME` runs one as DVC experiments."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
 
 import click
 
-from studies.cells import answers_of, code_of_stages, key_of, read_results, stored
+from studies.cells import Answers, answers_of, code_of_stages, key_of, read_results, stored
+from studies.choice import choices_of, names_of
 from studies.grid import FOLDER, Cell, Study, names, read_study
 from studies.run import run_cells
 from studies.take import take_cells
@@ -70,7 +73,10 @@ def print_studies() -> None:
     lines = [f"{'study':<15} {'cells':>5}  question"]
     for name in names():
         study = read_study(name)
-        lines.append(f"{study.name:<15} {len(study.cells()):>5}  {study.question}")
+        count = len(study.cells())
+        if study.choice:
+            count += len(study.candidates().cells())
+        lines.append(f"{study.name:<15} {count:>5}  {study.question}")
     print(*lines, sep="\n")  # no list begins where a study is wrong
 
 
@@ -101,28 +107,70 @@ def run(
     """
     from studies.report import write_report  # here, since it loads Matplotlib
 
-    cells = _cells_by_key(study, changes)
     if unlike_the_file(committed_params(Path("params.yaml"))):
         print("note: params.yaml differs from the last commit, whose values the cells have")
     folder = out or FOLDER / study.name
     _check_writable(folder)  # before the first cell runs
+    if take:
+        _take(study, take, changes)
+    run_missing = None if take else partial(run_cells, study.name, jobs=jobs, scheduler=scheduler)
+    choices = None
+    failed = 0
+    if study.choice:
+        candidates = study.candidates()
+        answers, failed = _finish(candidates, changes, run_missing)
+        choices = choices_of(study, answers)
+        study = study.chosen(names_of(choices))
+    answers, failed_later = _finish(study, changes, run_missing)
+    failed += failed_later
+    if answers:
+        print(write_report(study, answers, folder, changes, choices))
+        print(f"written: {folder}/results.csv, results.md and a picture, if any")
+    if failed:
+        raise UserError(
+            f"{several(failed, 'cell')} failed, see above; the same command tries them again"
+        )
+
+
+def _finish(
+    study: Study,
+    changes: tuple[str, ...],
+    run_missing: Callable[[dict[str, Cell]], dict[str, str]] | None,
+) -> tuple[list[Answers], int]:
+    """Run the cells of a study that are missing.
+
+    Args:
+        study: without a choice.
+        changes: changes of every cell, `key=value`.
+        run_missing: runs cells and returns their faults; None runs none.
+
+    Returns:
+        the answers of all finished cells, and the number of cells that failed.
+    """
+    if not study.variants:
+        return [], 0
+    cells = _cells_by_key(study, changes)
     finished = sum(stored(key) for key in cells)
     print(f"{study.name}: {several(len(cells), 'cell')}, finished before: {finished}", flush=True)
     faults: dict[str, str] = {}
-    if take:
-        taken = take_cells(take, cells)
-        print(f"{study.name}: {several(taken, 'cell')} taken from {take}")
-    else:
-        faults = run_cells(study.name, cells, jobs=jobs, scheduler=scheduler)
+    if run_missing:
+        faults = run_missing(cells)
     answers = [answers_of(cell, read_results(key)) for key, cell in cells.items() if stored(key)]
-    if answers:
-        print(write_report(study, answers, folder, changes))
-        print(f"written: {folder}/results.csv, results.md and a picture, if any")
-    if faults:
-        raise UserError(
-            f"{len(faults)} of {several(len(cells), 'cell')} failed, see above; "
-            "the same command tries them again"
-        )
+    return answers, len(faults)
+
+
+def _take(study: Study, folder: Path, changes: tuple[str, ...]) -> None:
+    """Store the results of cells that ran elsewhere, of all choices where the study has one."""
+    cells: dict[str, Cell] = {}
+    if study.choice:
+        cells |= _cells_by_key(study.candidates(), changes)
+        for choice in study.choice:
+            of_choice = study.chosen(dict.fromkeys(study.variants, choice))
+            cells |= _cells_by_key(of_choice, changes)
+    else:
+        cells = _cells_by_key(study, changes)
+    taken = take_cells(folder, cells)
+    print(f"{study.name}: {several(taken, 'cell')} taken from {folder}")
 
 
 def _cells_by_key(study: Study, changes: tuple[str, ...]) -> dict[str, Cell]:

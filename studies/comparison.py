@@ -16,10 +16,15 @@ from tactile_viewgcn.randomness import stream
 
 Interval = Callable[[np.ndarray, np.ndarray, np.random.Generator], tuple[float, float] | None]
 
-MIN_SEEDS = 3  # for an interval over training runs
+MIN_SEEDS = 3  # for an interval over seeds
+ENOUGH_SEEDS = 5  # for a verdict
 ENOUGH = 5.0  # percentage points: largest acceptable detectable difference of a study
+HIGHER = "higher error"
+LOWER = "lower error"
 OPEN = "not decided"
 UNTRAINED = "not trained to its end"
+FEW_SEEDS = f"fewer than {ENOUGH_SEEDS} seeds"
+ONE_WORLD = "one simulated world"
 TRAINING = ["seed", "deal"]  # a training run is the cells of all folds
 # equal seeds give errors that differ by percentage points between kinds of machines
 PAIRED = [*TRAINING, "machine"]
@@ -53,9 +58,10 @@ def errors_of(answers: list[Answers]) -> pd.DataFrame:
     """Return a row for each variant, training run, protocol and split group.
 
     Returns:
-        columns `variant`, `seed`, `deal` and `machine`; `protocol`, one of `trials.TITLES`;
-            `group`; `answers`, their number; and `wrong`, the mean over the group's answers and all
-            trials.
+        columns `variant`, `seed`, `deal`, `world` and `machine`; `protocol`, one of
+            `trials.TITLES`; `group`, the world and the number of the group, since a recording of
+            another world is another one; `answers`, their number; and `wrong`, the mean over the
+            group's answers and all trials.
     """
     parts = []
     for answer in answers:
@@ -63,6 +69,8 @@ def errors_of(answers: list[Answers]) -> pd.DataFrame:
             wrong = pd.Series(1 - trials.correct.mean(axis=0))
             by_group = wrong.groupby(trials.groups).agg(answers="size", wrong="mean")
             part = by_group.rename_axis("group").reset_index()
+            part["group"] = f"{answer.cell.world}/" + part["group"].astype(str)
+            part["world"] = answer.cell.world
             part["seed"] = answer.cell.seed
             part["deal"] = answer.cell.deal
             part["machine"] = answer.machine
@@ -89,7 +97,7 @@ def costs_of(answers: list[Answers]) -> pd.DataFrame:
     return of_runs.groupby("variant").min()
 
 
-def trainings_of(answers: list[Answers]) -> pd.DataFrame:
+def training_runs_of(answers: list[Answers]) -> pd.DataFrame:
     """Return mean losses of each variant, whether all its cells are trained, and the machines.
 
     Returns:
@@ -102,7 +110,7 @@ def trainings_of(answers: list[Answers]) -> pd.DataFrame:
         ]
     )
     functions: dict[str, Any] = {
-        "guessing": "mean",
+        "first": "mean",
         "before": "mean",
         "end": "mean",
         "trained": "all",
@@ -116,8 +124,8 @@ def rows_of(answers: list[Answers], references: Iterable[str]) -> pd.DataFrame:
 
     The columns `vs R more`, `low` and `high` have the paired difference to the reference R and its
     interval over groups, NaN for R itself; `seeds_low` and `seeds_high` are its interval over
-    training runs, and `verdict` needs both intervals, and both variants trained to their end. A
-    missing number is NaN.
+    seeds, and `verdict` is that of `verdict`, for variants that are trained to their end. A missing
+    number is NaN.
 
     Args:
         answers: of complete training runs.
@@ -127,7 +135,7 @@ def rows_of(answers: list[Answers], references: Iterable[str]) -> pd.DataFrame:
         UserError: a variant and a reference were tested on different view sets.
     """
     errors = errors_of(answers)
-    once = costs_of(answers).join(trainings_of(answers))
+    once = costs_of(answers).join(training_runs_of(answers))
     rows = []
     for protocol, of_protocol in errors.groupby("protocol", sort=False):
         parts = dict(iter(of_protocol.groupby("variant", sort=False)))
@@ -154,7 +162,7 @@ def _error_columns(part: pd.DataFrame) -> dict[str, Any]:
     by_group = part.groupby("group")["wrong"].mean()
     of_runs = 100 * part.groupby(TRAINING)["wrong"].mean()
     columns: dict[str, Any] = percent(("error", "low", "high"), by_group, proportion_interval)
-    columns["trainings"] = len(of_runs)
+    columns["runs"] = len(of_runs)
     columns["std"] = of_runs.std()
     return columns
 
@@ -202,22 +210,25 @@ def compared(part: pd.DataFrame, reference: pd.DataFrame | None, head: str) -> d
         head: beginning of the columns' names.
 
     Returns:
-        columns `more`, `low`, `high`, `seeds_low` and `seeds_high`; NaN for the reference itself,
-            and without common training runs.
+        columns `more`, `low`, `high`, `seeds_low`, `seeds_high`, and the numbers of common `seeds`
+            and of simulated `worlds`; NaN for the reference itself, and without common runs.
 
     Raises:
         UserError: the two were tested on different view sets.
     """
     of_groups = (f"{head}more", f"{head}low", f"{head}high")
     of_seeds = (f"{head}seeds_low", f"{head}seeds_high")
-    row = dict.fromkeys((*of_groups, *of_seeds), np.nan)
+    counts = (f"{head}seeds", f"{head}worlds")
+    row = dict.fromkeys((*of_groups, *of_seeds, *counts), np.nan)
     if reference is None:
         return row
     ours = part.merge(reference[PAIRED].drop_duplicates())
     theirs = reference.merge(part[PAIRED].drop_duplicates())
     if ours.empty:
         return row
-    pairs = ours.merge(theirs, on=[*PAIRED, "group", "answers"], suffixes=("", " of the reference"))
+    pairs = ours.merge(
+        theirs, on=[*PAIRED, "world", "group", "answers"], suffixes=("", " of the reference")
+    )
     have_same_view_sets = len(pairs) == len(ours) and len(pairs) == len(theirs)
     if not have_same_view_sets:
         names = [rows["variant"].iloc[0] for rows in (part, reference)]
@@ -227,6 +238,8 @@ def compared(part: pd.DataFrame, reference: pd.DataFrame | None, head: str) -> d
     pairs["more"] = pairs["wrong"] - pairs["wrong of the reference"]
     row |= percent(of_groups, pairs.groupby("group")["more"].mean(), group_interval)
     by_seed = 100 * pairs.groupby("seed")["more"].mean()
+    row[f"{head}seeds"] = len(by_seed)
+    row[f"{head}worlds"] = pairs.loc[pairs["world"] != "", "world"].nunique()
     # training runs on several deals share groups and are not independent
     if len(by_seed) >= MIN_SEEDS and pairs["deal"].nunique() == 1:
         # Student's interval of the mean difference
@@ -237,37 +250,46 @@ def compared(part: pd.DataFrame, reference: pd.DataFrame | None, head: str) -> d
 
 
 def verdict(row: dict[str, Any], head: str) -> str:
-    """Return whether a variant errs more or less than its reference by both intervals.
+    """Return whether a variant has a higher or a lower error than its reference.
 
     Args:
         row: with the columns of `compared`.
         head: beginning of their names.
 
     Returns:
-        `OPEN` where an interval has 0 in it; empty where an interval is missing.
+        `HIGHER` or `LOWER` where both intervals say so, `OPEN` where one of them has 0 in it.
+            Otherwise why there is no verdict: `FEW_SEEDS`, or `ONE_WORLD` where all seeds have the
+            same simulated recordings, which says nothing of others. Empty without a difference.
     """
+    if np.isnan(row[f"{head}more"]):
+        return ""
+    seeds = row[f"{head}seeds"]
+    if seeds < ENOUGH_SEEDS:
+        return FEW_SEEDS
     lows = np.array([row[f"{head}low"], row[f"{head}seeds_low"]])
     highs = np.array([row[f"{head}high"], row[f"{head}seeds_high"]])
     if np.isnan(lows).any():
         return ""
+    if row[f"{head}worlds"] == 1:
+        return ONE_WORLD
     if (lows > 0).all():
-        return "errs more"
+        return HIGHER
     if (highs < 0).all():
-        return "errs less"
+        return LOWER
     return OPEN
 
 
-def power(rows: pd.DataFrame, groups: int) -> str:
+def power(rows: pd.DataFrame, protocol: str, groups: int) -> str:
     """Return a sentence on the smallest difference that a study detects.
 
-    It is half of the widest interval, over groups and over training runs. Comparisons with a
+    It is half of the widest interval, over groups and over seeds. Comparisons with a
     variant that is not trained to its end do not count.
 
     Args:
-        rows: see `rows_of`; only the last protocol counts.
+        rows: see `rows_of`.
+        protocol: title of the protocol of the primary outcome; the others do not count.
         groups: number of split groups.
     """
-    protocol = rows["protocol"].iloc[-1]
     widths = _half_widths(rows[rows["protocol"] == protocol], groups)
     if not widths:
         return "Nothing is compared in pairs here, so no detectable difference can be stated."
@@ -296,7 +318,7 @@ def _half_widths(rows: pd.DataFrame, groups: int) -> dict[str, float]:
         columns = rows.columns[rows.columns.str.startswith(head)]
         is_untrained = rows[verdict_column] == UNTRAINED
         rows.loc[is_untrained, columns] = np.nan
-    kinds = {f"over {several(groups, 'split group')}": " ", "over trainings": " seeds_"}
+    kinds = {f"over {several(groups, 'split group')}": " ", "over seeds": " seeds_"}
     widths = {}
     for kind, ends in kinds.items():
         low = rows.filter(regex=f"^vs .*{ends}low$").to_numpy()

@@ -1,7 +1,7 @@
 """The cells of studies/NAME.yaml: each is one training run, as changes to params.yaml."""
 
-from collections.abc import Iterator
-from dataclasses import field
+from collections.abc import Iterator, Mapping
+from dataclasses import field, replace
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -42,8 +42,8 @@ class Cell:
         deal: value of `split.deal`.
         fold: value of `split.fold`.
         changes: `key=value`, to the defaults.
-        world: the value of `glove.seed`, which all simulated recordings hang on; 0 for recordings
-            of files.
+        world: the value of `glove.seed`, on which all simulated recordings depend; empty for
+            recordings of files.
     """
 
     variant: str
@@ -51,7 +51,7 @@ class Cell:
     deal: int
     fold: int
     changes: tuple[str, ...]
-    world: int = 0
+    world: str = ""
 
     def __str__(self) -> str:
         return f"{self.variant}, seed {self.seed}, deal {self.deal}, fold {self.fold}"
@@ -74,8 +74,14 @@ class Study:
         folds: every variant is trained on each; `all`: as many as `split.folds` says.
         columns: costs in the table.
         deals: values of `split.deal`.
+        primary: the protocol of the primary outcome, which the detectable difference and the first
+            table are of: `object` for the paper's claims, as the paper has them; `whole`, whole
+            recordings, for the choice of a method.
         set: changes of every cell.
         cross: further variants; every combination is trained.
+        choice: changes of which every variant but those in `fixed` takes one, that with the lowest
+            error on validation groups; see `candidates`.
+        fixed: variants without a choice.
         one_seed: variants that are trained from the first seed only.
         one_deal: variants that are trained on the first deal only.
         picture: error against seconds, or along numbered names of `cross`.
@@ -89,8 +95,11 @@ class Study:
     columns: list[Literal[tuple(COLUMNS)]]  # type: ignore[valid-type]
     seeds: Seeds = field(default_factory=lambda: list(SEEDS))
     deals: Seeds = field(default_factory=lambda: [0])
+    primary: Literal["object", "recording", "whole"] = "whole"
     set: dict[StrictStr, Any] = field(default_factory=dict)
     cross: list[Variants] = field(default_factory=list)
+    choice: Variants | None = None
+    fixed: list[StrictStr] = field(default_factory=list)
     one_seed: list[StrictStr] = field(default_factory=list)
     one_deal: list[StrictStr] = field(default_factory=list)
     picture: Literal["seconds", "curves"] | None = None
@@ -101,6 +110,37 @@ class Study:
         if isinstance(self.reference, str):
             return [self.reference]
         return self.reference or []
+
+    def candidates(self) -> "Study":
+        """Return the study of all choices, each evaluated on validation groups.
+
+        Its variants are named as in `mean, rate 5`. The test set is not read.
+        """
+        variants = {}
+        for variant, changes in self.variants.items():
+            if variant in self.fixed:
+                continue
+            for choice, further in (self.choice or {}).items():
+                variants[candidate(variant, choice)] = changes | further
+        validated = self.set | {"evaluate.side": "validation"}
+        return replace(
+            self, variants=variants, set=validated, choice=None, fixed=[], reference=None
+        )
+
+    def chosen(self, choices: Mapping[str, str]) -> "Study":
+        """Return the study of what was chosen, each evaluated on the test set.
+
+        Args:
+            choices: the names of the choices, by variant; a variant that has none here is left out,
+                unless it is in `fixed`.
+        """
+        variants = {}
+        for variant, changes in self.variants.items():
+            if variant in self.fixed:
+                variants[variant] = changes
+            elif variant in choices:
+                variants[variant] = changes | (self.choice or {})[choices[variant]]
+        return replace(self, variants=variants, choice=None, fixed=[])
 
     def cells(self, on_top: tuple[str, ...] = ()) -> list[Cell]:
         """Return all cells, deal by deal, variant by variant and seed by seed.
@@ -126,6 +166,9 @@ class Study:
         if folds == "all":
             params = default_params((*shared, *on_top, "split.fold=0"), self.name)
             folds = list(range(params.split.folds))
+        is_one_world = any(
+            change.startswith(f"{WORLD}=") for change in (*_changes(self.set), *on_top)
+        )
         cells = []
         for deal, (variant, changes), seed, fold in product(
             self.deals, self.crossed(), self.seeds, folds
@@ -135,9 +178,9 @@ class Study:
             if deal != self.deals[0] and variant in self.one_deal:
                 continue
             place = (f"seed={seed}", f"split.deal={deal}", f"split.fold={fold}")
-            own_world = (f"{WORLD}={seed}",)
-            if any(change.startswith(f"{WORLD}=") for change in (*_changes(self.set), *on_top)):
-                own_world = ()
+            own_world = [f"{WORLD}={seed}"]
+            if is_one_world:
+                own_world = []
             whole = (*shared, *own_world, *changes, *on_top, *place)
             cells.append(Cell(variant, seed, deal, fold, whole, world_of(whole)))
         return cells
@@ -153,12 +196,17 @@ class Study:
             yield " / ".join(names_of_parts), changes
 
 
-def world_of(changes: tuple[str, ...]) -> int:
-    """Return the value of `glove.seed` with these changes; 0 for recordings of files."""
+def candidate(variant: str, choice: str) -> str:
+    """Return the name of a variant with one of the choices."""
+    return f"{variant}, {choice}"
+
+
+def world_of(changes: tuple[str, ...]) -> str:
+    """Return the value of `glove.seed` with these changes; empty for recordings of files."""
     params = default_params(changes)
     if params.data.source != VIRTUAL:
-        return 0
-    return params.glove.seed
+        return ""
+    return str(params.glove.seed)
 
 
 def names() -> list[str]:
@@ -182,6 +230,9 @@ def read_study(name: str) -> Study:
     variants = [variant for variant, _ in study.crossed()]
     _check_names(path, "reference", study.references, [*variants, *study.variants])
     _check_names(path, "one_seed", study.one_seed, variants)
+    _check_names(path, "fixed", study.fixed, variants)
+    if study.choice and study.cross:
+        raise UserError(f"{path}: choice and cross; expected one of them")
     _check_names(path, "one_deal", study.one_deal, variants)
     return study
 

@@ -15,13 +15,13 @@ class Losses:
     """Losses of a training run, means of an epoch; NaN where nothing is trained in epochs.
 
     Attributes:
-        guessing: loss of the first batch, before a step.
+        first: of the first batch, before a step, when the network guesses.
         before: of the epoch before the last; of a single epoch the loss of the first batch.
         end: of the last epoch.
         trained: whether the network is trained to its end.
     """
 
-    guessing: float = nan
+    first: float = nan
     before: float = nan
     end: float = nan
     trained: bool = True
@@ -39,10 +39,10 @@ def losses_of(pretrain: Record, finetune: Record) -> Losses:
         record = pretrain
     if not record.curves:
         return Losses()
-    guessing = record.counts["loss.first"]
-    losses = [guessing, *record.curves["loss"]]
+    first = record.counts["loss.first"]
+    losses = [first, *record.curves["loss"]]
     before = losses[-2]
     end = losses[-1]
-    is_small = end <= LEFT * guessing
-    hardly_falls = before - end <= FALL * guessing
-    return Losses(guessing, before, end, trained=is_small and hardly_falls)
+    is_small = end <= LEFT * first
+    hardly_falls = before - end <= FALL * first
+    return Losses(first, before, end, trained=is_small and hardly_falls)

@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 
 from studies.cells import Answers
-from studies.comparison import complete, power, rows_of
+from studies.comparison import ENOUGH_SEEDS, complete, power, rows_of
 from studies.grid import COLUMNS, Cell, Study
 from studies.losses import FALL, LEFT
 from studies.pictures import error_curves, errors_by_seconds
-from tactile_viewgcn.evaluation.trials import WHOLE
+from tactile_viewgcn.evaluation.trials import TITLES, WHOLE
 from tactile_viewgcn.files import new_files
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import several
@@ -27,22 +27,33 @@ optimistic where a view set mixes an object's groups, as under `object`. `std` i
 deviation over the training runs."""
 DEALT = """The groups were dealt to the folds in {deals} ways, so that each is tested {deals} times.
 Each is resampled as one unit."""
-COMPARED = """Differences are paired, over the seeds and deals that both variants were trained on by
-one kind of machine. There are two intervals of 95 %: `over groups` resamples the split groups, and
-`over trainings` is Student's interval for other seeds. The verdict needs both. A variant without
-common training runs has no row."""
-TRAINED = f"""`guessing` is the loss of the first batch, before a step; `before` and `end` are means
-of the last epoch but one and of the last epoch. In some systems a loss is the sum of several. A row
-with † is not trained to its end, and decides nothing: its loss at the end is above {LEFT:.0%} of
-`guessing`, or fell by more than {FALL:.0%} of it in the last epoch. A system that is not fine-tuned
-has the losses of pretraining. A system on the sensors has none, nor has its member `network`."""
+COMPARED = f"""Differences are paired, over the seeds and deals that both variants were trained on
+by one kind of machine. There are two intervals of 95 %: `over groups` resamples the split groups,
+and `over seeds` is Student's interval for other seeds. The verdict needs both, and {ENOUGH_SEEDS}
+seeds or more. A variant without common training runs has no row."""
+WORLDS = """A seed is a simulated world too: other recordings and another training run. The interval
+over seeds covers both."""
+WORLD = """All recordings are of one simulated world, `glove.seed` {world}. Neither interval covers
+other worlds, so there is no verdict."""
+TRAINED = f"""`first` is the loss of the first batch, before a step, when the network guesses;
+`before` and `end` are means of the last epoch but one and of the last epoch. In some systems a loss
+is the sum of several. A row with † is not trained to its end, and decides nothing: its loss at the
+end is above {LEFT:.0%} of `first`, or fell by more than {FALL:.0%} of it in the last epoch. A
+system that is not fine-tuned has the losses of pretraining. A system on the sensors has none, nor
+has its member `network`."""
+CHOSEN = """Errors on validation groups, in per cent, means over all seeds. Each variant was tested
+with its lowest, in bold; the test set was not read before."""
 PAID = """Each cost is the lowest of all training runs, since other work only adds to it. Seconds
 are summed over folds, milliseconds are for one answer, and the memory is the peak of the stage
 that needs most."""
 
 
 def write_report(
-    study: Study, answers: list[Answers], folder: Path, on_top: tuple[str, ...] = ()
+    study: Study,
+    answers: list[Answers],
+    folder: Path,
+    on_top: tuple[str, ...] = (),
+    choices: pd.DataFrame | None = None,
 ) -> str:
     """Write results.csv, results.md and the picture, if any, and return the text of results.md.
 
@@ -51,6 +62,7 @@ def write_report(
         answers: of its finished cells.
         folder: place of the files.
         on_top: changes that every cell has, `key=value`.
+        choices: what was chosen on validation groups, see `choice.choices_of`.
 
     Raises:
         UserError: variants cannot be compared.
@@ -63,31 +75,57 @@ def write_report(
         data = "Simulated by the virtual glove"
     references = _references(study, answers)
     rows = rows_of(answers, references)
-    groups = _count_groups(answers)
-    question = f"{data}. {study.question}"
-    if on_top:
-        changed = ", ".join(f"`{change}`" for change in on_top)
-        question += f" Every cell has {changed}."
-    text = [question, power(rows, groups), f"{_sizes(answers, params, groups)} {EXPLAINED}"]
-    deals = len({answer.cell.deal for answer in answers})
-    if deals > 1:
-        text.append(DEALT.format(deals=deals))
-    absent = missing(cells, answers)
-    if absent:
-        text.append(f"Training runs that have not been run: {', '.join(absent)}.")
-    if references:
-        text.append(COMPARED)
-    parts = [*map(_paragraph, text), *tables(rows, references, study.columns)]
+    primary = TITLES[study.primary]
+    text = [
+        _question(study, data, on_top),
+        f"Primary outcome: {primary}. What the other tables say is secondary.",
+        power(rows, primary, _count_groups(answers)),
+        f"{_sizes(answers, params)} {EXPLAINED}",
+        *_remarks(cells, answers, compared=bool(references)),
+    ]
+    parts = [*map(_paragraph, text), *tables(rows, references, study.columns, primary)]
+    if choices is not None:
+        parts += [_paragraph(CHOSEN), _choice_table(choices)]
     title = f"{data}: {study.question}\nBars: 95 % interval over split groups"
     other_costs = {*COLUMNS} - {*study.columns}
     with new_files(folder) as part:
         rows.drop(columns=other_costs).to_csv(part / "results.csv", index=False)
+        if choices is not None:
+            choices.to_csv(part / "choice.csv", index=False)
         (part / "results.md").write_text("\n\n".join(parts) + "\n")
         if study.picture == "curves":
             error_curves(rows, title).savefig(part / "results.png", dpi=100)
         elif study.picture == "seconds":
             errors_by_seconds(rows, references, title).savefig(part / "results.png", dpi=100)
     return (folder / "results.md").read_text()
+
+
+def _question(study: Study, data: str, on_top: tuple[str, ...]) -> str:
+    """Return the first paragraph: the data, the question and what every cell has."""
+    text = f"{data}. {study.question}"
+    if on_top:
+        changed = ", ".join(f"`{change}`" for change in on_top)
+        text += f" Every cell has {changed}."
+    return text
+
+
+def _remarks(cells: list[Cell], answers: list[Answers], *, compared: bool) -> list[str]:
+    """Return paragraphs on deals, missing training runs, differences and worlds, where needed."""
+    text = []
+    deals = len({answer.cell.deal for answer in answers})
+    if deals > 1:
+        text.append(DEALT.format(deals=deals))
+    absent = missing(cells, answers)
+    if absent:
+        text.append(f"Training runs that have not been run: {', '.join(absent)}.")
+    if compared:
+        text.append(COMPARED)
+    worlds = {answer.cell.world for answer in answers} - {""}
+    if len(worlds) > 1:
+        text.append(WORLDS)
+    elif worlds:
+        text.append(WORLD.format(world=worlds.pop()))
+    return text
 
 
 def _references(study: Study, answers: list[Answers]) -> list[str]:
@@ -100,17 +138,19 @@ def _references(study: Study, answers: list[Answers]) -> list[str]:
 
 
 def _count_groups(answers: list[Answers]) -> int:
-    """Return the number of split groups that were tested."""
+    """Return the number of split groups that were tested, in all worlds."""
     groups: set[Any] = set()
     for answer in answers:
-        groups |= set(answer.predictions.trials[WHOLE].groups)
+        numbers = answer.predictions.trials[WHOLE].groups
+        groups |= {(answer.cell.world, number) for number in numbers}
     return len(groups)
 
 
-def _sizes(answers: list[Answers], params: Params, groups: int) -> str:
+def _sizes(answers: list[Answers], params: Params) -> str:
     """Return a sentence with the sizes of what one training run of the study is tested on."""
     first = answers[0]
-    tested = [answer for answer in answers if answer.cell.deal == first.cell.deal]
+    run = (first.cell.deal, first.cell.seed)
+    tested = [answer for answer in answers if (answer.cell.deal, answer.cell.seed) == run]
     sizes = []
     for protocol, thing in (("recording", "view set"), (WHOLE, "whole recording")):
         by_fold = {
@@ -119,8 +159,8 @@ def _sizes(answers: list[Answers], params: Params, groups: int) -> str:
         sizes.append(several(sum(by_fold.values()), thing))
     sizes.append(several(len(first.predictions.classes), "class", "classes"))
     sizes.append(several(params.evaluate.trials, "trial"))
-    sizes.append(several(groups, "split group"))
-    return f"{', '.join(sizes)} in the {params.evaluate.side} set."
+    sizes.append(several(_count_groups(tested), "split group"))
+    return f"A training run has in its {params.evaluate.side} set {', '.join(sizes)}."
 
 
 def missing(cells: list[Cell], answers: list[Answers]) -> list[str]:
@@ -139,36 +179,48 @@ def missing(cells: list[Cell], answers: list[Answers]) -> list[str]:
     return [f"{variant} {count} of {total[variant]}" for variant, count in absent.items()]
 
 
-def tables(rows: pd.DataFrame, references: Sequence[str], columns: Sequence[str]) -> list[str]:
+def tables(
+    rows: pd.DataFrame, references: Sequence[str], columns: Sequence[str], primary: str
+) -> list[str]:
     """Return the tables as Markdown, each after a line that names it.
-
-    The last protocol, how the classifier is used, comes first.
 
     Args:
         rows: see `comparison.rows_of`.
         references: a table of differences for each.
         columns: costs in the last table.
+        primary: title of the protocol that comes first.
     """
     parts: list[str] = []
     marked = rows["variant"].where(rows["trained"], rows["variant"] + " †")
     rows = rows.assign(variant=marked).set_index("variant")
-    for protocol in reversed(rows["protocol"].unique()):
+    others = [protocol for protocol in rows["protocol"].unique() if protocol != primary]
+    for protocol in (primary, *reversed(others)):
         of_protocol = rows[rows["protocol"] == protocol]
         errors = {
             "error": _intervals(of_protocol, "error"),
             "std": of_protocol["std"].map("{:.1f}".format),
-            "trainings": of_protocol["trainings"],
+            "runs": of_protocol["runs"],
         }
         parts += [f"Error, {protocol}:", _markdown(errors)]
         for reference in references:
             parts += _differences(of_protocol, protocol, reference)
     once = rows[~rows.index.duplicated()]
-    losses = {name: once[name].map("{:.3f}".format) for name in ("guessing", "before", "end")}
+    losses = {name: once[name].map("{:.3f}".format) for name in ("first", "before", "end")}
     parts += ["Training:", _paragraph(TRAINED), _markdown(losses | {"machine": once["machine"]})]
     if columns:
         costs = {name: once[name].map("{:.3g}".format) for name in columns}
         parts += ["Costs:", _paragraph(PAID), _markdown(costs)]
     return parts
+
+
+def _choice_table(choices: pd.DataFrame) -> str:
+    """Return the table of validation errors, a column for each choice; the lowest is bold."""
+    shown = choices["error"].map("{:.1f}".format)
+    shown = shown.where(~choices["chosen"].astype(bool), "**" + shown + "**")
+    table = choices.assign(error=shown).pivot(index="variant", columns="choice", values="error")
+    table = table.loc[choices["variant"].unique(), choices["choice"].unique()]
+    text: str = table.reset_index().to_markdown(index=False, disable_numparse=True)
+    return text
 
 
 def _differences(rows: pd.DataFrame, protocol: str, reference: str) -> list[str]:
@@ -177,10 +229,10 @@ def _differences(rows: pd.DataFrame, protocol: str, reference: str) -> list[str]
     is_compared = rows[f"{head}more"].notna()
     if not is_compared.any():
         return []
-    over_trainings = _intervals(rows, f"{head}more", f"{head}seeds_")
+    over_seeds = _intervals(rows, f"{head}more", f"{head}seeds_")
     differences = {
         "over groups": _intervals(rows, f"{head}more", head),
-        "over trainings": over_trainings.where(rows[f"{head}seeds_low"].notna(), ""),
+        "over seeds": over_seeds.where(rows[f"{head}seeds_low"].notna(), ""),
         "verdict": rows[f"{head}verdict"],
     }
     name = f"Points more than `{reference}`, {protocol}:"

@@ -5,7 +5,18 @@ import pandas as pd
 import pytest
 
 from studies.cells import Answers
-from studies.comparison import OPEN, UNTRAINED, complete, pareto_front, power, rows_of
+from studies.comparison import (
+    FEW_SEEDS,
+    HIGHER,
+    LOWER,
+    ONE_WORLD,
+    OPEN,
+    UNTRAINED,
+    complete,
+    pareto_front,
+    power,
+    rows_of,
+)
 from studies.grid import Cell, Study
 from studies.losses import Losses
 from studies.report import write_report
@@ -24,7 +35,17 @@ COSTS = {
 
 
 def answers(
-    variant, wrong, *, seed=0, deal=0, fold=0, groups=GROUPS, trained=True, machine="H100", **costs
+    variant,
+    wrong,
+    *,
+    seed=0,
+    deal=0,
+    fold=0,
+    world="",
+    groups=GROUPS,
+    trained=True,
+    machine="H100",
+    **costs,
 ):
     """Two trials in which the first `wrong` view sets of every group of ten are mistaken for the
     other object.
@@ -35,7 +56,7 @@ def answers(
         asked: Trials(predicted[..., None].copy(), LABELS, groups, names, 8) for asked in TITLES
     }
     predictions = Predictions(trials, np.array(["mug", "pen"]))
-    cell = Cell(variant=variant, seed=seed, deal=deal, fold=fold, changes=(f"seed={seed}",))
+    cell = Cell(variant, seed, deal, fold, changes=(f"seed={seed}",), world=world)
     return Answers(cell, predictions, COSTS | costs, Losses(3.0, 1.0, 0.5, trained), machine, "ab")
 
 
@@ -71,21 +92,39 @@ def test_a_known_difference_has_its_size_and_its_interval():
 @pytest.mark.parametrize(
     ("trained", "last", "verdicts"),
     [
-        (True, 3, ("errs more", "errs less")),
+        (True, 3, (HIGHER, LOWER)),
         (True, 0, (OPEN, OPEN)),
         (False, 3, (UNTRAINED, UNTRAINED)),
     ],
 )
 def test_a_verdict_needs_both_intervals_and_trained_networks(trained, last, verdicts):
-    cells = [answers("a", 1, seed=seed) for seed in range(3)]
-    cells += [
-        answers("b", wrong, seed=seed, trained=trained) for seed, wrong in enumerate((3, 4, last))
+    ours = [answers("a", 1, seed=seed) for seed in range(5)]
+    theirs = [
+        answers("b", wrong, seed=seed, trained=trained)
+        for seed, wrong in enumerate((3, 4, last, 3, 4))
     ]
-    rows = table(*cells, references=("a", "b"))
+    rows = table(*ours, *theirs, references=("a", "b"))
     assert (rows["b", "object"]["vs a verdict"], rows["a", "object"]["vs b verdict"]) == verdicts
-    assert table(*cells[:2], *cells[3:5])["b", "object"]["vs a verdict"] == (
-        "" if trained else UNTRAINED
-    )
+    four = table(*ours, *theirs[:4])["b", "object"]["vs a verdict"]
+    assert four == (FEW_SEEDS if trained else UNTRAINED)
+
+
+def test_five_seeds_of_one_simulated_world_give_no_verdict_and_five_worlds_do():
+    def rows(worlds):
+        cells = []
+        for seed, world in enumerate(worlds):
+            cells.append(answers("a", 1, seed=seed, world=world))
+            cells.append(answers("b", 3 + seed % 2, seed=seed, world=world))
+        return table(*cells)["b", "object"]
+
+    one = rows(["16"] * 5)
+    five = rows(["101", "102", "103", "104", "105"])
+    assert (one["vs a verdict"], five["vs a verdict"]) == (ONE_WORLD, HIGHER)
+    assert one["vs a more"] == five["vs a more"] == pytest.approx(24)
+    # a group of one world is not that of another: 40 groups have differences of 20 or 30 points,
+    # where 8 groups have 24 each
+    assert (one["vs a low"], one["vs a high"]) == pytest.approx((24, 24))
+    assert 22 < five["vs a low"] < 24 < five["vs a high"] < 26
 
 
 def test_trainings_are_paired_on_one_kind_of_machine():
@@ -96,7 +135,7 @@ def test_trainings_are_paired_on_one_kind_of_machine():
         answers("a", 0, seed=1),
     ]
     row = table(*cells)["b", "recording"]
-    assert (row["trainings"], row["error"], row["machine"]) == (2, pytest.approx(30), "H100, EPYC")
+    assert (row["runs"], row["error"], row["machine"]) == (2, pytest.approx(30), "H100, EPYC")
     assert row["vs a more"] == pytest.approx(10)
     at = [{"fold": fold, "groups": GROUPS + 8 * fold} for fold in (0, 1)]
     folds = [answers("b", 4, machine="EPYC", **at[0]), answers("b", 4, **at[1])]
@@ -116,12 +155,12 @@ def test_a_small_group_counts_as_much_as_a_large_one():
     assert (row["vs a low"], row["vs a high"]) == pytest.approx((10, 90))
 
 
-def test_the_interval_over_trainings_is_students_and_needs_three_seeds_of_one_deal():
+def test_the_interval_over_seeds_is_students_and_needs_three_seeds_of_one_deal():
     cells = [answers("a", 1, seed=seed) for seed in range(4)]
     cells += [answers("b", wrong, seed=seed) for seed, wrong in enumerate((2, 4, 3))]
     versus = table(*cells)["b", "object"]
     # of errors of 20, 40 and 30
-    assert (versus["trainings"], versus["std"]) == (3, pytest.approx(10))
+    assert (versus["runs"], versus["std"]) == (3, pytest.approx(10))
     # the 97.5 % point for two degrees of freedom; 10, 30 and 20 points more
     half = 4.3027 * 10 / 3**0.5
     assert (versus["vs a seeds_low"], versus["vs a seeds_high"]) == pytest.approx(
@@ -136,7 +175,7 @@ def test_folds_stand_side_by_side_and_costs_are_those_of_the_cheapest_whole_trai
     both = [answers("a", 1), answers("a", 3, fold=1, groups=GROUPS + 8, **{"peak MB": 300.0})]
     # the last lacks a fold, and is left out
     row = table(*both, answers("a", 9, seed=1))["a", "object"]
-    assert (row["trainings"], row["error"]) == (1, pytest.approx(20))
+    assert (row["runs"], row["error"]) == (1, pytest.approx(20))
     costs = COSTS | {"pretrain s": 4.0, "finetune s": 6.0, "peak MB": 300.0}
     assert {name: row[name] for name in COSTS} == costs
     row = table(
@@ -161,7 +200,7 @@ def dealt(variant, wrong, deals):
 
 def test_a_group_is_one_unit_in_all_deals():
     once, five = (table(*dealt("a", 0, n), *dealt("b", 4, n))["b", "recording"] for n in (1, 5))
-    assert (five["trainings"], five["error"]) == (5, pytest.approx(35)) and once[
+    assert (five["runs"], five["error"]) == (5, pytest.approx(35)) and once[
         "error"
     ] == pytest.approx(35)
     # of forty groups it were closer
@@ -208,22 +247,23 @@ def test_the_detectable_difference_is_the_half_width_of_the_widest_paired_interv
         }
         return {"protocol": "recording", "vs a more": 0.0, "vs a verdict": ""} | ends
 
-    rows = [row(-9.0, 9.0) | {"protocol": "object"}]  # only the last protocol, that of use, counts
+    rows = [row(-9.0, 9.0) | {"protocol": "object"}]  # only the primary outcome's counts
     rows += [
         row(np.nan, np.nan),
         row(-2.0, 4.0),
         row(1.0, 3.0),
         row(-9.0, 9.0) | {"vs a verdict": UNTRAINED},
     ]
+    protocol = "recording"
     assert all(
-        words in power(pd.DataFrame(rows), 8)
+        words in power(pd.DataFrame(rows), protocol, 8)
         for words in ("3.0 points over 8 split groups", "below 5")
     )
-    text = power(pd.DataFrame([*rows, row(-2.0, 12.0, seeds=10.0)]), 8)
+    text = power(pd.DataFrame([*rows, row(-2.0, 12.0, seeds=10.0)]), protocol, 8)
     assert all(
-        words in text for words in ("7.0 points over 8", "10.0 points over trainings", "above 5")
+        words in text for words in ("7.0 points over 8", "10.0 points over seeds", "above 5")
     )
-    assert "no detectable difference" in power(pd.DataFrame(rows[:2]), 8)
+    assert "no detectable difference" in power(pd.DataFrame(rows[:2]), protocol, 8)
 
 
 @pytest.mark.parametrize("picture", [None, "seconds"])
@@ -238,6 +278,7 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
     ]
     settings = {
         "reference": "a",
+        "primary": "object",
         "seeds": [0, 1],
         "folds": [0, 1],
         "columns": ["finetune s"],
@@ -259,5 +300,31 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
         "`split.by=grasp`",
         "160 view sets, 160 whole recordings, 2 classes",
         "16 split groups",
+        "Primary outcome: object protocol.",
     ):
         assert words in text
+    assert text.index("Error, object protocol:") < text.index("Error, whole recordings:")
+
+
+def test_the_report_says_which_worlds_its_seeds_are(tmp_path):
+    def text(worlds):
+        cells = []
+        for seed, world in enumerate(worlds):
+            cells.append(answers("a", 1, seed=seed, world=world))
+            cells.append(answers("b", 2 + seed, seed=seed, world=world))
+        study = Study(
+            name="made",
+            question="Which?",
+            variants={"a": {}, "b": {"views": 4}},
+            reference="a",
+            seeds=[0, 1],
+            folds=[0],
+            columns=[],
+        )
+        return write_report(study, cells, tmp_path).replace("\n", " ")
+
+    assert "of one simulated world, `glove.seed` 16" in text(["16", "16"])
+    two_worlds = text(["101", "102"])
+    assert "A seed is a simulated world too" in two_worlds
+    assert "over 16 split groups" in two_worlds
+    assert "world" not in text(["", ""])

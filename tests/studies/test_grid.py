@@ -55,6 +55,7 @@ def test_cells_are_every_variant_from_every_seed_on_every_fold(study):
     }
     changes = (
         "split.by=recording",
+        "glove.seed=3",
         "views=4",
         "cluster.restarts=1",
         "seed=3",
@@ -62,8 +63,8 @@ def test_cells_are_every_variant_from_every_seed_on_every_fold(study):
         "split.fold=0",
     )
     first = made.cells()[0]
-    assert replace(first, changes=first.changes[-6:]) == Cell(
-        variant="a / x", seed=3, deal=0, fold=0, changes=changes
+    assert replace(first, changes=first.changes[-7:]) == Cell(
+        variant="a / x", seed=3, deal=0, fold=0, changes=changes, world="3"
     )
 
 
@@ -98,12 +99,64 @@ def test_every_variant_is_trained_on_each_fold_of_each_deal_deal_by_deal(study):
         ({"variants": {"a": {"preset": "worst"}}}, "preset is 'worst'"),
         ({"cross": [{"x": None}]}, "cross: "),
         ({"seeds": [True]}, r"seeds: .*got True"),
+        ({"fixed": ["c"]}, "fixed is 'c'"),
+        ({"choice": {"x": {}}, "cross": [{"y": {}}]}, "choice and cross"),
     ],
 )
 def test_a_mistake_in_the_file_is_named(study, tree, word):
     with pytest.raises(UserError, match=word) as error:
         study(**tree).cells()
     assert "\n" not in str(error.value)
+
+
+def test_a_seed_is_a_world_too_unless_the_study_names_one(study, tmp_path):
+    def worlds(made, on_top=()):
+        cells = made.cells(on_top)
+        values = [default_params(cell.changes).glove.seed for cell in cells]
+        seeds = [default_params(cell.changes).seed for cell in cells]
+        return seeds, values, [cell.world for cell in cells]
+
+    five = [101, 102, 103, 104, 105]
+    least = {key: value for key, value in LEAST.items() if key != "seeds"}
+    (tmp_path / "worlds.yaml").write_text(yaml.safe_dump(least, sort_keys=False))
+    assert worlds(read_study("worlds")) == (five, five, [str(seed) for seed in five])
+    assert worlds(study(seeds=[3, 5])) == ([3, 5], [3, 5], ["3", "5"])
+    assert worlds(study(seeds=[3, 5], set={"glove.seed": 16})) == ([3, 5], [16, 16], ["16", "16"])
+    assert worlds(study(seeds=[3, 5]), ("glove.seed=7",)) == ([3, 5], [7, 7], ["7", "7"])
+    seeds, _, of_files = worlds(study(seeds=[3, 5]), ("data.source=files",))
+    assert (seeds, of_files) == ([3, 5], ["", ""])
+
+
+def test_cells_that_begin_together_are_of_different_worlds(study):
+    cells = study(variants={"a": {}, "b": {"views": 4}}, seeds=[3, 5]).cells()
+    assert [(cell.variant, cell.seed) for cell in cells] == list(product("ab", [3, 5]))
+
+
+CHOICE = {
+    "variants": {"vote": {}, "mean": {"views": 4}},
+    "fixed": ["vote"],
+    "choice": {"slow": {"finetune.lr": 0.1}, "fast": {"finetune.lr": 0.2}},
+}
+
+
+def test_choices_are_made_on_validation_groups_and_what_is_chosen_is_tested(study):
+    made = study(**CHOICE)
+
+    def asked(cells):
+        params = [default_params(cell.changes) for cell in cells]
+        sides = [(one.evaluate.side, one.finetune.lr, one.views) for one in params]
+        return dict(zip([cell.variant for cell in cells], sides, strict=True))
+
+    assert asked(made.candidates().cells()) == {
+        "mean, slow": ("validation", 0.1, 4),
+        "mean, fast": ("validation", 0.2, 4),
+    }
+    unchanged = default_params().finetune.lr
+    assert asked(made.chosen({"mean": "fast"}).cells()) == {
+        "vote": ("test", unchanged, 8),
+        "mean": ("test", 0.2, 4),
+    }
+    assert list(asked(made.chosen({}).cells())) == ["vote"]
 
 
 @pytest.mark.parametrize("name", names())
