@@ -9,9 +9,9 @@ from studies.losses import losses_of
 from tests.records import RECORD
 
 
-def record(*curve, guessing=3.0):
+def record(*curve, first=3.0):
     return replace(
-        RECORD, curves={"loss": list(curve)} if curve else {}, counts={"loss.first": guessing}
+        RECORD, curves={"loss": list(curve)} if curve else {}, counts={"loss.first": first}
     )
 
 
@@ -28,11 +28,11 @@ def record(*curve, guessing=3.0):
 )
 def test_a_training_is_at_its_end_where_the_loss_is_small_and_hardly_falls(curve, trained):
     losses = losses_of(record(), record(*curve))
-    assert (losses.guessing, losses.end, losses.trained) == (3.0, curve[-1], trained)
+    assert (losses.first, losses.end, losses.trained) == (3.0, curve[-1], trained)
     assert losses.before == [3.0, *curve][-2]
 
 
 def test_a_system_without_fine_tuning_has_losses_of_pretraining_and_one_on_the_sensors_none():
-    assert losses_of(record(9.0, 8.0, guessing=9.5), record()).end == 8.0
+    assert losses_of(record(9.0, 8.0, first=9.5), record()).end == 8.0
     losses = losses_of(record(), record())
-    assert losses.trained and np.isnan([losses.guessing, losses.before, losses.end]).all()
+    assert losses.trained and np.isnan([losses.first, losses.before, losses.end]).all()
