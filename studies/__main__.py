@@ -1,7 +1,6 @@
 """`python -m studies` lists the studies; `python -m studies NAME` runs one as DVC experiments."""
 
-from collections.abc import Callable
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
@@ -113,15 +112,14 @@ def run(
     _check_writable(folder)  # before the first cell runs
     if take:
         _take(study, take, changes)
-    run_missing = None if take else partial(run_cells, study.name, jobs=jobs, scheduler=scheduler)
+    how = _How(run=not take, jobs=jobs, scheduler=scheduler)
     choices = None
     failed = 0
     if study.choice:
-        candidates = study.candidates()
-        answers, failed = _finish(candidates, changes, run_missing)
+        answers, failed = _finish(study.candidates(), changes, how)
         choices = choices_of(study, answers)
         study = study.chosen(names_of(choices))
-    answers, failed_later = _finish(study, changes, run_missing)
+    answers, failed_later = _finish(study, changes, how)
     failed += failed_later
     if answers:
         print(write_report(study, answers, folder, changes, choices))
@@ -132,17 +130,22 @@ def run(
         )
 
 
-def _finish(
-    study: Study,
-    changes: tuple[str, ...],
-    run_missing: Callable[[dict[str, Cell]], dict[str, str]] | None,
-) -> tuple[list[Answers], int]:
+@dataclass(frozen=True)
+class _How:
+    """Whether cells that are missing are run, and where; see `run`."""
+
+    run: bool
+    jobs: int
+    scheduler: str | None
+
+
+def _finish(study: Study, changes: tuple[str, ...], how: _How) -> tuple[list[Answers], int]:
     """Run the cells of a study that are missing.
 
     Args:
         study: without a choice.
         changes: changes of every cell, `key=value`.
-        run_missing: runs cells and returns their faults; None runs none.
+        how: whether cells are run, and where.
 
     Returns:
         the answers of all finished cells, and the number of cells that failed.
@@ -153,8 +156,8 @@ def _finish(
     finished = sum(stored(key) for key in cells)
     print(f"{study.name}: {several(len(cells), 'cell')}, finished before: {finished}", flush=True)
     faults: dict[str, str] = {}
-    if run_missing:
-        faults = run_missing(cells)
+    if how.run:
+        faults = run_cells(study.name, cells, jobs=how.jobs, scheduler=how.scheduler)
     answers = [answers_of(cell, read_results(key)) for key, cell in cells.items() if stored(key)]
     return answers, len(faults)
 

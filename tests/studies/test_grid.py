@@ -134,6 +134,7 @@ def test_cells_that_begin_together_are_of_different_worlds(study):
 
 CHOICE = {
     "variants": {"vote": {}, "mean": {"views": 4}},
+    "set": {"split.validation": 0.5},
     "fixed": ["vote"],
     "choice": {"slow": {"finetune.lr": 0.1}, "fast": {"finetune.lr": 0.2}},
 }
