@@ -69,13 +69,14 @@ def main(name: str | None, changes: tuple[str, ...], **options: Any) -> None:
 
 def print_studies() -> None:
     """Print a line for each study: its name, number of cells and question."""
-    lines = [f"{'study':<15} {'cells':>5}  question"]
+    width = max(map(len, names()))
+    lines = [f"{'study':<{width}} {'cells':>5}  question"]
     for name in names():
         study = read_study(name)
         count = len(study.cells())
         if study.choice:
             count += len(study.candidates().cells())
-        lines.append(f"{study.name:<15} {count:>5}  {study.question}")
+        lines.append(f"{study.name:<{width}} {count:>5}  {study.question}")
     print(*lines, sep="\n")  # no list begins where a study is wrong
 
 
