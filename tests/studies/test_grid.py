@@ -189,7 +189,7 @@ def test_a_cell_is_known_by_what_its_source_holds_wherever_it_lies(tmp_path):
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["nosuch"], "expected one of claims, compare"),
+        (["nosuch"], "expected one of claims, claims_48"),
         (["compare", "--set", "views=4"], "--set without --out"),
         (["compare", "--set", "vews=4", "--out", "elsewhere"], "did you mean views?"),
         (

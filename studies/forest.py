@@ -1,0 +1,169 @@
+"""The forest plot of the paper's claims: a row for each claim and design, in percentage points."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from studies.comparison import HIGHER, LOWER, OPEN
+from studies.findings import has, row
+
+PROTOCOL = "object"  # as the paper has its claims
+DECIDED = (HIGHER, LOWER, OPEN)  # verdicts of five worlds and trained networks
+REAL = "C1"
+SIMULATED = "C0"
+
+
+@dataclass(frozen=True)
+class Design:
+    """Recordings and length of training of a comparison.
+
+    Attributes:
+        label: at the left of the row.
+        study: name of the folder in studies/.
+        suffix: of the variants' names in that study.
+    """
+
+    label: str
+    study: str
+    suffix: str = ""
+
+    @property
+    def reference(self) -> str:
+        """The name of the paper's recipe in the study."""
+        return f"paper{self.suffix}"
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What the paper compares its network with.
+
+    Attributes:
+        label: above the rows.
+        variant: its name in the studies, without a suffix.
+        published: percentage points by which its error was higher on STAG's data; None where the
+            paper only says that it was higher.
+    """
+
+    label: str
+    variant: str
+    published: float | None
+
+
+# the paper's accuracies: 81.82 %, without clusters 76.19 %, STAG's network 72.38 %
+CLAIMS = (
+    Claim("random view sets in place of clusters", "random sets", 81.82 - 76.19),
+    Claim("STAG's network in place of the view-graph", "STAG's network", 81.82 - 72.38),
+    Claim("a maximum in place of the view-graph", "maximum", None),
+    Claim("a mean in place of the view-graph", "mean", None),
+)
+DESIGNS = (
+    Design("96 frames, 5 worlds", "claims"),
+    Design("the same, feature_reuse 8", "claims", ", reuse 8"),
+    Design("624 frames, 5 worlds", "claims_624"),
+    Design("long recordings, 5 worlds", "long_recordings"),
+    Design("48 frames, 1 world", "claims_48_one_world"),
+    Design("624 frames, 1/4 of the epochs, 1 world", "claims_one_world", ", 1/4"),
+    Design("624 frames, 1 world", "claims_one_world"),
+    Design("two long recordings, 1 world", "long_recordings_one_world"),
+    Design("real: blindfolded_lite", "real_blindfolded_lite"),
+)
+
+
+def rows_of_claims() -> Iterator[tuple[Claim, Design, "pd.Series[float]"]]:
+    """Yield every claim and design that has been measured, with its row of the results file."""
+    for claim in CLAIMS:
+        for design in DESIGNS:
+            variant = f"{claim.variant}{design.suffix}"
+            if has(design.study, variant, PROTOCOL):
+                yield claim, design, row(design.study, variant, PROTOCOL)
+
+
+def forest_plot() -> Figure:
+    """Return the plot: x is the error under `object` minus that of the paper's recipe.
+
+    A thick bar is the 95 % interval over recordings, a thin one that over seeds. A mark is hollow
+    where the difference has no verdict, see `comparison.verdict`: fewer than five seeds, one
+    simulated world, or a network that is not trained to its end. A diamond is the published value.
+    """
+    measured = list(rows_of_claims())
+    published = [claim for claim in CLAIMS if claim.published is not None]
+    lines = len(measured) + len(published) + 2 * len(CLAIMS)
+    figure = Figure(figsize=(7.2, 0.9 + 0.235 * lines), layout="constrained")
+    axes = figure.subplots()
+    height = 0
+    for claim in CLAIMS:
+        _write(axes, height, claim.label, weight="bold")
+        height += 1
+        if claim.published is not None:
+            _write(axes, height, "published, STAG's data")
+            axes.plot(claim.published, height, "D", color="black", ms=6)
+            height += 1
+        for _, design, found in (entry for entry in measured if entry[0] is claim):
+            _draw(axes, height, design, found)
+            height += 1
+        height += 1
+    axes.axvline(0, color="0.3", lw=0.8)
+    axes.grid(axis="x", alpha=0.3)
+    axes.set_ylim(height - 1.2, -0.8)
+    axes.set_yticks([])
+    axes.set_xlabel(
+        "error rate minus that of the paper's recipe, percentage points (object protocol);\n"
+        "right of 0: a higher error than the paper's recipe"
+    )
+    for side in ("left", "right", "top"):
+        axes.spines[side].set_visible(False)
+    _explain(figure)
+    return figure
+
+
+def _draw(axes: Axes, height: float, design: Design, found: "pd.Series[float]") -> None:
+    """Draw a row: label, interval over seeds, interval over recordings, and the difference."""
+    head = f"vs {design.reference} "
+    color = REAL if design.label.startswith("real") else SIMULATED
+    _write(axes, height, design.label)
+    if pd.notna(found[f"{head}seeds_low"]):
+        ends = [found[f"{head}seeds_low"], found[f"{head}seeds_high"]]
+        axes.plot(ends, [height, height], color=color, lw=1.2)
+    axes.plot([found[f"{head}low"], found[f"{head}high"]], [height, height], color=color, lw=4.5)
+    fill = color if found[f"{head}verdict"] in DECIDED else "white"
+    axes.plot(found[f"{head}more"], height, "o", color=color, markerfacecolor=fill, ms=7, zorder=3)
+
+
+def _write(axes: Axes, height: float, text: str, **style: str) -> None:
+    """Write a text to the left of a row."""
+    axes.annotate(
+        text,
+        (0, height),
+        (-6, 0),
+        xycoords=axes.get_yaxis_transform(),
+        textcoords="offset points",
+        ha="right",
+        va="center",
+        fontsize=9,
+        **style,
+    )
+
+
+def _explain(figure: Figure) -> None:
+    """Put the legend below the plot."""
+    entries = [
+        Line2D([], [], color=SIMULATED, lw=4.5, label="95 % over recordings"),
+        Line2D([], [], color=SIMULATED, lw=1.2, label="95 % over seeds"),
+        Line2D([], [], color=SIMULATED, marker="o", ls="", label="five seeds and worlds, trained"),
+        Line2D(
+            [],
+            [],
+            color=SIMULATED,
+            marker="o",
+            markerfacecolor="white",
+            ls="",
+            label="no verdict: fewer, or not trained",
+        ),
+        Line2D([], [], color=REAL, marker="o", ls="", label="real recordings"),
+        Line2D([], [], color="black", marker="D", ls="", label="published, STAG's data"),
+    ]
+    figure.legend(handles=entries, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
