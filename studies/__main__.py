@@ -46,9 +46,19 @@ from tactile_viewgcn.provenance import committed_params
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results."
 )
-def main(name: str | None, changes: tuple[str, ...], **options: Any) -> None:
+@click.option(
+    "--pages",
+    is_flag=True,
+    help="Write the figures and tables of README.md and docs/results.md anew; runs no cell.",
+)
+def main(name: str | None, changes: tuple[str, ...], pages: bool, **options: Any) -> None:
     """Run the cells of the study NAME that are missing; without NAME, list all studies."""
     with program():
+        if pages:
+            from studies.pages import write_pages  # here, since it loads Matplotlib
+
+            write_pages()
+            return
         if options["take"] and (options["scheduler"] or not name):
             raise UserError("--take runs no cell: expected python -m studies NAME --take FOLDER")
         if changes and not options["out"]:

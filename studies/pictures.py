@@ -1,6 +1,6 @@
 """The picture of a study: errors against seconds of training, or along a crossing."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import pandas as pd
@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from studies.comparison import pareto_front
+from tactile_viewgcn.evaluation.trials import TITLES, WHOLE
 
 
 def errors_by_seconds(rows: pd.DataFrame, references: Collection[str], title: str) -> Figure:
@@ -72,8 +73,7 @@ def error_curves(rows: pd.DataFrame, title: str) -> Figure:
         rows: see `comparison.rows_of`.
         title: text above the panels.
     """
-    rows = rows.join(rows["variant"].str.extract(r"(?P<name>.*) / (?P<number>\d+) ?(?P<unit>.*)"))
-    rows["number"] = rows["number"].astype(int)
+    rows = with_numbers(rows)
     numbers = rows["number"].unique()
     protocols = rows["protocol"].unique()
     figure = Figure(figsize=(4.8 * len(protocols), 5), layout="constrained")
@@ -95,6 +95,62 @@ def error_curves(rows: pd.DataFrame, title: str) -> Figure:
         axes.set_xticks(numbers, numbers.astype(str))
         axes.grid(alpha=0.3)
     _finish(figure, title)
+    return figure
+
+
+def with_numbers(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows with the parts of their variants' names, as in `A / 8 recordings`.
+
+    Args:
+        rows: of a study that crosses variants with numbers.
+
+    Returns:
+        the rows with the columns `name`, `number` and `unit`.
+    """
+    rows = rows.join(rows["variant"].str.extract(r"(?P<name>.*) / (?P<number>\d+) ?(?P<unit>.*)"))
+    return rows.assign(number=rows["number"].astype(int))
+
+
+def learning_curve(rows: pd.DataFrame, labels: Mapping[str, str]) -> Figure:
+    """Return one panel with the error on whole recordings by the number of training frames.
+
+    Each line has its label at its right end. The bars are the intervals of the results file.
+
+    Args:
+        rows: of a results file, see `comparison.rows_of`.
+        labels: of the lines, by the first parts of the variants' names; others are not drawn.
+    """
+    rows = with_numbers(rows[rows["protocol"] == TITLES[WHOLE]])
+    figure = Figure(figsize=(6.4, 3.9), layout="constrained")
+    axes = figure.subplots()
+    for name, label in labels.items():
+        curve = rows[rows["name"] == name].sort_values("number")
+        if curve.empty:
+            continue
+        (line, *_) = axes.errorbar(
+            curve["number"], curve["error"], _bars(curve), fmt="o-", ms=4, elinewidth=0.8
+        )
+        end = curve.iloc[-1]
+        axes.annotate(
+            label,
+            (end["number"], end["error"]),
+            (8, 0),
+            textcoords="offset points",
+            va="center",
+            color=line.get_color(),
+            weight="bold",
+        )
+    numbers = rows["number"].unique()
+    axes.set_xscale("log")
+    axes.xaxis.set(minor_locator=NullLocator())
+    axes.set_xticks(numbers, numbers.astype(str))
+    axes.set_xlim(numbers.min() * 0.85, numbers.max() * 3.2)
+    axes.set_ylim(bottom=0)
+    axes.set_xlabel("training frames of each object")
+    axes.set_ylabel("whole recordings wrong, %")
+    axes.grid(alpha=0.3)
+    for side in ("right", "top"):
+        axes.spines[side].set_visible(False)
     return figure
 
 

@@ -1,0 +1,134 @@
+"""What the pages say of the studies is what their results files have."""
+
+import re
+import subprocess
+import sys
+
+import pandas as pd
+import pytest
+from matplotlib.colors import to_hex
+
+from studies import findings, forest
+from studies.comparison import HIGHER, ONE_WORLD, UNTRAINED
+from studies.findings import CLAIMS, DESIGNS, difference, differences_table, error
+from studies.grid import FOLDER
+from studies.pages import PAGES
+from studies.pictures import learning_curve
+from tactile_viewgcn.messages import UserError
+from tests.glove_data import ROOT
+
+PUBLISHED = {"81.82"}  # the paper's accuracy
+FENCE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"<!-- \[\[\[cog.*?\[\[\[end\]\]\] -->", re.DOTALL)
+CODE = re.compile(r"`[^`]*`|\]\([^)]*\)")
+
+
+def test_no_block_of_the_pages_is_out_of_date():
+    checked = subprocess.run(
+        [sys.executable, "-m", "cogapp", "-P", "--check", "--diff", *PAGES],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_text_around_the_blocks_has_no_measured_number(page):
+    """A number that was measured comes from a block."""
+    text = (ROOT / page).read_text()
+    if page == "README.md":
+        text = text.partition("## What was found")[2]
+    text = text.partition("## Paper and released code")[0]
+    for pattern in (FENCE, BLOCK, CODE):
+        text = pattern.sub("", text)
+    found = set(re.findall(r"(?<![\w.])-?\d+\.\d+(?![\w.])", text))
+    assert found <= PUBLISHED
+
+
+def result(variant, protocol="object protocol", *, more=3.0, verdict=ONE_WORLD, **values):
+    head = "vs paper "
+    ends = {f"{head}more": more, f"{head}low": more - 1, f"{head}high": more + 2}
+    seeds = {f"{head}seeds_low": more - 4, f"{head}seeds_high": more + 5}
+    row = {"variant": variant, "protocol": protocol, "error": 20.0, "low": 18.0, "high": 23.0}
+    return row | ends | seeds | {f"{head}verdict": verdict, "trained": True, "runs": 5} | values
+
+
+@pytest.fixture
+def results(tmp_path, monkeypatch):
+    """Writes the results file of a study."""
+    monkeypatch.setattr(findings, "FOLDER", tmp_path)
+
+    def write(study, *rows):
+        (tmp_path / study).mkdir()
+        pd.DataFrame(rows).to_csv(tmp_path / study / "results.csv", index=False)
+
+    return write
+
+
+def test_a_table_has_the_numbers_of_the_file_and_says_what_is_missing(results):
+    untrained = {"verdict": UNTRAINED, "vs paper seeds_low": None}
+    results("claims", result("random sets"), result("mean", more=-2.04, **untrained))
+    assert error("claims", "mean", "object") == "20.0 (18.0 to 23.0)"
+    assert difference("claims", "random sets", "paper", "object") == "3.0 (2.0 to 5.0; -1.0 to 8.0)"
+    variants = {"random sets": "no clusters", "mean": "mean", "maximum": "maximum"}
+    table = differences_table(variants, {"96 frames": ("claims", "paper", "")}, "object")
+    assert table.splitlines() == [
+        "|  | 96 frames |",
+        "| --- | --- |",
+        "| no clusters | 3.0 (2.0 to 5.0; -1.0 to 8.0) |",
+        "| mean | -2.0 (-3.0 to -0.0) † |",
+        "| maximum | not measured |",
+    ]
+    with pytest.raises(UserError, match="no row 'maximum', 'object protocol'"):
+        error("claims", "maximum", "object")
+    with pytest.raises(UserError, match=r"views.*no such file"):
+        error("views", "maximum", "object")
+
+
+def test_the_forest_plot_draws_the_files_numbers_and_hollow_marks_without_a_verdict(results):
+    results(
+        "claims",
+        result("random sets", more=3.0, verdict=HIGHER),
+        result("STAG's network", more=9.0, verdict=UNTRAINED),
+        result("mean", "whole recordings", more=50.0),
+    )
+    results("claims_one_world", result("mean", more=-6.0))
+    (axes,) = forest.forest_plot().axes
+    lines = [list(line.get_xdata()) for line in axes.lines]
+    for value in (3.0, 9.0, -6.0):
+        assert [value - 1, value + 2] in lines  # over recordings
+        assert [value - 4, value + 5] in lines  # over seeds
+    marks = {
+        line.get_xdata()[0]: to_hex(line.get_markerfacecolor())
+        for line in axes.lines
+        if line.get_marker() == "o"
+    }
+    assert marks == {3.0: to_hex("C0"), 9.0: "#ffffff", -6.0: "#ffffff"}
+    diamonds = [line.get_xdata()[0] for line in axes.lines if line.get_marker() == "D"]
+    assert diamonds == pytest.approx([5.63, 9.44])
+    texts = [text.get_text() for text in axes.texts]
+    assert texts[:3] == [CLAIMS[0].label, "published, STAG's data", DESIGNS[0].label]
+
+
+def test_a_label_stands_at_the_end_of_each_line():
+    rows = pd.DataFrame(
+        result(f"{name} / {frames} frames of an object", "whole recordings", error=value)
+        for name, values in {"a": (30.0, 10.0), "b": (40.0, 35.0)}.items()
+        for frames, value in zip((12, 96), values, strict=True)
+    )
+    (axes,) = learning_curve(rows, {"a": "first", "b": "second"}).axes
+    labels = {text.get_text(): tuple(text.xy) for text in axes.texts}
+    assert labels == {"first": (96, 10.0), "second": (96, 35.0)}
+
+
+def test_every_results_file_has_the_columns_of_today():
+    for path in FOLDER.glob("*/results.csv"):
+        columns = pd.read_csv(path).columns
+        assert {"variant", "protocol", "error", "runs", "std", "first", "trained"} <= {*columns}, (
+            path
+        )
+        heads = [name.removesuffix("more") for name in columns if name.endswith(" more")]
+        for head in heads:
+            assert {f"{head}seeds", f"{head}worlds", f"{head}verdict"} <= {*columns}, path
