@@ -53,8 +53,9 @@ def forest_plot() -> Figure:
     axes.set_ylim(height - 1.2, -0.8)
     axes.set_yticks([])
     axes.set_xlabel(
-        "percentage points of error above the paper's recipe\n"
-        "(object protocol; right of 0 the paper's recipe has the lower error)"
+        "percentage points of error above the paper's recipe, object protocol\n"
+        "(right of 0 the paper's recipe is better)",
+        fontsize=9,
     )
     for side in ("left", "right", "top"):
         axes.spines[side].set_visible(False)

@@ -25,7 +25,8 @@ def write_pages() -> None:
     """
     forest_plot().savefig(FOREST, dpi=110)
     rows = pd.read_csv(FOLDER / CURVE_STUDY / "results.csv")
-    learning_curve(rows, {name: METHODS[name] for name in CURVES}).savefig(CURVE, dpi=110)
+    labels = {name: METHODS[name].replace("`", "") for name in CURVES}
+    learning_curve(rows, labels).savefig(CURVE, dpi=110)
     run_cog("-r", *PAGES)
 
 
