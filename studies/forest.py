@@ -52,7 +52,7 @@ def forest_plot() -> Figure:
     axes.grid(axis="x", alpha=0.3)
     axes.set_ylim(height - 1.2, -0.8)
     axes.set_yticks([])
-    axes.set_xlabel(
+    figure.supxlabel(
         "percentage points of error above the paper's recipe, object protocol\n"
         "(right of 0 the paper's recipe is better)",
         fontsize=9,
