@@ -52,10 +52,11 @@ def forest_plot() -> Figure:
     axes.grid(axis="x", alpha=0.3)
     axes.set_ylim(height - 1.2, -0.8)
     axes.set_yticks([])
-    figure.supxlabel(
+    axes.set_xlabel(
         "percentage points of error above the paper's recipe, object protocol\n"
         "(right of 0 the paper's recipe is better)",
         fontsize=9,
+        loc="right",
     )
     for side in ("left", "right", "top"):
         axes.spines[side].set_visible(False)
