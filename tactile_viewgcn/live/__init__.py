@@ -1,0 +1,1 @@
+"""Live answers: a stream of frames, as a glove sends them, is answered while the hand holds."""
