@@ -1,1 +1,1 @@
-"""Answers while the hand still holds the object: streams of frames, and recordings played back."""
+"""Answers while the hand still holds the object: streams of frames, and recordings as streams."""
