@@ -131,9 +131,7 @@ def predict(changes: tuple[str, ...], **options: Any) -> None:
     show_default=True,
     help="2 is twice as fast as it was recorded, 0 as fast as possible.",
 )
-@click.option(
-    "--name", metavar="NAME", help="Which recording, where RECORDING holds several."
-)
+@click.option("--name", metavar="NAME", help="Which recording, where RECORDING holds several.")
 @_SET_DATA
 def replay(recording: str, speed: float, name: str | None, changes: tuple[str, ...]) -> None:
     """Print the frames of RECORDING at their own rate, a line of numbers each, as for `live`.
