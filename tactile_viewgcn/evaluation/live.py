@@ -131,10 +131,11 @@ def stream_grasps(
     numbered: pd.DataFrame,
     classes: list[str],
 ) -> Grasps:
-    """Return the answers to the tested grasps of recordings.
+    """Return the grasps that a stream finds in recordings, and its answers to them.
 
-    A grasp that the stream finds belongs to the numbered grasp with most of its frames. It is
-    left out if that one is not tested. A tested grasp that the stream does not find has no answer.
+    Several numbered grasps are one grasp of the stream, if the hand hardly opens between them. It
+    counts if all of them are tested. A split group in which the stream finds no grasp counts as one
+    without an answer.
 
     Args:
         new_stream: returns a stream.
@@ -174,7 +175,7 @@ def stream_grasps(
 def _tested(
     found: list[Found], number_of: np.ndarray, known: pd.DataFrame
 ) -> list[tuple[pd.Series, list[Update]]]:
-    """Return each tested grasp of a recording with its answers, none if it was not found.
+    """Return the grasps of a recording that count, each as its numbered grasp and its answers.
 
     Args:
         found: the grasps that the stream found.
@@ -184,16 +185,16 @@ def _tested(
     known = known.set_index("grasp")
     tested = known[known["is_tested"]]
     pairs = list[tuple[pd.Series, list[Update]]]()
-    missed = set(tested.index)
+    met = set[int]()
     for first, updates in found:
-        numbers, frames = np.unique(number_of[first : updates[-1].frame + 1], return_counts=True)
-        number = int(numbers[frames.argmax()])
-        if number not in known.index and len(tested) == len(known):
-            number = tested.index[0]  # contact that the source does not number
-        if number in tested.index:
-            pairs.append((tested.loc[number], updates))
-            missed.discard(number)
-    pairs += [(tested.loc[number], []) for number in sorted(missed)]
+        numbers = known.index.intersection(number_of[first : updates[-1].frame])
+        if numbers.empty and len(tested) == len(known):
+            numbers = tested.index[:1]  # contact in frames that are not kept
+        met.update(known.loc[numbers, "group"])
+        if len(numbers) and numbers.isin(tested.index).all():
+            pairs.append((tested.loc[numbers[0]], updates))
+    missed = tested[~tested["group"].isin(met)].drop_duplicates("group")
+    pairs += [(row, []) for _, row in missed.iterrows()]
     return pairs
 
 

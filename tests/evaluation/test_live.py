@@ -157,6 +157,20 @@ def test_of_numbered_grasps_only_those_of_the_evaluated_set_count(tmp_path):
     assert answers["probability"].tolist() == [0.85, 0.85, 0.85]
 
 
+def test_numbered_grasps_that_the_stream_joins_count_once_and_never_with_frames_of_the_training(
+    tmp_path,
+):
+    frames = [[OPEN, CUP[70], CUP[70], CUP[85], CUP[85], OPEN, OPEN]]
+    recordings = recordings_at(tmp_path / "table", frames, grasp=[0, 0, 0, 1, 1, 1, 2])
+    known = numbered((0, 0, 1, 3, True), (0, 1, 1, 3, True), (0, 2, 1, 3, True))
+    grasps, _, _ = stream_grasps(Stream, recordings, known, CLASSES)
+    assert grasps["contact"].tolist() == pytest.approx([0.6])
+    known = numbered((0, 0, 1, 3, False), (0, 1, 1, 4, True), (0, 2, 1, 5, True))
+    grasps, answers, _ = stream_grasps(Stream, recordings, known, CLASSES)
+    # the third is not found, and the second cannot be told from the first
+    assert grasps["group"].tolist() == [5] and answers.empty
+
+
 def test_at_high_rates_answers_are_asked_for_twenty_times_a_second(tmp_path):
     frames = [[OPEN, *[CUP[70]] * 1001, OPEN]]
     recordings = recordings_at(tmp_path / "table", frames, step=0.001)
