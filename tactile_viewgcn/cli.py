@@ -24,6 +24,7 @@ _SET_DATA = click.option(
     metavar="data.KEY=VALUE",
     help="How to read SOURCE, as data in params.yaml.",
 )
+INTERRUPTED = 130  # exit code after Ctrl-C, as of a shell's commands
 SIDE = click.IntRange(1, MAX_SIDE)  # rows or columns of a frame
 
 
@@ -179,6 +180,34 @@ def live(model: str, as_json: bool, every: int | None, **options: Any) -> None:
 
 
 @cli.command()
+@click.argument("recording")
+@click.option(
+    "--speed",
+    type=click.FloatRange(0),
+    default=1.0,
+    show_default=True,
+    help="2 is twice as fast as it was recorded, 0 as fast as possible.",
+)
+@click.option("--name", metavar="NAME", help="Which recording, where RECORDING holds several.")
+@_SET_DATA
+def replay(recording: str, speed: float, name: str | None, changes: tuple[str, ...]) -> None:
+    """Print the frames of RECORDING at their own rate, a line of numbers each, as for `live`.
+
+    RECORDING is anything that `inspect` reads; it needs no object. The first line names the
+    sensors, if they have names.
+    """
+    from tactile_viewgcn.live import replay as live_replay
+
+    form = replace(_form(changes)[0], labelled=False)
+    try:
+        live_replay.replay(
+            recording, form, name=name, speed=speed, out=click.echo, note=_say_to_person
+        )
+    except KeyboardInterrupt:  # of all programs in a pipe; the line below is not ours
+        raise SystemExit(INTERRUPTED) from None
+
+
+@cli.command()
 @click.argument("run", default="")
 @click.option("--out", type=click.Path(path_type=Path), default="report.html", show_default=True)
 def report(run: str, out: Path) -> None:
@@ -219,6 +248,10 @@ def _form(changes: tuple[str, ...], *other: str) -> tuple["Form", PreprocessSect
 
 def _say(*lines: str) -> None:
     click.echo("\n".join(map(shown, lines)))
+
+
+def _say_to_person(line: str) -> None:
+    click.echo(shown(line), err=True)
 
 
 def main() -> None:

@@ -1,1 +1,1 @@
-"""Live answers: a stream of frames, as a glove sends them, is answered while the hand holds."""
+"""Answers while the hand still holds the object: streams of frames, and recordings as streams."""
