@@ -1,6 +1,7 @@
 """The command `tactile-viewgcn`: inspect recordings, print presets, predict, report."""
 
 import io
+import os
 import shlex
 import sys
 from dataclasses import replace
@@ -120,6 +121,62 @@ def predict(changes: tuple[str, ...], **options: Any) -> None:
     from tactile_viewgcn.recognition import prediction
 
     prediction.predict(echo=_say, form=_form(changes)[0], **options)
+
+
+@cli.command()
+@click.argument("model")
+@click.option("--json", "as_json", is_flag=True, help="Print a line of JSON for each change.")
+@click.option(
+    "--sure",
+    type=float,
+    metavar="P",
+    help="Close a grasp as soon as the probability of its object is P or more.",
+)
+@click.option(
+    "--every",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Answer every N frames in contact, even if frames come faster. Without it, answers are "
+    "skipped while frames wait.",
+)
+@click.option(
+    "--longest",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Close a grasp after N frames in contact; 2000 without it.",
+)
+@click.option(
+    "--tare",
+    is_flag=True,
+    help="Take the first steady frames for the open hand, whatever the training's open hand read.",
+)
+def live(model: str, as_json: bool, every: int | None, **options: Any) -> None:
+    """Say with MODEL what the hand holds, while it holds it.
+
+    Frames are lines of numbers on standard input, a column for each sensor, separated by commas,
+    semicolons, tabs or blanks. A line above them may name the columns; one called `time` is the
+    time. Begin with an open hand. MODEL is as for `predict`.
+    """
+    from tactile_viewgcn.live.command import LiveCommand
+    from tactile_viewgcn.live.lines import FrameLines
+    from tactile_viewgcn.live.view import view_of
+    from tactile_viewgcn.recognition.prediction import first_line, load_model
+
+    if sys.stdin.isatty():
+        raise UserError(
+            "standard input is a terminal; expected lines of numbers from a program: "
+            f"PROGRAM | tactile-viewgcn live {model}"
+        )
+    recogniser = load_model(model)
+    given = {name: value for name, value in options.items() if value is not None}
+    stream = recogniser.stream(every=every or 1, **given)
+    view = view_of(stream.classes, as_json=as_json)
+    view.say(first_line(recogniser))
+    reader = FrameLines(recogniser.shape, recogniser.plan.channel_names)
+    command = LiveCommand(stream, reader, view, skips=every is None)
+    code = command.run(lambda size: os.read(sys.stdin.fileno(), size))
+    if code:
+        raise SystemExit(code)
 
 
 @cli.command()

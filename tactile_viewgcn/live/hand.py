@@ -257,8 +257,9 @@ class OpenHand(Hand):
         """Return the noise (S,) of the first frames, by the differences of successive ones."""
         values = np.stack([frame[self._live] for frame in self._first])
         changes = np.diff(values.astype(np.float64), axis=0)
-        _, noise = trimmed_moments(changes, visible_noise(values))
-        return noise / np.sqrt(2)
+        _, noise_of_changes = trimmed_moments(changes, visible_noise(values))
+        noise: np.ndarray = noise_of_changes / np.sqrt(2)
+        return noise
 
     def _is_open(self, values: np.ndarray, mean: np.ndarray, threshold: np.ndarray) -> bool:
         """Return whether five frames are of an open hand.

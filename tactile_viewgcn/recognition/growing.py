@@ -1,4 +1,4 @@
-"""A recording that grows frame by frame: each frame is read once, and answered as `predict` does."""
+"""A recording that grows frame by frame: each frame is read once, and all are answered together."""
 
 from typing import Any
 
