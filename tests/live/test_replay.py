@@ -73,7 +73,7 @@ def test_a_table_with_names_begins_with_them_and_keeps_its_numbers_and_its_pace(
 def test_names_without_times_stand_above_the_sensors_alone(tmp_path, monkeypatch):
     (tmp_path / "1.csv").write_text("thumb,palm\n1.5,2\n1.75,3\n")
     lines, _, notes = played(tmp_path / "1.csv", monkeypatch, speed=2)
-    assert lines == ["thumb,palm", "1.5,2", "1.75,3"]
+    assert lines == ["thumb,palm", "1.5,2.0", "1.75,3.0"]
     assert notes == ["1: 2 frames without times, at 10 a second, 2 times as fast"]
 
 
