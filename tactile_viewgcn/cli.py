@@ -3,6 +3,7 @@
 import io
 import os
 import shlex
+import stat
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -136,8 +137,8 @@ def predict(changes: tuple[str, ...], **options: Any) -> None:
     "--every",
     type=click.IntRange(1),
     metavar="N",
-    help="Answer every N frames in contact, even if frames come faster. Without it, answers are "
-    "skipped while frames wait.",
+    help="Answer every N frames in contact, however fast they come. Without it answers are skipped "
+    "while frames wait in the pipe.",
 )
 @click.option(
     "--longest",
@@ -173,8 +174,10 @@ def live(model: str, as_json: bool, every: int | None, **options: Any) -> None:
     view = view_of(stream.classes, as_json=as_json)
     view.say(first_line(recogniser))
     reader = FrameLines(recogniser.shape, recogniser.plan.channel_names)
-    command = LiveCommand(stream, reader, view, skips=every is None)
-    code = command.run(lambda size: os.read(sys.stdin.fileno(), size))
+    descriptor = sys.stdin.fileno()
+    is_file = stat.S_ISREG(os.fstat(descriptor).st_mode)  # its lines wait however fast they are
+    command = LiveCommand(stream, reader, view, skips=every is None and not is_file)
+    code = command.run(lambda size: os.read(descriptor, size))
     if code:
         raise SystemExit(code)
 

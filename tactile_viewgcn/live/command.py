@@ -95,7 +95,7 @@ class LiveCommand:
         if line is None:
             if now - self._line_at > MOST_QUIET and not self._is_quiet:
                 self._is_quiet = True
-                self._say(source.number, f"no line for {MOST_QUIET:.0f} s after it: read on")
+                self._say(source.number, f"no line for {MOST_QUIET:.0f} s after it; still reading")
             return
         self._line_at = now
         self._is_quiet = False
@@ -124,7 +124,7 @@ class LiveCommand:
         try:
             updates = self._stream.push(frame.counts, moment, answer=not is_behind)
         except UserError as error:
-            raise LineError(str(error)) from None
+            raise LineError(str(error).removeprefix(f"frame {self._frames}: ")) from None
         self._frames += 1
         self._view.count_frame()
         for update in updates:

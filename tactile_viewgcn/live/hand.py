@@ -37,7 +37,7 @@ from tactile_viewgcn.tables.plan import Plan
 
 OPEN_FRAMES = 256  # last frames of the open hand, of which a baseline is the mean
 CLOSING = 16  # last frames of a closing hand, which may be in contact already
-# frames that are neither in contact nor of an open hand, after which a grasp is over
+# frames that are neither in contact nor of an open hand, after which it is looked for anew
 MOST_UNCLEAR = 50
 NOISE_FRAMES = 32  # first frames, which show the noise where the training did not measure it
 
@@ -179,7 +179,7 @@ class OpenHand(Hand):
         self._opened = deque[np.ndarray](maxlen=OPEN_FRAMES)  # (S,) of the open hand
         self._unknown = deque[np.ndarray](maxlen=CLOSING)  # (H, W) after the last open frame
         self._still = 0  # successive frames in which the hand seems open
-        self._unclear = 0  # frames since the last one in contact
+        self._unclear = 0  # frames since the last one in contact or of an open hand
         self._fallen = 0  # successive frames below the baseline
 
     def follow(self, counts: np.ndarray) -> list[np.ndarray]:
@@ -205,6 +205,7 @@ class OpenHand(Hand):
             self._opened.clear()
             self._take_open_frame()
             self.state = "ready"
+            self._unclear = 0
         elif self.state == "contact" and self._unclear >= MOST_UNCLEAR:
             self.begin_anew()
         return []
@@ -247,6 +248,7 @@ class OpenHand(Hand):
         self._unknown.extend(frames[-MARGIN:])
         self._still = MIN_FRAMES
         self._fallen = 0
+        self._unclear = 0
         self.state = "ready"
         if not self._every_frame:
             return []
@@ -278,16 +280,19 @@ class OpenHand(Hand):
 
     def _follow_open_hand(self, follower: Follower) -> list[np.ndarray]:
         """Return the frames in contact after a frame in the state `ready`; they begin a grasp."""
+        self._unclear += 1
         if self._still >= MIN_FRAMES:
+            self._unclear = 0
             self._take_open_frame()
-        is_pressed = follower.pressed >= self._sensors
-        self._fallen += 1
-        if is_pressed or not follower.fallen:
-            self._fallen = 0
-        if self._fallen >= MIN_FRAMES:  # the hand was not open where the baseline began
-            self.begin_anew()
-        if not is_pressed:
+        if follower.pressed < self._sensors:
+            self._fallen += 1
+            if not follower.fallen:
+                self._fallen = 0
+            # the hand was not open where the baseline began, or the sensors have drifted
+            if self._fallen >= MIN_FRAMES or self._unclear >= MOST_UNCLEAR:
+                self.begin_anew()
             return []
+        self._fallen = 0
         self._begin_grasp()
         in_contact = [self._in_contact(frame[self._live]) for frame in self._unknown]
         if not in_contact[-1]:

@@ -76,6 +76,8 @@ class FrameLines:
         """
         if len(line) >= LONGEST_LINE:
             raise LineError(f"it has {len(line):,} bytes or more; expected a frame")
+        if b"\0" in line:
+            raise LineError("it is no text; expected numbers in UTF-8")
         if self._is_first:
             line = line.removeprefix(BYTE_ORDER_MARK)
         line = line.strip()
@@ -165,7 +167,8 @@ class FrameLines:
         if self._sensors and not set(names) & set(self._sensors):
             self._unknown_names = names
             return False
-        if not self._sensors and len(names) < len(self._columns):
+        is_other_header = bool(self._header) and names != self._header
+        if not self._sensors and (is_other_header or len(names) < len(self._columns)):
             return False
         self._is_first = False
         if names == self._header:
