@@ -62,10 +62,12 @@ class FrameLines:
         self._columns = list(range(self._width))  # of the sensors, row after row
         self._time_column: int | None = None
         self._seconds = 1.0  # unit of the time
-        self._separator: bytes | None = None
+        self._separator: str | None = None  # of the cells; None for blanks
         self._is_first = True  # nothing was read so far
         self._header: list[str] = []
-        self._unknown_names: list[str] = []  # of the last line of words that names no sensor
+        # of the last line of words that names no sensor, and their separator
+        self._unknown_names: list[str] = []
+        self._unknown_separator: str | None = None
 
     def frame(self, line: bytes) -> Frame | None:
         """Return the frame of a line; None of an empty one, a comment, or one that names columns.
@@ -84,7 +86,7 @@ class FrameLines:
         if not line or line.startswith((b"#", b"%")):
             return None
         if self._is_first:
-            self._separate(line.decode("utf-8", "replace"))
+            self._separator = separator_of(line.decode("utf-8", "replace"))
         values = self._numbers(line)
         if values is not None:
             return self._frame_of(values)
@@ -94,7 +96,8 @@ class FrameLines:
 
     def _frame_of(self, values: list[float]) -> Frame | None:
         """Return the frame of a line's numbers; None if they number the columns."""
-        if len(self._unknown_names) == self._width:
+        are_named = len(self._unknown_names) == self._width
+        if are_named and self._unknown_separator == self._separator:
             raise UserError(self._not_of_model(self._unknown_names))
         if self._is_first and values == list(range(self._width)):
             self.notes.append("0, 1, 2 and so on are numbers of columns, and no frame")
@@ -107,18 +110,14 @@ class FrameLines:
                 raise LineError("the time is no finite number")
         return Frame(np.array(values).reshape(self._shape), time)
 
-    def _separate(self, line: str) -> None:
-        """Take the separator of the cells from a line."""
-        separator = separator_of(line)
-        self._separator = None
-        if separator:
-            self._separator = separator.encode()
-
     def _cells(self, line: bytes) -> list[bytes]:
         """Return the cells of a line; a separator after the last one is no cell."""
-        if self._separator != b"," and b"," in line:
+        if self._separator != "," and b"," in line:
             line = line.replace(b",", b".")
-        cells = line.split(self._separator)
+        separator = None
+        if self._separator:
+            separator = self._separator.encode()
+        cells = line.split(separator)
         if len(cells) == self._width + 1 and not cells[-1].strip():
             cells.pop()
         return cells
@@ -166,6 +165,7 @@ class FrameLines:
             return False
         if self._sensors and not set(names) & set(self._sensors):
             self._unknown_names = names
+            self._unknown_separator = separator
             return False
         is_other_header = bool(self._header) and names != self._header
         if not self._sensors and (is_other_header or len(names) < len(self._columns)):
@@ -176,7 +176,7 @@ class FrameLines:
             return True
         kinds = [_content(name) for name in names]
         columns = self._sensor_columns(names, kinds)
-        self._separate(line)
+        self._separator = separator
         self._unknown_names = []
         others = [column for column in range(len(names)) if column not in set(columns)]
         times = [column for column in others if kinds[column] == "time"]

@@ -30,7 +30,7 @@ class Update:
         probabilities: float32 (classes,); None without an answer.
         frames: number of the grasp's frames in contact so far.
         seconds: from the frame that began the grasp to the last one in contact; None without times.
-        note: why there is no answer, or why the grasp was closed; else "".
+        note: why there is or will be no answer, or why the grasp was closed; else "".
     """
 
     state: State
@@ -66,6 +66,7 @@ class LiveStream:
         plan: of the training.
         classes: names.
         begin_grasp: returns a grasp without frames.
+        open_hand_fault: returns what is wrong with a frame (H, W) of the open hand, "" if nothing.
         sure: the probability from which an answer is final, and closes the grasp early; None for
             never.
         longest: frames in contact, with which a grasp is closed.
@@ -86,6 +87,7 @@ class LiveStream:
         plan: Plan,
         classes: list[str],
         begin_grasp: Callable[[], Grasp],
+        open_hand_fault: Callable[[np.ndarray], str],
         *,
         sure: float | None = None,
         longest: int = LONGEST,
@@ -103,6 +105,7 @@ class LiveStream:
         if np.dtype(plan.dtype).kind == "i":
             self._dtype = np.dtype(plan.dtype)
         self._begin_grasp = begin_grasp
+        self._open_hand_fault = open_hand_fault
         self._sure = sure
         self._longest = longest
         self._every = every
@@ -232,7 +235,10 @@ class LiveStream:
                 hand.begin_anew()
         if hand.state not in ("contact", self._state):
             self._waited = 0
-            updates.append(Update(hand.state, self._frame, time))
+            note = ""
+            if hand.state == "ready":
+                note = self._open_hand_fault(counts)
+            updates.append(Update(hand.state, self._frame, time, note=note))
         self._state = hand.state
         return updates
 

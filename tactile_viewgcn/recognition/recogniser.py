@@ -149,7 +149,11 @@ class Recogniser:
         def begin_grasp() -> GrowingRecording:
             return GrowingRecording(self.content, self.classifier)
 
-        return LiveStream(self.plan, self.classes, begin_grasp, **options)
+        def open_hand_fault(counts: np.ndarray) -> str:
+            frames = counts[None]
+            return fault_of(self.plan, frames, np.zeros(1, dtype=bool), frames[:0])
+
+        return LiveStream(self.plan, self.classes, begin_grasp, open_hand_fault, **options)
 
     def _probabilities(self, excess: np.ndarray) -> np.ndarray:
         """Return class probabilities float32 (classes,) by frames in contact above baseline."""

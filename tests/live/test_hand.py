@@ -47,7 +47,7 @@ def test_a_hand_waits_for_five_open_frames_and_a_grasp_ends_with_the_fifth_after
 @pytest.mark.parametrize("name", ["ball", "cup", "pen"])
 @pytest.mark.parametrize("baseline", ["empty_hand", "grasp"])
 def test_contact_and_baseline_are_those_of_apply_where_the_hand_opens_first(name, baseline):
-    """Of `grasp` they are the same numbers; the mean of `empty_hand` has the frames after it too."""
+    """Of `grasp` they are the same numbers; `empty_hand` is the mean of the frames after it too."""
     plan = plan_of(baseline=baseline)
     frames = recording(name, 81)
     _, in_contact, hand = followed(plan, frames[:45])
