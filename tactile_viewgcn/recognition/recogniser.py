@@ -146,7 +146,6 @@ class Recogniser:
         Raises:
             UserError: an option out of its range.
         """
-
         begin_grasp = partial(GrowingRecording, self.content, self.classifier)
         return LiveStream(self.plan, self.classes, begin_grasp, self._open_hand_fault, **options)
 
