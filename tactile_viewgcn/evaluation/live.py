@@ -27,7 +27,7 @@ FRAMES = (1, 2, 4, 8, 16)  # the same for recordings without times
 SURE = (0.8, 0.9, 0.95)  # probabilities that close a grasp early
 ANSWERS_A_SECOND = 20  # at most
 # of all recordings together; with more, only some recordings are taken
-MOST_ANSWERS = 4000
+MOST_ANSWERS = 8000
 MOST_FRAMES = 200_000
 ROUNDING = 1e-6  # of times, in seconds
 #: Columns of live.csv; a cell without a value is empty.
@@ -38,6 +38,14 @@ ROUNDING = 1e-6  # of times, in seconds
 #: - contact: median seconds or frames of contact that the answers rest on
 #: - unit: of `contact`, and of the levels of `so far`
 COLUMNS = ("answer", "level", "error", "low", "high", "share", "contact", "unit")
+#: Columns of `Grasps.answers`, and their types.
+ANSWERS = {
+    "grasp": int,
+    "contact": float,
+    "probability": float,
+    "right": bool,
+    "is_final": bool,
+}
 Row = dict[str, Any]
 #: A grasp that a stream finds: its first frame, and the answers to it, the final one last.
 Found = tuple[int, list[Update]]
@@ -168,8 +176,8 @@ def stream_grasps(
             is_empty = name == EMPTY_HAND and not rows
             row = {"group": grasp["group"], "contact": contact, "right_unanswered": is_empty}
             grasps.append(row)
-    of_answers = ["grasp", "contact", "probability", "right", "is_final"]
-    return Grasps(pd.DataFrame(grasps), pd.DataFrame(answers, columns=of_answers), unit)
+    table = pd.DataFrame(answers, columns=list(ANSWERS)).astype(ANSWERS)
+    return Grasps(pd.DataFrame(grasps), table, unit)
 
 
 def _tested(

@@ -28,7 +28,7 @@ def replay(
     """Print the frames of one recording, and wait between them as long as its times say.
 
     A line holds the readings of all sensors, row after row, with commas between them. Where the
-    sensors have names, the first line names them.
+    sensors have names, the first line names them, and the first column is the time, if it is known.
 
     Args:
         source: path of the recording, or of several.
@@ -44,20 +44,28 @@ def replay(
     """
     with recordings_of(source, form) as recordings:
         index = _frames_of(recordings, name)
-        seconds, pace = _clock(recordings.columns["time"][index])
-        if not speed:
-            pace = "as fast as possible"
-        elif speed != 1:
-            pace += f", {speed:g} times as fast"
+        times = recordings.columns["time"][index]
+        has_times = bool(np.isfinite(times).all())
+        seconds = np.arange(len(index)) / RATE
+        if has_times:
+            seconds = times - times[0]
         number = recordings.columns["recording"][index[0]]
-        note(f"{recordings.recordings[number]}: {several(len(index), 'frame')} {pace}")
-        if recordings.channel_names:
-            out(_line(map(shown, recordings.channel_names)))
+        frames = several(len(index), "frame")
+        note(f"{recordings.recordings[number]}: {frames} {_pace(times, speed)}")
+        names = [shown(name) for name in recordings.channel_names]
+        is_timed = has_times and bool(names)
+        if is_timed:
+            names = ["time", *names]
+        if names:
+            out(_line(names))
         begin = time.monotonic()
-        for frame, second in zip(index, seconds, strict=True):
+        for frame, second in zip(index, seconds.tolist(), strict=True):
             if speed:
                 time.sleep(max(0.0, begin + second / speed - time.monotonic()))
-            out(_line(recordings.counts[frame : frame + 1].ravel()))
+            cells = list[Any](recordings.counts[frame : frame + 1].ravel())
+            if is_timed:
+                cells = [second, *cells]
+            out(_line(cells))
 
 
 def _frames_of(recordings: Recordings, name: str | None) -> np.ndarray:
@@ -81,19 +89,24 @@ def _frames_of(recordings: Recordings, name: str | None) -> np.ndarray:
     raise UserError(f"{recordings.path}: {found}; expected --name of {listed(names)}")
 
 
-def _clock(times: np.ndarray) -> tuple[np.ndarray, str]:
-    """Return the seconds (n,) after which the frames are due, and their pace in words.
+def _pace(times: np.ndarray, speed: float) -> str:
+    """Return in words how fast frames are printed.
 
     Args:
         times: (n,) in seconds; NaN where they are not known.
+        speed: see `replay`.
     """
-    if not np.isfinite(times).all():
-        return np.arange(len(times)) / RATE, f"without times, at {RATE:g} a second"
-    rates = frame_rates(times, np.zeros(len(times), dtype=int))
-    pace = "by their times"
-    if rates:
-        pace += f", about {rates[0]:.3g} a second"
-    return times - times[0], pace
+    if not speed:
+        return "as fast as possible"
+    pace = f"without times, at {RATE:g} a second"
+    if np.isfinite(times).all():
+        pace = "by their times"
+        rates = frame_rates(times, np.zeros(len(times), dtype=int))
+        if rates:
+            pace += f", about {rates[0]:.3g} a second"
+    if speed != 1:
+        pace += f", {speed:g} times as fast"
+    return pace
 
 
 def _line(cells: Iterable[Any]) -> str:

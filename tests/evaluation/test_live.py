@@ -140,6 +140,14 @@ def test_a_wrong_first_answer_counts_until_it_is_corrected_and_a_sure_one_for_go
     assert table.loc[6, ["low", "high"]].isna().all()  # a single group
 
 
+def test_where_the_stream_finds_nothing_every_grasp_is_wrong_and_nothing_is_sure(tmp_path):
+    recordings = recordings_at(tmp_path / "table", [[OPEN] * 4] * 2)
+    known = numbered((0, 0, 1, 7, True), (1, 0, 2, 8, True))
+    rows = live_rows(stream_grasps(Stream, recordings, known, CLASSES), 0)
+    assert [row["error"] for row in rows] == [1] * 6 + [None] * 3
+    assert [row["contact"] for row in rows] == [None] * 9
+
+
 def test_without_times_frames_are_counted(tmp_path):
     recordings = recordings_at(tmp_path / "table", THREE, step=np.nan)
     rows = live_rows(stream_grasps(Stream, recordings, THREE_NUMBERED, CLASSES), 0)

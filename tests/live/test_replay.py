@@ -56,13 +56,25 @@ def test_a_table_with_names_begins_with_them_and_keeps_its_numbers_and_its_pace(
 ):
     (tmp_path / "1.csv").write_text(LOGGED)
     lines, seconds, notes = played(tmp_path / "1.csv", monkeypatch)
-    assert lines == ["thumb,index", "512.1,498.0", "0.1,-3e-07", "530.6,499.25"]
+    assert lines == [
+        "time,thumb,index",
+        "0.0,512.1,498.0",
+        "0.5,0.1,-3e-07",
+        "2.0,530.6,499.25",
+    ]
     assert seconds == [0, 0, 0.5, 2]
     assert notes == ["1: 3 frames by their times, about 1 a second"]
     _, seconds, notes = played(tmp_path / "1.csv", monkeypatch, speed=4)
     assert seconds == [0, 0, 0.125, 0.5] and notes[0].endswith(", 4 times as fast")
     _, seconds, notes = played(tmp_path / "1.csv", monkeypatch, speed=0)
     assert seconds == [0] * 4 and notes == ["1: 3 frames as fast as possible"]
+
+
+def test_names_without_times_stand_above_the_sensors_alone(tmp_path, monkeypatch):
+    (tmp_path / "1.csv").write_text("thumb,palm\n1.5,2\n1.75,3\n")
+    lines, _, notes = played(tmp_path / "1.csv", monkeypatch, speed=2)
+    assert lines == ["thumb,palm", "1.5,2.0", "1.75,3.0"]
+    assert notes == ["1: 2 frames without times, at 10 a second, 2 times as fast"]
 
 
 def test_an_array_has_no_names_its_rows_stand_one_after_another_and_the_rate_is_said(
