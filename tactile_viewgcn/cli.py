@@ -160,6 +160,7 @@ def live(model: str, as_json: bool, every: int | None, **options: Any) -> None:
     """
     from tactile_viewgcn.live.command import LiveCommand
     from tactile_viewgcn.live.lines import FrameLines
+    from tactile_viewgcn.live.source import LineSource
     from tactile_viewgcn.live.view import view_of
     from tactile_viewgcn.recognition.prediction import first_line, load_model
 
@@ -168,16 +169,19 @@ def live(model: str, as_json: bool, every: int | None, **options: Any) -> None:
             "standard input is a terminal; expected lines of numbers from a program: "
             f"PROGRAM | tactile-viewgcn live {model}"
         )
+    descriptor = sys.stdin.fileno()
+    is_file = stat.S_ISREG(os.fstat(descriptor).st_mode)  # its lines wait however fast they are
+    source = LineSource(lambda size: os.read(descriptor, size))
     recogniser = load_model(model)
     given = {name: value for name, value in options.items() if value is not None}
     stream = recogniser.stream(every=every or 1, **given)
     view = view_of(stream.classes, as_json=as_json)
     view.say(first_line(recogniser))
+    if "sure" in given and not recogniser.calibrated:
+        view.say("warning: --sure: probabilities that are not calibrated are usually too high")
     reader = FrameLines(recogniser.shape, recogniser.plan.channel_names)
-    descriptor = sys.stdin.fileno()
-    is_file = stat.S_ISREG(os.fstat(descriptor).st_mode)  # its lines wait however fast they are
     command = LiveCommand(stream, reader, view, skips=every is None and not is_file)
-    code = command.run(lambda size: os.read(descriptor, size))
+    code = command.run(source)
     if code:
         raise SystemExit(code)
 

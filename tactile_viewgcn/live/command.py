@@ -6,7 +6,7 @@ taken without an answer so far, and counted.
 
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -19,6 +19,7 @@ from tactile_viewgcn.messages import UserError, several
 TICK = 0.2  # seconds, after which the view is drawn anew without a line
 MOST_QUIET = 10.0  # seconds without a line, after which a line says so
 MOST_WAITING = 10.0  # seconds without an open hand, after which a line says so
+FALLS = 1.0  # seconds by which the times of a logger that has begun again fall
 MOST_REFUSED = 10  # lines whose faults are told; then of the 100th, the 1000th and so on
 
 
@@ -34,35 +35,36 @@ class LiveCommand:
 
     def __init__(self, stream: LiveStream, reader: FrameLines, view: View, *, skips: bool):
         self._stream = stream
+        self._began_at = 0.0  # of the monotonic clock
         self._reader = reader
         self._view = view
         self._skips = skips
         self._frames = 0
         self._refused = 0
         self._ended_by = 0  # number of the signal
-        self._began_at = time.monotonic()
-        self._line_at = self._began_at  # when the last line came
+        self._time: float | None = None  # of the last frame, if a column has it
         self._is_quiet = False  # and a line has said so
         self._was_ready = False
         self._is_open_hand_missed = False  # and a line has said so
 
-    def run(self, read: Callable[[int], bytes]) -> int:
+    def run(self, source: LineSource) -> int:
         """Answer all lines of the input, and return the exit code.
 
         It is 0 at the end of the input, 130 after Ctrl-C and 143 after SIGTERM.
 
         Args:
-            read: returns the next bytes of the input, at most so many; none at the end.
+            source: the lines of the input.
 
         Raises:
             UserError: the input holds no frame, or names other sensors than the model's.
         """
-        source = LineSource(read)
+        self._began_at = source.came_at
+        reading_since = time.monotonic()
         with self._ended_by_signals():
             try:
                 while not (source.has_ended or self._ended_by):
                     self._step(source)
-                    if not self._was_ready and time.monotonic() - self._began_at > MOST_WAITING:
+                    if not self._was_ready and time.monotonic() - reading_since > MOST_WAITING:
                         self._miss_open_hand(source.number)
                     self._view.draw()
             finally:
@@ -91,13 +93,11 @@ class LiveCommand:
     def _step(self, source: LineSource) -> None:
         """Take the next line, or find that none has come."""
         line = source.next(TICK)
-        now = time.monotonic()
         if line is None:
-            if now - self._line_at > MOST_QUIET and not self._is_quiet:
+            if time.monotonic() - source.came_at > MOST_QUIET and not self._is_quiet:
                 self._is_quiet = True
-                self._say(source.number, f"no line for {MOST_QUIET:.0f} s after it; still reading")
+                self._say(source.number, f"no line for {MOST_QUIET:.0f} s; still reading")
             return
-        self._line_at = now
         self._is_quiet = False
         try:
             frame = self._reader.frame(line)
@@ -119,7 +119,12 @@ class LiveCommand:
         """
         moment = frame.time
         if moment is None:
-            moment = self._line_at - self._began_at
+            moment = source.came_at - self._began_at
+        elif self._time is not None and moment < self._time - FALLS:
+            text = f"the time falls from {self._time:g} to {moment:g} s: a new recording begins"
+            self._say(source.number, text)
+            self._close(source.number)
+        self._time = frame.time
         is_behind = self._skips and source.are_waiting
         try:
             updates = self._stream.push(frame.counts, moment, answer=not is_behind)
@@ -161,10 +166,7 @@ class LiveCommand:
         """Show the last answer, and say what was left out."""
         if source.has_ended and source.cut:
             self._refuse(source.number + 1, "the input ended in it, so it may be cut")
-        for update in self._stream.close():
-            self._show(update, source.number)
-            if update.probabilities is not None:
-                self._say(source.number, update.note)
+        self._close(source.number)
         if not self._was_ready:
             self._miss_open_hand(source.number)
         self._view.end()
@@ -174,6 +176,13 @@ class LiveCommand:
         if self._stream.skipped:
             counts.append(f"{several(self._stream.skipped, 'answer')} skipped to keep up")
         self._view.say(", ".join(counts))
+
+    def _close(self, line: int) -> None:
+        """Show the final answer of a grasp that is open where the frames end."""
+        for update in self._stream.close():
+            self._show(update, line)
+            if update.probabilities is not None:
+                self._say(line, update.note)
 
     def _say(self, line: int, text: str) -> None:
         self._view.say(f"line {line}: {text}")

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -145,15 +146,13 @@ class Recogniser:
         Raises:
             UserError: an option out of its range.
         """
+        begin_grasp = partial(GrowingRecording, self.content, self.classifier)
+        return LiveStream(self.plan, self.classes, begin_grasp, self._open_hand_fault, **options)
 
-        def begin_grasp() -> GrowingRecording:
-            return GrowingRecording(self.content, self.classifier)
-
-        def open_hand_fault(counts: np.ndarray) -> str:
-            frames = counts[None]
-            return fault_of(self.plan, frames, np.zeros(1, dtype=bool), frames[:0])
-
-        return LiveStream(self.plan, self.classes, begin_grasp, open_hand_fault, **options)
+    def _open_hand_fault(self, counts: np.ndarray) -> str:
+        """Return what is wrong with a frame (H, W) of the open hand, "" if nothing."""
+        frames = counts[None]
+        return fault_of(self.plan, frames, np.zeros(1, dtype=bool), frames[:0])
 
     def _probabilities(self, excess: np.ndarray) -> np.ndarray:
         """Return class probabilities float32 (classes,) by frames in contact above baseline."""

@@ -12,6 +12,7 @@ import pytest
 from tactile_viewgcn.live import command as module
 from tactile_viewgcn.live.command import LiveCommand
 from tactile_viewgcn.live.lines import FrameLines
+from tactile_viewgcn.live.source import LineSource
 from tactile_viewgcn.live.view import JsonView, View
 from tactile_viewgcn.messages import UserError
 from tests.conftest import ROOT
@@ -59,7 +60,7 @@ def run(*parts, model=None, as_json=True, skips=False, **options):
     if as_json:
         view = JsonView(printed.append, errors.append, model.classes)
     reader = FrameLines(model.shape, model.plan.channel_names)
-    code = LiveCommand(stream, reader, view, skips=skips).run(Pipe(*data))
+    code = LiveCommand(stream, reader, view, skips=skips).run(LineSource(Pipe(*data)))
     out = "".join(printed)
     if as_json:
         out = [json.loads(line) for line in out.splitlines()]
@@ -164,7 +165,7 @@ def test_frames_that_stop_are_said_once_and_the_stream_goes_on(monkeypatch):
     monkeypatch.setattr(module, "TICK", 0.05)
     code, records, errors = run(GRASP[:16], 1.0, GRASP[16:])
     assert code == 0
-    assert errors == ["line 16: no line for 0 s after it; still reading", "28 frames"]
+    assert errors == ["line 16: no line for 0 s; still reading", "28 frames"]
     assert finals(records)[0]["frames"] == 8
 
 
@@ -183,6 +184,27 @@ def test_answers_are_skipped_while_lines_wait_and_no_frame_is_lost():
     assert code == 0 and errors == ["28 frames, 8 answers skipped to keep up"]
     (final,) = finals(records)
     assert final["frames"] == 8 and final["object"] == "cup"
+
+
+def test_times_that_fall_begin_a_new_recording():
+    names = ",".join(f"s{number}" for number in range(80))
+    lines = [f"time_ms,{names}"]
+    lines += [f"{60_000 + 100 * number},{line}" for number, line in enumerate(GRASP[:18])]
+    lines += [f"{100 * number},{line}" for number, line in enumerate(GRASP)]
+    _, records, errors = run(lines)
+    assert errors[:2] == [
+        "line 20: the time falls from 61.7 to 0 s: a new recording begins",
+        "line 20: the input ended in the grasp",
+    ]
+    first, second = finals(records)
+    assert first["seconds"] == pytest.approx(0.5) and second["seconds"] == pytest.approx(0.7)
+    assert first["frames"] == 6 and second["frames"] == 8
+
+
+def test_without_times_the_seconds_are_those_between_the_lines():
+    _, records, _ = run(GRASP[:13], 0.5, GRASP[13:])
+    (final,) = finals(records)
+    assert 0.45 < final["seconds"] < 2
 
 
 def test_lines_of_text_show_changes_of_the_state_and_the_object():
@@ -253,3 +275,30 @@ def test_a_program_that_reads_no_more_ends_the_command_without_a_traceback(tmp_p
     process.stdout = None
     _, errors = process.communicate("\n".join(GRASP) + "\n", timeout=60)
     assert process.returncode == 1 and "Traceback" not in errors
+
+
+def test_a_terminal_shows_a_line_in_place_and_is_no_input(tmp_path):
+    path = model_file(tmp_path / "classifier.pt")
+    master, slave = os.openpty()
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "80", "PYTHONUTF8": "1"}
+    words = [sys.executable, "-m", "tactile_viewgcn", "live", str(path)]
+    done = subprocess.run(
+        words, env=environment, stdin=slave, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1 and len(done.stderr.splitlines()) == 1
+    assert "standard input is a terminal" in done.stderr
+    subprocess.run(
+        words,
+        env=environment,
+        input="\n".join(GRASP) + "\n",
+        stdout=slave,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    os.close(slave)
+    shown = os.read(master, 1 << 16).decode()
+    os.close(master)
+    lines = shown.split("\r")
+    assert any(line.startswith("\x1b[Kfinal    cup") and "█" in line for line in lines)
+    assert max(map(len, lines)) <= 80 + len("\x1b[K")

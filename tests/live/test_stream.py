@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sklearn.exceptions import NotFittedError
 
 from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.live.stream import LiveStream
@@ -93,6 +94,11 @@ def test_the_class_has_the_stream_of_its_recogniser(tmp_path):
     stream = TactileClassifier.load(tmp_path / "classifier.pt").stream(sure=0.9, every=2)
     assert isinstance(stream, LiveStream) and stream.classes == ["ball", "cup", "pen"]
     assert finals(answered(stream, recording("ball", 104)))[0].object == "ball"
+
+
+def test_a_class_that_is_not_fitted_has_no_stream():
+    with pytest.raises(NotFittedError):
+        TactileClassifier().stream()
 
 
 def test_an_answer_that_is_sure_closes_the_grasp_until_the_hand_opens():
