@@ -1,7 +1,9 @@
 """The command `tactile-viewgcn`: inspect recordings, print presets, predict, report."""
 
 import io
+import os
 import shlex
+import stat
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +25,7 @@ _SET_DATA = click.option(
     metavar="data.KEY=VALUE",
     help="How to read SOURCE, as data in params.yaml.",
 )
+INTERRUPTED = 130  # exit code after Ctrl-C, as of a shell's commands
 SIDE = click.IntRange(1, MAX_SIDE)  # rows or columns of a frame
 
 
@@ -122,6 +125,96 @@ def predict(changes: tuple[str, ...], **options: Any) -> None:
 
 
 @cli.command()
+@click.argument("model")
+@click.option("--json", "as_json", is_flag=True, help="Print a line of JSON for each change.")
+@click.option(
+    "--sure",
+    type=float,
+    metavar="P",
+    help="Close a grasp as soon as the probability of its object is P or more.",
+)
+@click.option(
+    "--every",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Answer every N frames in contact, however fast they come. Without it answers are skipped "
+    "while frames wait in the pipe.",
+)
+@click.option(
+    "--longest",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Close a grasp after N frames in contact; 2000 without it.",
+)
+@click.option(
+    "--tare",
+    is_flag=True,
+    help="Take the first steady frames for the open hand, whatever the training's open hand read.",
+)
+def live(model: str, as_json: bool, every: int | None, **options: Any) -> None:
+    """Say with MODEL what the hand holds, while it holds it.
+
+    Frames are lines of numbers on standard input, a column for each sensor, separated by commas,
+    semicolons, tabs or blanks. A line above them may name the columns; one called `time` is the
+    time. Begin with an open hand. MODEL is as for `predict`.
+    """
+    from tactile_viewgcn.live.command import LiveCommand
+    from tactile_viewgcn.live.lines import FrameLines
+    from tactile_viewgcn.live.source import LineSource
+    from tactile_viewgcn.live.view import view_of
+    from tactile_viewgcn.recognition.prediction import first_line, load_model
+
+    if sys.stdin.isatty():
+        raise UserError(
+            "standard input is a terminal; expected lines of numbers from a program: "
+            f"PROGRAM | tactile-viewgcn live {model}"
+        )
+    descriptor = sys.stdin.fileno()
+    is_file = stat.S_ISREG(os.fstat(descriptor).st_mode)  # its lines wait however fast they are
+    source = LineSource(lambda size: os.read(descriptor, size))
+    recogniser = load_model(model)
+    given = {name: value for name, value in options.items() if value is not None}
+    stream = recogniser.stream(every=every or 1, **given)
+    view = view_of(stream.classes, as_json=as_json)
+    view.say(first_line(recogniser))
+    if "sure" in given and not recogniser.calibrated:
+        view.say("warning: --sure: probabilities that are not calibrated are usually too high")
+    reader = FrameLines(recogniser.shape, recogniser.plan.channel_names)
+    command = LiveCommand(stream, reader, view, skips=every is None and not is_file)
+    code = command.run(source)
+    if code:
+        raise SystemExit(code)
+
+
+@cli.command()
+@click.argument("recording")
+@click.option(
+    "--speed",
+    type=click.FloatRange(0),
+    default=1.0,
+    show_default=True,
+    help="2 is twice as fast as it was recorded, 0 as fast as possible.",
+)
+@click.option("--name", metavar="NAME", help="Which recording, where RECORDING holds several.")
+@_SET_DATA
+def replay(recording: str, speed: float, name: str | None, changes: tuple[str, ...]) -> None:
+    """Print the frames of RECORDING at their own rate, a line of numbers each, as for `live`.
+
+    RECORDING is anything that `inspect` reads; it needs no object. The first line names the
+    sensors, if they have names.
+    """
+    from tactile_viewgcn.live import replay as live_replay
+
+    form = replace(_form(changes)[0], labelled=False)
+    try:
+        live_replay.replay(
+            recording, form, name=name, speed=speed, out=click.echo, note=_say_to_person
+        )
+    except KeyboardInterrupt:  # of all programs in a pipe; the line below is not ours
+        raise SystemExit(INTERRUPTED) from None
+
+
+@cli.command()
 @click.argument("run", default="")
 @click.option("--out", type=click.Path(path_type=Path), default="report.html", show_default=True)
 def report(run: str, out: Path) -> None:
@@ -162,6 +255,10 @@ def _form(changes: tuple[str, ...], *other: str) -> tuple["Form", PreprocessSect
 
 def _say(*lines: str) -> None:
     click.echo("\n".join(map(shown, lines)))
+
+
+def _say_to_person(line: str) -> None:
+    click.echo(shown(line), err=True)
 
 
 def main() -> None:

@@ -44,10 +44,11 @@ def errors_by_frames(errors: dict[str, list[tuple[int, dict[str, Any]]]], chance
     for (name, points), colour in zip(errors.items(), LINE_COLOURS, strict=False):
         frames = [count for count, _ in points]
         numbers.update(frames)
-        low = _per_cent(points, "low")
-        high = _per_cent(points, "high")
+        intervals = [error for _, error in points]
+        low = _per_cent(intervals, "low")
+        high = _per_cent(intervals, "high")
         axes.fill_between(frames, low, high, color=colour, alpha=0.15, linewidth=0)
-        axes.plot(frames, _per_cent(points, "mean"), "o-", color=colour, label=name)
+        axes.plot(frames, _per_cent(intervals, "mean"), "o-", color=colour, label=name)
     axes.axhline(100 * chance, color="#a33", linestyle="--", linewidth=1.2, label="chance")
     axes.set_xscale("log", base=2)
     ticks = sorted(numbers)
@@ -59,6 +60,49 @@ def errors_by_frames(errors: dict[str, list[tuple[int, dict[str, Any]]]], chance
     return figure
 
 
-def _per_cent(points: list[tuple[int, dict[str, Any]]], name: str) -> np.ndarray:
-    """Return the values of a name in per cent, NaN for None, of the errors of points."""
-    return 100 * np.array([error[name] for _, error in points], dtype=float)
+def live_errors(rows: list[dict[str, Any]], chance: float) -> Figure:
+    """Return a picture of the errors of a stream by the time of contact, with their intervals.
+
+    Args:
+        rows: of live.csv, see `evaluation/live.py`.
+        chance: the error of chance, a fraction.
+    """
+    so_far = [row for row in rows if row["answer"] == "so far"]
+    (final,) = [row for row in rows if row["answer"] == "final"]
+    (predict,) = [row for row in rows if row["answer"] == "predict"]
+    sure = [row for row in rows if row["answer"] == "sure" and row["error"] is not None]
+    levels = [row["level"] for row in so_far]
+    places = [*levels, 2 * levels[-1]]
+    of_others, of_stream = LINE_COLOURS
+    figure = Figure(figsize=(5.4, 3.2), layout="constrained")
+    axes = figure.add_subplot()
+    low = _per_cent([*so_far, final], "low")
+    high = _per_cent([*so_far, final], "high")
+    errors = _per_cent([*so_far, final], "error")
+    axes.fill_between(places, low, high, color=of_stream, alpha=0.15, linewidth=0)
+    axes.plot(places, errors, "o-", color=of_stream, label="answers so far")
+    if sure:
+        contact = [max(row["contact"], levels[0]) for row in sure]
+        axes.plot(contact, _per_cent(sure, "error"), "D", color=of_others, label="sure answers")
+        # apart from each other where the points are near
+        for place, row, below in zip(contact, sure, (-3, 4, -11), strict=False):
+            text = f"{100 * row['level']:g} %"
+            position = (place, 100 * row["error"])
+            axes.annotate(text, position, (6, below), textcoords="offset points", fontsize=8)
+    axes.axhline(100 * predict["error"], color=of_others, linewidth=1.5, label="predict")
+    axes.axhline(100 * chance, color="#a33", linestyle="--", linewidth=1.2, label="chance")
+    axes.set_xscale("log", base=2)
+    axes.set_xticks(places, [*(f"{level:g}" for level in levels), "end"])
+    axes.minorticks_off()
+    unit = "frames"
+    if final["unit"] == "s":
+        unit = "seconds"
+    axes.set(ylim=(0, 100), xlabel=f"{unit} of contact", ylabel="wrong answers, %")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=9)
+    return figure
+
+
+def _per_cent(errors: list[dict[str, Any]], name: str) -> np.ndarray:
+    """Return the values of a name in per cent, NaN for None."""
+    return 100 * np.array([error[name] for error in errors], dtype=float)

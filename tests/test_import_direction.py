@@ -21,8 +21,10 @@ ALLOWED = {
     "members": set(),
     "systems": {"nn", "members"},
     "training": {"tables", "views", "nn", "systems"},
-    "recognition": {"readers", "tables", "frames", "views", "nn", "members", "systems", "training"},
-    "evaluation": {"tables", "views", "systems", "recognition"},
+    "live": {"readers", "tables", "frames"},
+    "recognition": {"readers", "tables", "frames", "views", "nn", "members", "systems", "training"}
+    | {"live"},
+    "evaluation": {"tables", "views", "systems", "live", "recognition"},
     "pages": {"readers", "tables", "frames", "members", "systems", "evaluation"},
     "glove": set(),
 }

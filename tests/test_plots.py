@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactile_viewgcn.plots import confusion, errors_by_frames
+from tactile_viewgcn.plots import confusion, errors_by_frames, live_errors
 
 
 def names(ticks):
@@ -37,3 +37,36 @@ def test_errors_stand_over_the_number_of_frames():
         "recording",
         "chance",
     ]
+
+
+def live_row(answer, level, error, **others):
+    row = {"answer": answer, "level": level, "error": error, "low": 0.1, "high": 0.9}
+    return row | {"share": 0.5, "contact": None, "unit": "s"} | others
+
+
+def test_live_errors_stand_over_the_time_of_contact():
+    rows = [
+        live_row("so far", 0.25, 0.8),
+        live_row("so far", 0.5, 0.4, low=None, high=None),
+        live_row("final", None, 0.2, contact=1.5),
+        live_row("sure", 0.8, 0.1, contact=0.3),
+        live_row("sure", 0.9, None),
+        live_row("predict", None, 0.15, unit=None),
+    ]
+    (axes,) = live_errors(rows, chance=0.9).axes
+    stream, sure, predict, chance = axes.lines
+    assert [list(values) for values in stream.get_data()] == [[0.25, 0.5, 1], [80, 40, 20]]
+    assert [list(values) for values in sure.get_data()] == [[0.3], [10]]
+    assert list(predict.get_ydata()) == [15, 15] and list(chance.get_ydata()) == [90, 90]
+    assert names(axes.get_xticklabels()) == ["0.25", "0.5", "end"]
+    assert names(axes.texts) == ["80 %"] and axes.get_xlabel() == "seconds of contact"
+
+
+def test_live_errors_of_recordings_without_times_stand_over_frames():
+    rows = [
+        live_row("so far", 1, 0.8, unit="frames"),
+        live_row("final", None, 0.2, unit="frames"),
+        live_row("predict", None, 0.15, unit=None),
+    ]
+    (axes,) = live_errors(rows, chance=0.9).axes
+    assert axes.get_xlabel() == "frames of contact" and len(axes.lines) == 3

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from tactile_viewgcn.evaluation.live import COLUMNS, Row, live_line
 from tactile_viewgcn.evaluation.trials import (
     PROTOCOLS,
     TITLES,
@@ -64,7 +65,11 @@ def errors_by_frames(metrics: dict[str, Any]) -> dict[str, list[tuple[int, dict[
 
 
 def write_results(
-    folder: Path, predictions: Predictions, metrics: dict[str, Any], timing: dict[str, Any]
+    folder: Path,
+    predictions: Predictions,
+    metrics: dict[str, Any],
+    timing: dict[str, Any],
+    live: list[Row],
 ) -> None:
     """Write all files of the results but for the record.
 
@@ -76,13 +81,15 @@ def write_results(
         predictions: all answers, for predictions.npz and the tables.
         metrics: content of metrics.json.
         timing: content of timing.json.
+        live: rows of live.csv.
     """
     trees = {"metrics": metrics, "timing": timing, "summary": summary(metrics, timing)}
-    tables = {
+    tables: dict[str, list[Any]] = {
         "trials": _trials_table(predictions),
         "views": _views_table(metrics),
         "confusion": _confusion_table(predictions),
         "per_class": _classes_table(predictions),
+        "live": [COLUMNS, *([row[name] for name in COLUMNS] for row in live)],
     }
     with new_files(folder) as part:
         write_predictions(part / "predictions.npz", predictions)
@@ -135,17 +142,19 @@ def _classes_table(predictions: Predictions) -> list[list[Any]]:
     return rows
 
 
-def summary_lines(metrics: dict[str, Any], timing: dict[str, Any]) -> list[str]:
+def summary_lines(metrics: dict[str, Any], timing: dict[str, Any], live: list[Row]) -> list[str]:
     """Return the lines that the stage prints: what was tested, errors with intervals, and costs.
 
     Args:
         metrics: content of metrics.json.
         timing: content of timing.json.
+        live: rows of live.csv.
     """
     names = [name for name in reversed(SCORED) if name in metrics]
     return [
         _tested_line(metrics),
         *(_score_line(name, metrics[name]) for name in names),
+        live_line(live),
         *_cost_lines(timing),
     ]
 

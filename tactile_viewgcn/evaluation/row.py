@@ -1,12 +1,17 @@
 """The pipeline's row in MLflow: what it has besides params.yaml."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from tactile_viewgcn.evaluation import live
 from tactile_viewgcn.evaluation.earlier_stages import Records
 from tactile_viewgcn.evaluation.results import errors_by_frames, summary
-from tactile_viewgcn.evaluation.trials import Predictions
+from tactile_viewgcn.evaluation.trials import WHOLE, Predictions
 from tactile_viewgcn.schema import flatten
+from tactile_viewgcn.tables.frames import Frames
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SIZES = ("classes", "frames", "recordings", "groups")  # of metrics.json
 
@@ -65,3 +70,30 @@ def _metrics(
         for frames, interval in errors:
             values.append((f"views.error.{protocol}", interval["mean"], frames))
     return values
+
+
+def figures_of(predictions: Predictions, rows: list[live.Row]) -> dict[str, "Figure"]:
+    """Return the pictures of a pipeline, by the names of their files.
+
+    Args:
+        predictions: all answers.
+        rows: of live.csv.
+    """
+    from tactile_viewgcn import plots  # here, since it loads Matplotlib
+
+    whole = predictions.trials[WHOLE]
+    counts = whole.confusion(len(predictions.classes))
+    return {
+        "confusion.png": plots.confusion(counts, predictions.classes.tolist()),
+        "live.png": plots.live_errors(rows, whole.chance),
+    }
+
+
+def model_metadata(table: Frames, views: int) -> dict[str, Any]:
+    """Return what MLflow shows of the model: its classes, its views, and frames that it takes."""
+    return {
+        "classes": table.classes,
+        "views": views,
+        "shape": list(table.live.shape),
+        "dtype": str(table.counts.dtype),
+    }

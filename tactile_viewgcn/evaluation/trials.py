@@ -61,6 +61,11 @@ class Trials:
         errors: np.ndarray = 1 - self.correct.mean(axis=1)
         return errors
 
+    @property
+    def chance(self) -> float:
+        """Return the error of always naming the class that most answers are of."""
+        return float(1 - np.bincount(self.labels).max() / len(self.labels))
+
     def confusion(self, classes: int) -> np.ndarray:
         """Return counts int64 (C, C) over all trials.
 

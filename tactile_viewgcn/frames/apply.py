@@ -82,19 +82,22 @@ def apply(
 
 def _in_contact(plan: Plan, recordings: Recordings, baseline: Baseline) -> np.ndarray:
     """Return bool (T,): the frames in contact, by the plan's filter or what stands in for it."""
-    params = plan.params
-    every_frame = np.ones(len(recordings), dtype=bool)
-    if params.filter == "none":
-        return every_frame
     flags = flags_of(recordings)
-    if params.filter == "flags" and flags is not None:
+    if plan.params.filter == "flags" and flags is not None:
         return flags
-    if params.baseline == "none" and plan.kept_share >= ALL_KEPT:
-        return every_frame
-    sensors = int(params.contact_sensors)
+    if keeps_every_frame(plan):
+        return np.ones(len(recordings), dtype=bool)
+    sensors = int(plan.params.contact_sensors)
     if np.isfinite(baseline.noise).all():
         return pressed_frames(recordings, baseline, sensors)
     return hand_states(recordings, sensors, session_moments(recordings)).contact
+
+
+def keeps_every_frame(plan: Plan) -> bool:
+    """Return whether every frame without a flag of the source counts as contact."""
+    if plan.params.filter == "none":
+        return True
+    return plan.params.baseline == "none" and plan.kept_share >= ALL_KEPT
 
 
 def _measured_apart(recordings: Recordings) -> Recordings:

@@ -171,6 +171,49 @@ def _followed_from_quietest(
     return min(results, key=lambda result: result[0].fallen)
 
 
+class Follower:
+    """A baseline that follows the open hand from frame to frame, and stands still in a grasp.
+
+    Args:
+        baseline: (S,) counts before the first frame.
+        threshold: (S,) the least that a sensor in contact reads above the baseline.
+        sensors: fewest sensors in a frame of contact.
+
+    Attributes:
+        baseline: (S,) counts after the last frame.
+        pressed: number of sensors in contact in the last frame.
+        still: whether the hand seems open in the last frame.
+        fallen: whether the last frame falls below the baseline by as much as contact.
+    """
+
+    def __init__(self, baseline: np.ndarray, threshold: np.ndarray, sensors: int):
+        self.baseline = baseline.copy()
+        self.pressed = 0
+        self.still = False
+        self.fallen = False
+        self._threshold = threshold
+        self._weak = WEAK * threshold
+        self._sensors = sensors
+        self._most_weak = most_weak_sensors(len(threshold))
+        self._most_pressed = min(OPEN_SENSORS, sensors - 1)
+
+    def follow(self, counts: np.ndarray) -> None:
+        """Take the next frame (S,)."""
+        excess = counts - self.baseline
+        self.pressed = int(np.count_nonzero(excess > self._threshold))
+        self.fallen = int(np.count_nonzero(excess < -self._threshold)) >= self._sensors
+        self.still = False
+        if self.pressed <= self._most_pressed:
+            self.still = int(np.count_nonzero(excess > self._weak)) <= self._most_weak
+        if self.still:
+            self.baseline += FOLLOWED * excess
+
+
+def most_weak_sensors(sensors: int) -> float:
+    """Return how many of all sensors of an open hand may read three fifths of the threshold."""
+    return WEAK_SENSORS + WEAK_SHARE * sensors
+
+
 def _follow(
     counts: np.ndarray, start: int, baseline: np.ndarray, threshold: np.ndarray, sensors: int
 ) -> _Followed:
@@ -188,19 +231,13 @@ def _follow(
     pressed = np.zeros(len(counts), dtype=np.int64)
     still = np.zeros(len(counts), dtype=bool)
     fallen = 0
-    weak = WEAK * threshold
-    most_weak = WEAK_SENSORS + WEAK_SHARE * len(threshold)
-    most_pressed = min(OPEN_SENSORS, sensors - 1)
     for frames in (range(start, len(counts)), range(start - 1, -1, -1)):
-        following = baseline.copy()
+        follower = Follower(baseline, threshold, sensors)
         for frame in frames:
-            excess = counts[frame] - following
-            pressed[frame] = np.count_nonzero(excess > threshold)
-            fallen += int(np.count_nonzero(excess < -threshold) >= sensors)
-            if pressed[frame] <= most_pressed:
-                still[frame] = np.count_nonzero(excess > weak) <= most_weak
-            if still[frame]:
-                following += FOLLOWED * excess
+            follower.follow(counts[frame])
+            pressed[frame] = follower.pressed
+            still[frame] = follower.still
+            fallen += int(follower.fallen)
     return _Followed(pressed, still, fallen)
 
 

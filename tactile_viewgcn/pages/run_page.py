@@ -7,7 +7,7 @@ import json
 import re
 import shlex
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from hashlib import md5
 from io import BytesIO
@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from tactile_viewgcn import plots
 from tactile_viewgcn.evaluation.results import SCORED, errors_by_frames
@@ -52,6 +53,7 @@ class FinishedRun:
         metrics, timing: results/metrics.json and timing.json.
         predictions: of every trial.
         records: by stage.
+        live: rows of results/live.csv; none of a run of an earlier version.
 
     Attributes:
         params: every parameter, by dotted key.
@@ -78,6 +80,7 @@ class FinishedRun:
     timing: dict[str, Any]
     predictions: Predictions
     records: dict[str, Record]
+    live: list[dict[str, Any]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         params = self.records["evaluate"].params
@@ -88,8 +91,9 @@ class FinishedRun:
         self.ends: tuple[float, float] | None = None
         if error["low"] is not None:
             self.ends = (error["low"], error["high"])
-        self.counts = self.predictions.trials[WHOLE].confusion(len(self.predictions.classes))
-        self.chance = float(1 - self.counts.sum(axis=1).max() / self.counts.sum())
+        whole = self.predictions.trials[WHOLE]
+        self.counts = whole.confusion(len(self.predictions.classes))
+        self.chance = whole.chance
         ((self.tested_set, self.groups),) = self.metrics["groups"].items()
         self.at_chance = not self.ends or self.ends[1] >= self.chance - ROUNDING
         self.uncertain = self._is_uncertain()
@@ -329,6 +333,9 @@ def run_page(run: FinishedRun) -> str:
     date = f"{datetime.fromisoformat(origin['time']):%d %B %Y, %H:%M} UTC"
     by_frames = {TITLES[name]: errors for name, errors in errors_by_frames(run.metrics).items()}
     programs = ("python", *PACKAGES)
+    live_errors = None
+    if run.live:
+        live_errors = plots.live_errors(run.live, run.chance)
     page = html.environment().get_template("report.html")
     return page.render(
         run=run,
@@ -343,6 +350,7 @@ def run_page(run: FinishedRun) -> str:
         titles=SCORED,
         interval=percent_interval,
         by_frames=plots.errors_by_frames(by_frames, run.chance),
+        live_errors=live_errors,
         confusion=plots.confusion(run.counts, run.predictions.classes.tolist()),
         without_network=on_sensors(run.params["model.system"]),
         remarks=[note for note in run.notes("info") if note.topic != "members"],
@@ -387,7 +395,19 @@ def read_run(name: str = "") -> FinishedRun:
         json.loads(timing),
         read_predictions(BytesIO(predictions)),
         records,
+        _live_rows(read),
     )
+
+
+def _live_rows(read: Callable[[str], bytes]) -> list[dict[str, Any]]:
+    """Return the rows of a run's live.csv, with None in empty cells; none if there is no file."""
+    try:
+        content = read("results/live.csv")
+    except FileNotFoundError:
+        return []
+    rows = pd.read_csv(BytesIO(content)).astype(object)
+    records: list[dict[str, Any]] = rows.where(rows.notna(), None).to_dict("records")
+    return records
 
 
 def _content(read: Callable[[str], bytes], path: str, name: str) -> bytes:

@@ -101,7 +101,7 @@ def table_in(file: Path, text: str, form: Form) -> Recording:
     if not full and top.rows and width < len(top.rows[-1]) <= cells.shape[1]:
         full = top.rows[-1:]
         width = len(top.rows[-1])
-    first = _split_line(next(islice(io.StringIO(text), top.above, None)), top.separator)
+    first = split_line(next(islice(io.StringIO(text), top.above, None)), top.separator)
     if full and _are_ones(first, cells, width):
         full.append(first)
         cells = cells.iloc[1:]
@@ -201,7 +201,7 @@ def table_of(
             raise UserError(
                 f"{file}: no column {name!r}{nearest(name, keys)}; found {listed(keys)}"
             )
-    of_model = _sensors_of_model(keys, form, file)
+    of_model = sensors_of_model(keys, form, file)
     table = _Table()
     for number, (name, key) in enumerate(zip(names, keys, strict=True)):
         column = _Column(number, name, key, cells[number], _numbers(cells[number]))
@@ -288,7 +288,7 @@ def _add_column(
         table.labels[content] = _labels_of(column.cells)
     elif content == "time" and filled.all():
         if table.time is None:
-            _, unit = _base_and_unit(column.name)
+            _, unit = base_and_unit(column.name)
             table.time = column.values * SECONDS.get(unit, 1.0)
     elif content == "time":
         example = str(column.cells[~filled].iloc[0])
@@ -309,12 +309,17 @@ def _labels_of(cells: "Series") -> Any:
     return pd.Categorical.from_codes(numbers[codes], categories=unique)
 
 
-def _sensors_of_model(keys: list[str], form: Form, file: str) -> list[str]:
+def sensors_of_model(keys: list[str], form: Form, file: str) -> list[str]:
     """Return the names of the columns that are sensors of the model, in the model's order.
 
     If files are joined by a PART in the layout, a file has a part of the sensors only: the column
     `thumb` of the left hand's file is the sensor `left_thumb`. The names are then in the order of
     the columns, and a missing one is no error.
+
+    Args:
+        keys: names of the columns.
+        form: has the names of the model's sensors.
+        file: with which errors begin.
 
     Returns:
         No names, if no column has one of the model's, or names do not tell the sensors apart.
@@ -394,7 +399,7 @@ def _content(name: str, values: np.ndarray, form: Form, *, is_index: bool) -> st
     last = re.split("[./]", name)[-1]  # of a message of ROS, as .header.seq
     content = "line number"
     if not is_index:
-        base, _ = _base_and_unit(last)
+        base, _ = base_and_unit(last)
         content = CONTENTS.get(base, "")
     # words, or whole numbers
     if not content and (np.isnan(values).any() or not (values % 1).any()):
@@ -412,10 +417,13 @@ def _content(name: str, values: np.ndarray, form: Form, *, is_index: bool) -> st
     return content
 
 
-def _base_and_unit(name: str) -> tuple[str, str]:
+def base_and_unit(name: str) -> tuple[str, str]:
     """Return a name in small letters without its unit of time, and the unit.
 
     A name such as `millis` is both.
+
+    Args:
+        name: of a column.
     """
     base, *found = UNIT.split(name.lower())
     unit = found[0] if found else ""
@@ -467,11 +475,11 @@ def _top(file: Path, text: str) -> _Top:
             top.append((number, line))
     below = [line for _, line in top if not _is_comment(line)][-3:]
     sample = max(below, key=lambda line: len(BEGINS_OF_NUMBERS.findall(line)), default="")
-    separator = _separator(sample.strip())
-    example = _split_line(sample, separator)
+    separator = separator_of(sample.strip())
+    example = split_line(sample, separator)
     rows = list[list[str]]()
     for number, line in top:
-        cells = _split_line(line.lstrip("".join(COMMENT) + " "), separator)
+        cells = split_line(line.lstrip("".join(COMMENT) + " "), separator)
         if not _is_comment(line):
             if not rows:
                 _check_is_whole(file, number, cells, top, separator, width=len(example))
@@ -540,7 +548,7 @@ def _is_cut(
       `,0,1`, below which the first cells count 0, 1, 2.
     """
     below = [line for other, line in top if other > number and not _is_comment(line)]
-    rows = [_split_line(line.strip(), separator) for line in below[:-1]]
+    rows = [split_line(line.strip(), separator) for line in below[:-1]]
     counts = {len(row) for row in rows}
     if len(counts) != 1 or len(cells) > min(counts):
         return False
@@ -550,11 +558,14 @@ def _is_cut(
     return first != [str(index) for index in range(len(first))]
 
 
-def _separator(line: str) -> str | None:
+def separator_of(line: str) -> str | None:
     """Return the separator of the cells of a line, None for blanks.
 
     `1,5 2,5` has decimal commas. `1 501,1 498` has blanks between groups of digits, and commas
     between its cells.
+
+    Args:
+        line: of a table, without blanks at its ends.
     """
     cells = line.split(",")
     if len(cells) > 1 and all(re.fullmatch(GROUPED_BY_BLANKS, cell.strip()) for cell in cells):
@@ -572,8 +583,13 @@ def _separator(line: str) -> str | None:
     return ","
 
 
-def _split_line(line: str, separator: str | None) -> list[str]:
-    """Return the cells of a line, without quotes and blanks around them."""
+def split_line(line: str, separator: str | None) -> list[str]:
+    """Return the cells of a line, without quotes and blanks around them.
+
+    Args:
+        line: of a table.
+        separator: of its cells, None for blanks.
+    """
     if not separator:
         cells = line.split()
     elif len(line) > csv.field_size_limit():

@@ -17,6 +17,7 @@ from sklearn.utils.validation import check_consistent_length, check_is_fitted, c
 from tactile_viewgcn.device import select_device
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.split import one_class
+from tactile_viewgcn.live.stream import LONGEST, LiveStream
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, shown, warnings_of
 from tactile_viewgcn.params import Params, SensorMember, default_params, on_sensors, preset_changes
 from tactile_viewgcn.randomness import stream
@@ -160,6 +161,33 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
         best = self.predict_proba(X).argmax(axis=1)
         labels: np.ndarray = self.classes_[best]
         return labels
+
+    def stream(
+        self,
+        *,
+        sure: float | None = None,
+        longest: int = LONGEST,
+        every: int = 1,
+        tare: bool = False,
+    ) -> LiveStream:
+        """Return a stream that answers frames as they come, while the hand still holds the object.
+
+        Objects in its updates are texts.
+
+        Args:
+            sure: the probability from which an answer is final, and closes the grasp early; None
+                for never.
+            longest: frames in contact, with which a grasp is closed.
+            every: frames in contact from one answer so far to the next.
+            tare: whether the first five frames that read alike are of the open hand, whatever the
+                open hand read in the training.
+
+        Raises:
+            NotFittedError: before `fit`.
+            UserError: an option out of its range.
+        """
+        check_is_fitted(self, "recogniser_")
+        return self.recogniser_.stream(sure=sure, longest=longest, every=every, tare=tare)
 
     def save(self, path: str | Path) -> None:
         """Write a file like the pipeline's models/classifier.pt, for `load` and `predict`.

@@ -39,6 +39,7 @@ from tactile_viewgcn.params import (
 from tactile_viewgcn.recognition.calibration import Classifier, recording_answer
 from tactile_viewgcn.recognition.model_format import FORMAT, package_version, upgraded
 from tactile_viewgcn.systems import load_system, system_class
+from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import TRAIN, Frames, network_input
 from tactile_viewgcn.tables.plan import ARRAYS, Plan
 from tactile_viewgcn.views.recording_clusters import RecordingClusters
@@ -115,10 +116,23 @@ class Content:
             excess: counts (n, H, W) above baseline, in the order of time.
         """
         with np.errstate(all="ignore"):  # whether it is finite is for the caller to check
-            inputs = network_input(excess, self.transform, self.scale)
-            values = classifier.frame_values(inputs)
-            points = inputs[:, self.plan.live]
-            return recording_answer(classifier, self.temperature, values, points)
+            inputs = self.inputs(excess)
+            return self.answer_values(classifier, inputs, classifier.frame_values(inputs))
+
+    def inputs(self, excess: np.ndarray) -> np.ndarray:
+        """Return the network input float32, of the same shape as counts above baseline."""
+        return network_input(excess, self.transform, self.scale)
+
+    def answer_values(self, classifier: Classifier, inputs: np.ndarray, values: Any) -> np.ndarray:
+        """Return the `recording_answer` (classes,) to frames whose values are known.
+
+        Args:
+            classifier: of this file.
+            inputs: network input (n, H, W) of the frames, in the order of time.
+            values: the classifier's values of these inputs.
+        """
+        points = Gathered(lambda rows: inputs[rows][:, self.plan.live], np.arange(len(inputs)))
+        return recording_answer(classifier, self.temperature, values, points)
 
     def answers_now(self, classifier: Classifier) -> np.ndarray:
         """Return the classifier's `answers` now.

@@ -46,11 +46,7 @@ def predict(
     """
     recogniser = load_model(model)
     classes = recogniser.classes
-    calibrated = "not calibrated"
-    if recogniser.calibrated:
-        calibrated = "calibrated"
-    count = several(len(classes), "class", "classes")
-    echo(f"model: {recogniser.system}, {count}; probabilities are {calibrated}")
+    echo(first_line(recogniser))
     form = replace(form, sensors=recogniser.plan.channel_names, labelled=False)
     # of a recording in several files, a single file has fewer sensors
     if form.shape == "auto" and "PART" not in form.layout:
@@ -71,6 +67,15 @@ def predict(
         head = csv_text([records[0]])
         content = head + csv_text(record.values() for record in records)
         write_file(csv_path, content, lambda old: _has_answers(old, head.strip()))
+
+
+def first_line(recogniser: Recogniser) -> str:
+    """Return what a model is: its system, its classes, and whether its probabilities are sound."""
+    calibrated = "not calibrated"
+    if recogniser.calibrated:
+        calibrated = "calibrated"
+    count = several(len(recogniser.classes), "class", "classes")
+    return f"model: {recogniser.system}, {count}; probabilities are {calibrated}"
 
 
 def _has_answers(text: str, head: str) -> bool:

@@ -129,6 +129,17 @@ def weakest_baseline(plan: Plan) -> float:
     return min(strong_reading(mean[plan.live]) for mean in plan.baselines)
 
 
+def is_weak(plan: Plan, excess: np.ndarray) -> bool:
+    """Return whether a recording reads less than a quarter of the weakest in the training.
+
+    Args:
+        plan: of the training set.
+        excess: (k, H, W) counts above baseline of its frames in contact.
+    """
+    (weakest, _), _ = plan.strong_readings
+    return strong_reading(excess[:, plan.live]) < weakest / SCALE_TIMES
+
+
 def is_untouched(plan: Plan, counts: np.ndarray, contact: np.ndarray, excess: np.ndarray) -> bool:
     """Return whether a recording reads as little as a hand that touches nothing.
 
@@ -147,10 +158,9 @@ def is_untouched(plan: Plan, counts: np.ndarray, contact: np.ndarray, excess: np
         contact: bool (n,) frames that pass for contact, at least one.
         excess: (k, H, W) their counts above baseline.
     """
-    (weakest, _), (_, strongest_raw) = plan.strong_readings
-    is_weak = strong_reading(excess[:, plan.live]) < weakest / SCALE_TIMES
-    if not is_weak:
+    if not is_weak(plan, excess):
         return False
+    _, (_, strongest_raw) = plan.strong_readings
     raw = strong_reading(counts[contact][:, plan.live])
     if not weakest_baseline(plan) / SCALE_TIMES <= raw <= strongest_raw * SCALE_TIMES:
         return False

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tactile_viewgcn.frames.apply import apply
+from tactile_viewgcn.live.stream import LiveStream
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.readers.source import (
@@ -19,6 +21,7 @@ from tactile_viewgcn.readers.source import (
     storage_type,
 )
 from tactile_viewgcn.readers.text import table_of
+from tactile_viewgcn.recognition.growing import NOT_FINITE, GrowingRecording
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.raw_counts import (
     check_layout,
@@ -123,7 +126,7 @@ class Recogniser:
             fault = fault_of(self.plan, counts, with_object, excess)
             probabilities = self._probabilities(excess)
             if not fault and not np.isfinite(probabilities).all():
-                fault = "the model's answer is not finite; expected probabilities: train it again"
+                fault = NOT_FINITE
             if fault:
                 faults[_place(recordings, name, len(index_of))] = fault
             answers.append(Answer(probabilities, len(excess), len(index), name, label))
@@ -133,6 +136,23 @@ class Recogniser:
             is_class = EMPTY_HAND in self.classes
             notes.append(untouched_note(self.plan, untouched, len(index_of), is_class=is_class))
         return answers, notes
+
+    def stream(self, **options: Any) -> LiveStream:
+        """Return a stream that answers frames as they come.
+
+        Args:
+            **options: see `LiveStream`.
+
+        Raises:
+            UserError: an option out of its range.
+        """
+        begin_grasp = partial(GrowingRecording, self.content, self.classifier)
+        return LiveStream(self.plan, self.classes, begin_grasp, self._open_hand_fault, **options)
+
+    def _open_hand_fault(self, counts: np.ndarray) -> str:
+        """Return what is wrong with a frame (H, W) of the open hand, "" if nothing."""
+        frames = counts[None]
+        return fault_of(self.plan, frames, np.zeros(1, dtype=bool), frames[:0])
 
     def _probabilities(self, excess: np.ndarray) -> np.ndarray:
         """Return class probabilities float32 (classes,) by frames in contact above baseline."""

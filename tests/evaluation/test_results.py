@@ -30,6 +30,12 @@ RECORDS = {
     "pretrain": replace(RECORD, seconds=12.34567, peak_mb=900.0, counts={"weights.backbone": 7}),
     "finetune": replace(RECORD, stage="finetune", seconds=1234.5, peak_mb=1300.5, counts=COUNTS),
 }
+_ROW = {"low": 0.1, "high": 0.9, "unit": "s"}
+LIVE = [
+    _ROW | {"answer": "so far", "level": 0.25, "error": 0.75, "share": 0.5, "contact": 0.2},
+    _ROW | {"answer": "final", "level": None, "error": 0.5, "share": 1.0, "contact": 1.5},
+    _ROW | {"answer": "predict", "level": None, "error": 0.25, "share": None, "contact": None},
+]
 TIMING = costs(LATENCY, RECORDS, 50.0, 1000.0)
 
 
@@ -95,7 +101,7 @@ def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tm
         return list(csv.reader((tmp_path / name).read_text().splitlines()))
 
     _, metrics = evaluation
-    write_results(tmp_path, *evaluation, TIMING)
+    write_results(tmp_path, *evaluation, TIMING, LIVE)
     numbers = metrics, TIMING, summary(metrics, TIMING)
     for name, tree in zip(("metrics", "timing", "summary"), numbers, strict=True):
         assert json.loads((tmp_path / f"{name}.json").read_text()) == tree
@@ -116,6 +122,12 @@ def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tm
         ["recording", "30", "0.5"],
     ]
     assert by_views[0][3:] == [str(metrics["object"]["error"][end]) for end in ("low", "high")]
+    assert rows("live.csv") == [
+        ["answer", "level", "error", "low", "high", "share", "contact", "unit"],
+        ["so far", "0.25", "0.75", "0.1", "0.9", "0.5", "0.2", "s"],
+        ["final", "", "0.5", "0.1", "0.9", "1.0", "1.5", "s"],
+        ["predict", "", "0.25", "0.1", "0.9", "", "", "s"],
+    ]
     heading, *by_object = rows("per_class.csv")
     assert heading == ["protocol", "object", "answers", "error"] and len(by_object) == 3 * 2
     assert by_object[2:4] == [
@@ -136,8 +148,10 @@ def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tm
 def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation):
     metrics, error = evaluation[1], evaluation[1]["object"]["error"]
     text = f"37.5 ({100 * error['low']:.1f} to {100 * error['high']:.1f})"
-    lines = "\n".join(summary_lines(metrics, TIMING))
+    lines = "\n".join(summary_lines(metrics, TIMING, LIVE))
     assert f"object protocol: error {text} %, std over trials 17.7, top-3 error 12.5 %" in lines
+    live = "live: error 75.0 (10.0 to 90.0) % after 0.25 s of contact, 50.0 (10.0 to 90.0) % when"
+    assert f"  {live} the hand opens" in lines
     row = row_of(*evaluation, TIMING, RECORDS)
     assert row.tags == {"resolved.model.members": "svm + trees"}
     assert row.parameters == {

@@ -38,7 +38,8 @@ FILES = {
         "--out models/classifier.pt"
     ),
     "evaluate": (
-        "--frames data/frames --classifier models/classifier.pt --records runs --out results"
+        "--recordings data/recordings --frames data/frames --classifier models/classifier.pt "
+        "--records runs --out results"
     ),
 }
 

@@ -49,6 +49,13 @@ def test_the_page_says_what_the_files_say(workspace):
     )
 
 
+def test_the_page_has_live_errors_where_the_run_measured_them(workspace):
+    text = text_of(run_page(read_run()))
+    assert "While the hand still holds the object" in text and "sure by 95 %" in text
+    Path("results/live.csv").unlink()  # as of an earlier version
+    assert "While the hand still holds the object" not in text_of(run_page(read_run()))
+
+
 def test_an_unfinished_run_and_one_that_does_not_belong_together_are_refused(workspace):
     path = Path("runs/preprocess.json")
     record = path.read_text()

@@ -1,0 +1,188 @@
+"""The command `live`: answers lines of numbers on standard input while the hand holds the object.
+
+Frames are never lost. Where an answer costs more than a frame's time, more lines wait; they are
+taken without an answer so far, and counted.
+"""
+
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from tactile_viewgcn.live.lines import Frame, FrameLines, LineError
+from tactile_viewgcn.live.source import LineSource
+from tactile_viewgcn.live.stream import LiveStream, Update
+from tactile_viewgcn.live.view import View
+from tactile_viewgcn.messages import UserError, several
+
+TICK = 0.2  # seconds, after which the view is drawn anew without a line
+MOST_QUIET = 10.0  # seconds without a line, after which a line says so
+MOST_WAITING = 10.0  # seconds without an open hand, after which a line says so
+FALLS = 1.0  # seconds by which the times of a logger that has begun again fall
+MOST_REFUSED = 10  # lines whose faults are told; then of the 100th, the 1000th and so on
+
+
+class LiveCommand:
+    """Lines of the input on their way through a stream to a view.
+
+    Args:
+        stream: answers frames.
+        reader: reads a line as a frame.
+        view: shows updates.
+        skips: whether answers so far are skipped while more lines wait.
+    """
+
+    def __init__(self, stream: LiveStream, reader: FrameLines, view: View, *, skips: bool):
+        self._stream = stream
+        self._began_at = 0.0  # of the monotonic clock
+        self._reader = reader
+        self._view = view
+        self._skips = skips
+        self._frames = 0
+        self._refused = 0
+        self._ended_by = 0  # number of the signal
+        self._time: float | None = None  # of the last frame, if a column has it
+        self._is_quiet = False  # and a line has said so
+        self._was_ready = False
+        self._is_open_hand_missed = False  # and a line has said so
+
+    def run(self, source: LineSource) -> int:
+        """Answer all lines of the input, and return the exit code.
+
+        It is 0 at the end of the input, 130 after Ctrl-C and 143 after SIGTERM.
+
+        Args:
+            source: the lines of the input.
+
+        Raises:
+            UserError: the input holds no frame, or names other sensors than the model's.
+        """
+        self._began_at = source.came_at
+        reading_since = time.monotonic()
+        with self._ended_by_signals():
+            try:
+                while not (source.has_ended or self._ended_by):
+                    self._step(source)
+                    if not self._was_ready and time.monotonic() - reading_since > MOST_WAITING:
+                        self._miss_open_hand(source.number)
+                    self._view.draw()
+            finally:
+                self._end(source)
+        if not self._frames and not self._ended_by:
+            lines = several(source.number, "line")
+            raise UserError(f"the input has {lines} and no frame; expected a line of numbers each")
+        if self._ended_by:
+            return 128 + self._ended_by
+        return 0
+
+    @contextmanager
+    def _ended_by_signals(self) -> Iterator[None]:
+        """Let Ctrl-C and SIGTERM end the input: what is computed then ends first."""
+
+        def end(number: int, _: FrameType | None) -> None:
+            self._ended_by = number
+
+        before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def _step(self, source: LineSource) -> None:
+        """Take the next line, or find that none has come."""
+        line = source.next(TICK)
+        if line is None:
+            if time.monotonic() - source.came_at > MOST_QUIET and not self._is_quiet:
+                self._is_quiet = True
+                self._say(source.number, f"no line for {MOST_QUIET:.0f} s; still reading")
+            return
+        self._is_quiet = False
+        try:
+            frame = self._reader.frame(line)
+            for note in self._reader.notes:
+                self._say(source.number, note)
+            self._reader.notes.clear()
+            if frame is not None:
+                self._push(frame, source)
+        except LineError as error:
+            self._refuse(source.number, str(error))
+        except UserError as error:
+            raise UserError(f"line {source.number}: {error}") from None
+
+    def _push(self, frame: Frame, source: LineSource) -> None:
+        """Push a frame of the last line, and show what it has changed.
+
+        Raises:
+            LineError: a reading is out of its range.
+        """
+        moment = frame.time
+        if moment is None:
+            moment = source.came_at - self._began_at
+        elif self._time is not None and moment < self._time - FALLS:
+            text = f"the time falls from {self._time:g} to {moment:g} s: a new recording begins"
+            self._say(source.number, text)
+            self._close(source.number)
+        self._time = frame.time
+        is_behind = self._skips and source.are_waiting
+        try:
+            updates = self._stream.push(frame.counts, moment, answer=not is_behind)
+        except UserError as error:
+            raise LineError(str(error).removeprefix(f"frame {self._frames}: ")) from None
+        self._frames += 1
+        self._view.count_frame()
+        for update in updates:
+            self._show(update, source.number)
+
+    def _show(self, update: Update, line: int) -> None:
+        """Show an update; why there is no answer stands on standard error too."""
+        if update.state != "waiting":
+            self._was_ready = True
+        self._view.show(update, line)
+        if update.note and update.probabilities is None:
+            self._say(line, update.note)
+
+    def _refuse(self, line: int, fault: str) -> None:
+        """Say what is wrong with a line that is no frame; of many, say it of a few."""
+        self._refused += 1
+        is_power_of_ten = str(self._refused).strip("0") == "1"
+        if self._refused < MOST_REFUSED:
+            self._say(line, f"no frame: {fault}")
+        elif is_power_of_ten:
+            count = several(self._refused, "line")
+            self._say(line, f"no frame: {fault} ({count} so far, the next are counted)")
+
+    def _miss_open_hand(self, line: int) -> None:
+        """Say once that no open hand was seen."""
+        if self._is_open_hand_missed or not self._frames:
+            return
+        self._is_open_hand_missed = True
+        frames = several(self._frames, "frame")
+        text = f"no open hand in {frames}, so no answer: open your hand and hold it still; "
+        self._say(line, text + "if it is open, its readings are unlike the training's: try --tare")
+
+    def _end(self, source: LineSource) -> None:
+        """Show the last answer, and say what was left out."""
+        if source.has_ended and source.cut:
+            self._refuse(source.number + 1, "the input ended in it, so it may be cut")
+        self._close(source.number)
+        if not self._was_ready:
+            self._miss_open_hand(source.number)
+        self._view.end()
+        counts = [several(self._frames, "frame")]
+        if self._refused:
+            counts.append(f"{several(self._refused, 'line')} without a frame")
+        if self._stream.skipped:
+            counts.append(f"{several(self._stream.skipped, 'answer')} skipped to keep up")
+        self._view.say(", ".join(counts))
+
+    def _close(self, line: int) -> None:
+        """Show the final answer of a grasp that is open where the frames end."""
+        for update in self._stream.close():
+            self._show(update, line)
+            if update.probabilities is not None:
+                self._say(line, update.note)
+
+    def _say(self, line: int, text: str) -> None:
+        self._view.say(f"line {line}: {text}")

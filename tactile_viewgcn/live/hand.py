@@ -1,0 +1,326 @@
+"""The hand in a stream: it waits for an open hand, is ready, or holds something.
+
+This is the plan of the training, made causal. `frames/apply.py` looks at a whole recording; here
+each frame is judged by the frames before it:
+
+- The baseline begins with the first five successive frames of an open hand. They read alike, and
+  are no contact above the last known open hand. At first that is the mean of the training set's
+  sessions.
+- It then follows the open hand, as in `frames/open_hand.py`. A grasp has the mean of the open-hand
+  frames since the previous grasp, as in `apply`; the last 256 of them are kept.
+- A grasp begins with the first frames in contact above that mean, by the noise of the training set.
+  It ends when the hand has been open for five successive frames.
+
+Without an open hand in the training recordings the baseline is the training set's, and a grasp ends
+after five successive frames without contact. Where the plan keeps every frame, nothing shows where
+a grasp begins and ends: all frames are of one grasp, until it is as long as the stream allows.
+"""
+
+from abc import ABC, abstractmethod
+from collections import deque
+from typing import Literal
+
+import numpy as np
+
+from tactile_viewgcn.frames.apply import keeps_every_frame
+from tactile_viewgcn.frames.baseline import trimmed_moments, visible_noise
+from tactile_viewgcn.frames.open_hand import (
+    MARGIN,
+    MIN_FRAMES,
+    WEAK,
+    Follower,
+    is_contact,
+    most_weak_sensors,
+)
+from tactile_viewgcn.params import CONTACT_SIGMAS
+from tactile_viewgcn.tables.plan import Plan
+
+OPEN_FRAMES = 256  # last frames of the open hand, of which a baseline is the mean
+CLOSING = 16  # last frames of a closing hand, which may be in contact already
+# frames that are neither in contact nor of an open hand, after which it is looked for anew
+MOST_UNCLEAR = 50
+NOISE_FRAMES = 32  # first frames, which show the noise where the training did not measure it
+
+HandState = Literal["waiting", "ready", "contact"]
+
+
+class Hand(ABC):
+    """The hand's state after each frame of a stream.
+
+    Attributes:
+        state: `waiting` for an open hand, `ready` for a grasp, or in `contact`.
+        mean: (H, W) baseline in counts of the grasp, in the state `contact`.
+    """
+
+    def __init__(self, state: HandState, mean: np.ndarray):
+        self.state = state
+        self.mean = mean
+
+    @abstractmethod
+    def follow(self, counts: np.ndarray) -> list[np.ndarray]:
+        """Take the next frame (H, W), and return the frames that are found to be in contact.
+
+        They are none, or this one, and where a grasp begins perhaps a few before it.
+        """
+
+    @abstractmethod
+    def let_go(self) -> None:
+        """Close the grasp early. The next one begins after an open hand, if the plan knows it."""
+
+    def begin_anew(self) -> None:
+        """Close the grasp, and look for the open hand anew, since the baseline may have drifted."""
+        self.let_go()
+
+
+def hand_of(plan: Plan, first: np.ndarray, *, tare: bool = False) -> Hand:
+    """Return the hand of a stream before its first frame.
+
+    Args:
+        plan: of the training.
+        first: counts (H, W) of the first frame; cells without a sensor keep reading the same.
+        tare: whether the first five frames that read alike are of the open hand, whatever the
+            training set read.
+    """
+    mean = first.astype(np.result_type(first.dtype, np.float32))
+    mean[plan.live] = plan.mean_baseline()[plan.live]
+    every_frame = keeps_every_frame(plan)
+    if plan.params.baseline == "none":
+        mean[:] = plan.params.zero
+        if every_frame:
+            return EveryFrame(mean)
+        return OpenHand(plan, mean, tare=True)
+    if plan.shows_open_hand:
+        return OpenHand(plan, mean, tare=tare, every_frame=every_frame)
+    if every_frame:
+        return EveryFrame(mean)
+    return KnownBaseline(plan, mean)
+
+
+class EveryFrame(Hand):
+    """A hand of which every frame is in contact.
+
+    Args:
+        mean: (H, W) baseline in counts.
+    """
+
+    def __init__(self, mean: np.ndarray):
+        super().__init__("ready", mean)
+
+    def follow(self, counts: np.ndarray) -> list[np.ndarray]:
+        """See `Hand.follow`."""
+        self.state = "contact"
+        return [counts]
+
+    def let_go(self) -> None:
+        """See `Hand.let_go`; the next frame begins the next grasp."""
+        self.state = "ready"
+
+
+class KnownBaseline(Hand):
+    """A hand above the baseline of the training set, in which no open hand was seen.
+
+    Args:
+        plan: of the training.
+        mean: (H, W) baseline in counts.
+    """
+
+    def __init__(self, plan: Plan, mean: np.ndarray):
+        super().__init__("ready", mean)
+        self._live = plan.live
+        self._limit = mean[plan.live] + CONTACT_SIGMAS * plan.noise[plan.live]
+        self._sensors = int(plan.params.contact_sensors)
+        self._without = 0  # successive frames without contact
+
+    def follow(self, counts: np.ndarray) -> list[np.ndarray]:
+        """See `Hand.follow`."""
+        if np.count_nonzero(counts[self._live] > self._limit) < self._sensors:
+            self._without += 1
+            if self._without >= MIN_FRAMES:
+                self.state = "ready"
+            return []
+        self._without = 0
+        if self.state == "waiting":
+            return []
+        self.state = "contact"
+        return [counts]
+
+    def let_go(self) -> None:
+        """See `Hand.let_go`."""
+        self.state = "waiting"
+        self._without = 0
+
+
+class OpenHand(Hand):
+    """A hand whose open frames give the baseline of each grasp.
+
+    Args:
+        plan: of the training. Without its noise, the first 32 frames show the noise.
+        mean: (H, W) counts of an open hand in the training; where the plan has no baseline, the
+            constant that stands for it.
+        tare: see `hand_of`.
+        every_frame: whether all frames from the first open hand on count as contact.
+    """
+
+    def __init__(self, plan: Plan, mean: np.ndarray, *, tare: bool, every_frame: bool = False):
+        super().__init__("waiting", mean)
+        self._live = plan.live
+        self._sensors = int(plan.params.contact_sensors)
+        self._has_baseline = plan.params.baseline != "none"
+        self._every_frame = every_frame
+        self._open_hand: np.ndarray | None = None  # (S,) the last known
+        if not tare:
+            self._open_hand = mean[plan.live]
+        self._threshold: np.ndarray | None = None  # (S,) above the baseline
+        if self._has_baseline:
+            self._threshold = CONTACT_SIGMAS * plan.noise[plan.live]
+        self._limit = np.zeros(0)  # (S,) above which a sensor is in contact, in a grasp
+        self._follower: Follower | None = None  # None until an open hand is found
+        self._first = deque[np.ndarray](maxlen=NOISE_FRAMES)  # (H, W) while there is no follower
+        self._opened = deque[np.ndarray](maxlen=OPEN_FRAMES)  # (S,) of the open hand
+        self._unknown = deque[np.ndarray](maxlen=CLOSING)  # (H, W) after the last open frame
+        self._still = 0  # successive frames in which the hand seems open
+        self._unclear = 0  # frames since the last one in contact or of an open hand
+        self._fallen = 0  # successive frames below the baseline
+
+    def follow(self, counts: np.ndarray) -> list[np.ndarray]:
+        """See `Hand.follow`."""
+        if self._follower is None:
+            return self._seek(counts)
+        if self.state == "contact" and self._every_frame:
+            return [counts]
+        values = counts[self._live]
+        self._unknown.append(counts)
+        self._follower.follow(values)
+        self._still += 1
+        if not self._follower.still:
+            self._still = 0
+        if self.state == "ready":
+            return self._follow_open_hand(self._follower)
+        if self.state == "contact" and self._in_contact(values):
+            self._unclear = 0
+            self._still = 0
+            return [counts]
+        self._unclear += 1
+        if self._still >= MIN_FRAMES:
+            self._opened.clear()
+            self._take_open_frame()
+            self.state = "ready"
+            self._unclear = 0
+        elif self.state == "contact" and self._unclear >= MOST_UNCLEAR:
+            self.begin_anew()
+        return []
+
+    def let_go(self) -> None:
+        """See `Hand.let_go`."""
+        self.state = "waiting"
+        self._still = 0
+        if self._every_frame:
+            self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """See `Hand.begin_anew`."""
+        self.state = "waiting"
+        self._follower = None
+        self._first.clear()
+
+    def _seek(self, counts: np.ndarray) -> list[np.ndarray]:
+        """Take a frame (H, W) before an open hand is found; if this one ends it, be ready.
+
+        Where every frame counts, the frames of the open hand are in contact too.
+        """
+        self._first.append(counts)
+        if self._threshold is None:
+            if len(self._first) < NOISE_FRAMES:
+                return []
+            self._threshold = CONTACT_SIGMAS * self._noise_of_first()
+        if len(self._first) < MIN_FRAMES:
+            return []
+        frames = list(self._first)[-MIN_FRAMES:]
+        values = np.stack([frame[self._live] for frame in frames])
+        mean = values.mean(axis=0, dtype=np.float64)
+        if not self._is_open(values, mean, self._threshold):
+            return []
+        self._open_hand = mean
+        self._follower = Follower(mean, self._threshold, self._sensors)
+        self._opened.clear()
+        self._opened.extend(values[:-MARGIN])
+        self._unknown.clear()
+        self._unknown.extend(frames[-MARGIN:])
+        self._still = MIN_FRAMES
+        self._fallen = 0
+        self._unclear = 0
+        self.state = "ready"
+        if not self._every_frame:
+            return []
+        self._begin_grasp()
+        return frames
+
+    def _noise_of_first(self) -> np.ndarray:
+        """Return the noise (S,) of the first frames, by the differences of successive ones."""
+        values = np.stack([frame[self._live] for frame in self._first])
+        changes = np.diff(values.astype(np.float64), axis=0)
+        _, noise_of_changes = trimmed_moments(changes, visible_noise(values))
+        noise: np.ndarray = noise_of_changes / np.sqrt(2)
+        return noise
+
+    def _is_open(self, values: np.ndarray, mean: np.ndarray, threshold: np.ndarray) -> bool:
+        """Return whether five frames are of an open hand.
+
+        Args:
+            values: (5, S) counts.
+            mean: (S,) of them.
+            threshold: (S,) the least that a sensor in contact reads above the baseline.
+        """
+        is_unlike = np.abs(values - mean) > WEAK * threshold
+        if np.count_nonzero(is_unlike, axis=1).max() > most_weak_sensors(len(threshold)):
+            return False
+        if self._open_hand is None:
+            return True
+        return not is_contact(mean - self._open_hand, threshold, self._sensors)
+
+    def _follow_open_hand(self, follower: Follower) -> list[np.ndarray]:
+        """Return the frames in contact after a frame in the state `ready`; they begin a grasp."""
+        self._unclear += 1
+        if self._still >= MIN_FRAMES:
+            self._unclear = 0
+            self._take_open_frame()
+        if follower.pressed < self._sensors:
+            self._fallen += 1
+            if not follower.fallen:
+                self._fallen = 0
+            # the hand was not open where the baseline began, or the sensors have drifted
+            if self._fallen >= MIN_FRAMES or self._unclear >= MOST_UNCLEAR:
+                self.begin_anew()
+            return []
+        self._fallen = 0
+        self._begin_grasp()
+        in_contact = [self._in_contact(frame[self._live]) for frame in self._unknown]
+        if not in_contact[-1]:
+            self.state = "ready"
+            return []
+        frames = [frame for frame, is_in in zip(self._unknown, in_contact, strict=True) if is_in]
+        self._unknown.clear()
+        return frames
+
+    def _take_open_frame(self) -> None:
+        """Count the frame before the last two as open, and forget those before it."""
+        while len(self._unknown) > MARGIN:
+            frame = self._unknown.popleft()
+        self._opened.append(frame[self._live])
+
+    def _begin_grasp(self) -> None:
+        """Begin a grasp above the mean of the open hand's frames since the previous grasp."""
+        if len(self._opened) >= MIN_FRAMES:
+            self._open_hand, _ = trimmed_moments(np.stack(self._opened))
+        assert self._open_hand is not None
+        assert self._threshold is not None
+        self._limit = self._open_hand + self._threshold
+        if self._has_baseline:
+            self.mean = self.mean.copy()
+            self.mean[self._live] = self._open_hand
+        self.state = "contact"
+        self._unclear = 0
+
+    def _in_contact(self, values: np.ndarray) -> bool:
+        """Return whether enough sensors (S,) of a frame are in contact in the open grasp."""
+        return int(np.count_nonzero(values > self._limit)) >= self._sensors

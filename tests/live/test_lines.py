@@ -1,0 +1,140 @@
+"""Lines as frames: what columns are, and which lines are no frames."""
+
+from contextlib import suppress
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn.live.lines import FrameLines, LineError
+from tactile_viewgcn.live.source import LONGEST_LINE
+from tactile_viewgcn.messages import UserError
+
+NAMES = ["thumb", "index", "palm"]
+
+
+def frames(lines, sensors=NAMES, shape=(1, 3)):
+    """The readings and times of the lines that are frames, and all notes."""
+    reader = FrameLines(shape, sensors)
+    found = [reader.frame(line.encode()) for line in lines]
+    rows = [(frame.counts.ravel().tolist(), frame.time) for frame in found if frame is not None]
+    return rows, reader.notes
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["1,2.5,-3"],
+        ["1;2,5;-3"],
+        ["1\t2.5\t-3\r\n"],
+        ["  1  2.5   -3 "],
+        ["1, 2.5, -3,"],
+        ["# a comment", "", "% another", "1,2.5,-3e0"],
+        ["\ufeff1,2.5,-3"],
+        ["thumb,index,palm", "1,2.5,-3"],
+        ['"palm";"thumb";"index"', "-3;1;2,5"],
+        ["palm\tnote\tthumb\tindex", "-3\ta word\t1\t2.5"],
+        ["time,palm,thumb,index"[5:], "-3,1,2.5"],
+    ],
+)
+def test_a_line_is_a_frame_in_the_order_of_the_model_s_sensors(lines):
+    assert frames(lines)[0] == [([1, 2.5, -3], None)]
+
+
+@pytest.mark.parametrize(
+    ("name", "seconds"), [("time", 4), ("timestamp", 4), ("time_ms", 4e-3), ("t [us]", 4e-6)]
+)
+def test_a_column_of_times_is_named_in_seconds_or_by_its_unit(name, seconds):
+    rows, notes = frames([f"thumb,{name},index,palm", "1,4,2,3"])
+    assert rows == [([1, 2, 3], pytest.approx(seconds))] and notes == []
+    rows, notes = frames([f"{name},a,b,c", "4,1,2,3"], sensors=[])
+    assert rows == [([1, 2, 3], pytest.approx(seconds))] and notes == []
+
+
+def test_columns_that_are_no_sensors_of_the_model_are_named():
+    rows, notes = frames(["sample,palm,thumb,index,elbow", "7,3,1,2,9"])
+    assert rows == [([1, 2, 3], None)]
+    assert notes == ["2 columns left out, no sensors of the model: sample, elbow"]
+
+
+def test_names_that_come_again_are_read_over_and_may_change_their_order():
+    reader = FrameLines((1, 3), NAMES)
+    lines = [b"thumb,index,palm", b"1,2,3", b"thumb,index,palm", b"palm,index,thumb", b"3,2,1"]
+    found = [reader.frame(line) for line in lines]
+    assert [frame is None for frame in found] == [True, False, True, True, False]
+    np.testing.assert_array_equal(found[1].counts, found[4].counts)
+    assert reader.notes == ["the names of the columns again: read on"]
+
+
+def test_an_array_is_read_row_after_row():
+    reader = FrameLines((2, 3), [])
+    assert reader.frame(b"1,2,3,4,5,6").counts.tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
+def test_numbers_of_columns_at_the_top_are_no_frame():
+    rows, notes = frames(["0,1,2", "5,6,7", "0,1,2"], sensors=[])
+    assert rows == [([5, 6, 7], None), ([0, 1, 2], None)] and len(notes) == 1
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("1,2", "2 values; expected 3"),
+        ("1,2,3,4", "4 values; expected 3; if one of them is the time"),
+        ("1,two,3", "column 2 holds 'two'; expected a number"),
+        ("1,,3", "column 2 holds ''"),
+        ("1,2_0,3", "column 2 holds '2_0'"),
+        ("1,2,0x10", "column 3 holds '0x10'"),
+        ("ready", "1 value; expected 3"),
+        ("glove is ready", "(1 value; expected 3|column 1 holds 'glove')"),
+        ("1,2,3\0", "it is no text"),
+        ("1,2," + "3" * LONGEST_LINE, "bytes or more; expected a frame"),
+    ],
+)
+@pytest.mark.parametrize("before", [[], ["5,6,7"], ["thumb,index,palm"]])
+def test_a_line_that_is_no_frame_is_refused_and_the_next_one_is_read(line, message, before):
+    reader = FrameLines((1, 3), NAMES)
+    for other in before:
+        reader.frame(other.encode())
+    if before == ["thumb,index,palm"]:
+        message = message.partition("; if")[0]
+    with pytest.raises(LineError, match=message):
+        reader.frame(line.encode())
+    assert reader.frame(b"5,6,7").counts.tolist() == [[5, 6, 7]]
+
+
+def test_a_time_that_is_no_number_makes_a_line_no_frame():
+    reader = FrameLines((1, 3), NAMES)
+    reader.frame(b"time,thumb,index,palm")
+    with pytest.raises(LineError, match="the time is no finite number"):
+        reader.frame(b"nan,1,2,3")
+    with pytest.raises(LineError, match="column 1 holds 'noon'"):
+        reader.frame(b"noon,1,2,3")
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        (["thumb,index,wrist"], "no column palm of the model's sensors; found thumb, index, wrist"),
+        (["thumb,index,palm,palm"], "are named thumb, index, palm, palm; expected the model's"),
+        (["a,b,c", "1,2,3"], "the columns are named a, b, c; expected the model's sensors among"),
+    ],
+)
+def test_columns_without_a_sensor_of_the_model_end_the_input(lines, message):
+    """Else the readings of other sensors would be answered."""
+    reader = FrameLines((1, 3), NAMES)
+    with pytest.raises(UserError, match=message) as error:
+        for line in lines:
+            with suppress(LineError):
+                reader.frame(line.encode())
+    assert not isinstance(error.value, LineError)
+
+
+def test_without_names_in_the_model_a_line_of_words_names_as_many_columns_once():
+    rows, _ = frames(["a,b,c", "1,2,3"], sensors=[])
+    assert rows == [([1, 2, 3], None)]
+    reader = FrameLines((1, 3), [])
+    with pytest.raises(LineError, match="names 4 sensors: a, b, c, d; expected 3"):
+        reader.frame(b"a,b,c,d")
+    reader.frame(b"a,b,c")
+    with pytest.raises(LineError, match="column 1 holds 'x'"):
+        reader.frame(b"x,y,z")
