@@ -48,7 +48,8 @@ class GrowingRecording:
         excess = counts - mean
         self._counts.add(counts)
         self._excess.add(excess)
-        self._inputs.add(self._content.inputs(excess))
+        with np.errstate(all="ignore"):  # as of the answer: whether it is finite is checked
+            self._inputs.add(self._content.inputs(excess))
 
     def answer(self, *, is_last: bool) -> tuple[np.ndarray | None, str]:
         """Return the probabilities float32 (classes,); or None, and why, if it is for good.

@@ -4,6 +4,8 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tactile_viewgcn.live.lines import FrameLines, LineError
 from tactile_viewgcn.live.source import LONGEST_LINE
@@ -138,3 +140,28 @@ def test_without_names_in_the_model_a_line_of_words_names_as_many_columns_once()
     reader.frame(b"a,b,c")
     with pytest.raises(LineError, match="column 1 holds 'x'"):
         reader.frame(b"x,y,z")
+
+
+CELLS = st.sampled_from(
+    ["thumb", "index", "palm", "time", "note", "1", "-2.5", "nan", "", "x", "_"]
+)
+LINES = st.one_of(
+    st.binary(max_size=40),
+    st.builds(
+        lambda cells, mark: mark.join(cells).encode(),
+        st.lists(CELLS, max_size=6),
+        st.sampled_from([",", ";", "\t", " ", ", "]),
+    ),
+)
+
+
+@pytest.mark.parametrize("sensors", [NAMES, []])
+@given(lines=st.lists(LINES, max_size=8))
+def test_of_any_lines_each_is_a_whole_frame_or_none_or_refused(sensors, lines):
+    reader = FrameLines((1, 3), sensors)
+    for line in lines:
+        try:
+            frame = reader.frame(line)
+        except UserError:
+            continue
+        assert frame is None or frame.counts.shape == (1, 3)
