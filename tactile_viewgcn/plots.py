@@ -84,10 +84,11 @@ def live_errors(rows: list[dict[str, Any]], chance: float) -> Figure:
     if sure:
         contact = [max(row["contact"], levels[0]) for row in sure]
         axes.plot(contact, _per_cent(sure, "error"), "D", color=of_others, label="sure answers")
-        for place, row in zip(contact, sure, strict=True):
+        # apart from each other where the points are near
+        for place, row, below in zip(contact, sure, (-3, 4, -11), strict=False):
             text = f"{100 * row['level']:g} %"
             position = (place, 100 * row["error"])
-            axes.annotate(text, position, (5, 3), textcoords="offset points", fontsize=8)
+            axes.annotate(text, position, (6, below), textcoords="offset points", fontsize=8)
     axes.axhline(100 * predict["error"], color=of_others, linewidth=1.5, label="predict")
     axes.axhline(100 * chance, color="#a33", linestyle="--", linewidth=1.2, label="chance")
     axes.set_xscale("log", base=2)

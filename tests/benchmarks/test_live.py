@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.live import __main__ as live
-from benchmarks.live.__main__ import Labelled, _of_objects, channels, resampled, timed_frames
+from benchmarks.live.__main__ import channels, resampled, timed_frames
 from tactile_viewgcn.live.lines import FrameLines
 
 
@@ -50,5 +50,3 @@ def test_channels_are_labelled_by_what_they_read():
     for recording, name in zip(known.recordings, known.objects, strict=True):
         high = recording.mean(axis=0) > 0.5
         assert f"object {int(np.flatnonzero(high)[0])}" == name
-    few = _of_objects(Labelled([1, 2, 3], ["b", "a", "b"]), 1)
-    assert few == Labelled([2], ["a"])
