@@ -11,7 +11,7 @@ from tactile_viewgcn.frames.decide import Choice, decide
 from tactile_viewgcn.frames.filter import passing, require_filter
 from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.frames.split import SPLIT_SEED, Sides, deal, draw_anchors, keep_testable
-from tactile_viewgcn.frames.training_readings import measured_on
+from tactile_viewgcn.frames.training_readings import measured_on, training_rates
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.params import PreprocessSection, Split
 from tactile_viewgcn.randomness import stream
@@ -92,6 +92,7 @@ def preprocess_recordings(
         plan,
         kept_share=float(passed[sides.training].mean()),
         noise=baseline.noise[of_training].mean(axis=0),
+        rates=training_rates(recordings, sides.training),
     )
     index = np.flatnonzero(keep)
     frames = _kept_frames(recordings, index, baseline, plan, sides=sides, anchor=anchor)

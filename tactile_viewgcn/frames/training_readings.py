@@ -9,6 +9,7 @@ from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.tables.counts import evenly, middles
 from tactile_viewgcn.tables.frames import TRAIN, Frames, frame_rates
 from tactile_viewgcn.tables.plan import Plan
+from tactile_viewgcn.tables.recordings import Recordings
 
 STRONG_SHARE = 0.01  # of the readings are above a recording's strong reading
 STRONG_FRAMES = 2000  # that are used for the strong readings
@@ -18,10 +19,11 @@ CHANGING_FRAMES = 8  # of a recording, that are compared with each other
 def measured_on(frames: Frames) -> Plan:
     """Return the plan of a table of frames with what its training frames read.
 
-    The attributes from `sessions` on are measured. A session of several baselines has their mean.
+    The attributes from `sessions` to `least_change` are measured. A session of several baselines
+    has their mean.
 
     Args:
-        frames: the table; its plan has `noise` and `kept_share`.
+        frames: the table; its plan has `noise`, `kept_share` and `rates`.
     """
     train = frames.on(TRAIN)
     sessions, baselines = _session_baselines(frames, train)
@@ -29,17 +31,33 @@ def measured_on(frames: Frames) -> Plan:
         change_between_frames(frames.counts[index], frames.live)
         for index in frames.by_recording(train)
     ]
-    rates = sorted(frame_rates(frames.time[train], frames.recording[train]).values())
-    if not rates:
-        rates = [0.0, np.inf]
     return replace(
         frames.plan,
         sessions=sessions,
         baselines=baselines,
         strong_readings=strong_readings(frames),
         least_change=min((change for change in changes if change > 0), default=0.0),
-        rates=[rates[0], rates[-1]],
     )
+
+
+def training_rates(recordings: Recordings, training: np.ndarray) -> list[float]:
+    """Return the lowest and the highest frame rate of the training recordings in Hz.
+
+    All their frames count, as in a new recording, whatever the filter keeps of them.
+
+    Args:
+        recordings: T frames.
+        training: bool (T,), the frames of the training set.
+
+    Returns:
+        Two rates; 0 and infinity without times.
+    """
+    time = np.asarray(recordings.columns["time"])[training]
+    recording = np.asarray(recordings.columns["recording"])[training]
+    rates = frame_rates(time, recording).values()
+    if not rates:
+        return [0.0, np.inf]
+    return [min(rates), max(rates)]
 
 
 def strong_readings(frames: Frames) -> list[list[float]]:

@@ -101,6 +101,16 @@ def test_groups_of_a_training_leave_no_test_side(tmp_path):
     )
 
 
+def test_the_frame_rates_are_those_of_all_training_frames_whatever_the_filter_keeps(tmp_path):
+    # frame by frame, from 10 Hz in the first recording on; the flags keep every second frame
+    rate = 10.0 + RECORDING
+    number = np.arange(len(RECORDING)) - np.searchsorted(RECORDING, RECORDING)
+    columns = COLUMNS | {"time": number / rate, "valid": VALID & (number % 2 == 0)}
+    frames, _ = prepared(tmp_path, "split.by=recording", columns=columns)
+    trained = np.unique(frames.recording[frames.side == TRAIN])
+    assert frames.plan.rates == pytest.approx([10.0 + trained.min(), 10.0 + trained.max()])
+
+
 @pytest.mark.parametrize("by", ["recording", "source"])
 def test_an_empty_hand_that_is_not_on_both_sides_is_no_class_and_still_the_baseline(tmp_path, by):
     kept = (SESSION == 0) & ((OBJECT > 0) | (RECORDING == 0))  # one recording of the empty hand
