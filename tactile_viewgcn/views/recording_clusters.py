@@ -37,7 +37,8 @@ class RecordingClusters:
             int64 (T, V) indices of frames.
         """
         rng = stream(0, "recording clusters")
-        scores = principal_components(points[:], COMPONENTS)
+        in_order = np.ascontiguousarray(points[:])  # sums depend on the order in memory
+        scores = principal_components(in_order, COMPONENTS)
         seed = int(rng.integers(2**31))
         cluster = kmeans(scores, views, restarts=self.params.restarts, seed=seed)
         one_pool = np.zeros(len(cluster), dtype=np.int64)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.params import Cluster
+from tactile_viewgcn.views import recording_clusters
 from tactile_viewgcn.views.recording_clusters import RecordingClusters
 
 
@@ -46,3 +47,17 @@ def test_a_recording_has_one_answer_whatever_was_drawn_before():
     clusters.view_sets(clumps((3, 3, 3, 3), seed=1)[0], 4)
     np.testing.assert_array_equal(clusters.view_sets(points, 4), first)
     np.testing.assert_array_equal(RecordingClusters(Cluster()).view_sets(points, 4), first)
+
+
+def test_the_order_of_the_points_in_memory_does_not_count(monkeypatch):
+    points = np.random.default_rng(0).random((60, 500)).astype(np.float32)
+    seen = []
+
+    def noted(scores, *args, **options):
+        seen.append(scores)
+        return np.arange(len(scores)) % 8
+
+    monkeypatch.setattr(recording_clusters, "kmeans", noted)
+    for order in "CF":
+        RecordingClusters(Cluster()).view_sets(np.array(points, order=order), 8)
+    np.testing.assert_array_equal(*seen)
