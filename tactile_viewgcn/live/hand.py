@@ -10,6 +10,8 @@ each frame is judged by the frames before it:
   frames since the previous grasp, as in `apply`; the last 256 of them are kept.
 - A grasp begins with the first frames in contact above that mean, by the noise of the training set.
   It ends when the hand has been open for five successive frames.
+- After fifty frames that are neither in contact nor of an open hand, the baseline is lost. So it is
+  after five frames below it: the hand was not open where it began. Then an open hand is waited for.
 
 Without an open hand in the training recordings the baseline is the training set's, and a grasp ends
 after five successive frames without contact. Where the plan keeps every frame, nothing shows where

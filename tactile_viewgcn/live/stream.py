@@ -259,7 +259,7 @@ class LiveStream:
         elif in_contact:
             self._since_answer += 1
         if len(grasp) >= self._longest:
-            note = f"closed with {several(len(grasp), 'frame')}, the most that are kept of a grasp"
+            note = f"closed with {several(len(grasp), 'frame')}, the most that are kept"
             updates.append(self._close_grasp(note))
             hand.begin_anew()
         elif in_contact and self._since_answer >= self._every:
@@ -281,7 +281,7 @@ class LiveStream:
             return [self._update("contact", note=note)]
         if self._sure is None or probabilities.max() < self._sure:
             return [self._update("answer", probabilities)]
-        final = self._close_grasp(f"closed early, as its probability is {self._sure:g} or more")
+        final = self._close_grasp("closed early")
         hand.let_go()
         return [final]
 

@@ -39,7 +39,6 @@ from tactile_viewgcn.params import (
 from tactile_viewgcn.recognition.calibration import Classifier, recording_answer
 from tactile_viewgcn.recognition.model_format import FORMAT, package_version, upgraded
 from tactile_viewgcn.systems import load_system, system_class
-from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import TRAIN, Frames, network_input
 from tactile_viewgcn.tables.plan import ARRAYS, Plan
 from tactile_viewgcn.views.recording_clusters import RecordingClusters
@@ -131,7 +130,7 @@ class Content:
             inputs: network input (n, H, W) of the frames, in the order of time.
             values: the classifier's values of these inputs.
         """
-        points = Gathered(lambda rows: inputs[rows][:, self.plan.live], np.arange(len(inputs)))
+        points = inputs[:, self.plan.live]
         return recording_answer(classifier, self.temperature, values, points)
 
     def answers_now(self, classifier: Classifier) -> np.ndarray:

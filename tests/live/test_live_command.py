@@ -6,9 +6,13 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 
+import numpy as np
+import pandas as pd
 import pytest
 
+from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.live import command as module
 from tactile_viewgcn.live.command import LiveCommand
 from tactile_viewgcn.live.lines import FrameLines
@@ -205,6 +209,45 @@ def test_without_times_the_seconds_are_those_between_the_lines():
     _, records, _ = run(GRASP[:13], 0.5, GRASP[13:])
     (final,) = finals(records)
     assert 0.45 < final["seconds"] < 2
+
+
+@pytest.fixture(scope="module")
+def named():
+    """A recogniser of channels that have names."""
+    rng = np.random.default_rng(0)
+    X = []
+    for number in range(12):
+        readings = rng.normal(0, 1, (30, 3))
+        readings[:, number % 2] += 20
+        X.append(pd.DataFrame(readings, columns=["thumb", "index", "palm"]))
+    with warnings.catch_warnings(action="ignore"):
+        fitted = TactileClassifier(system="svm").fit(X, np.arange(12) % 2)
+    return fitted.recogniser_
+
+
+def test_sensors_are_found_by_their_names(named):
+    rows = np.random.default_rng(1).normal(0, 1, (9, 3))
+    rows[:, 1] += 20
+    plain = [",".join(map(str, row)) for row in rows]
+    mixed = [f"{number};{row[2]};x;{row[0]};{row[1]}" for number, row in enumerate(rows)]
+    code, records, errors = run(["sample;palm;note;thumb;index", *mixed], model=named)
+    _, expected, _ = run(plain, model=named)
+    assert code == 0
+    assert errors[0] == "line 1: 2 columns left out, no sensors of the model: sample, note"
+    (final,), (other,) = finals(records), finals(expected)
+    assert final["object"] == "1" and final["probabilities"] == other["probabilities"]
+
+
+def test_columns_without_a_sensor_end_the_stream_with_the_last_answer(named):
+    lines = ["thumb,index,palm", "0,20,0", "1,19,0", "thumb,index,wrist", "0,20,0"]
+    printed, errors = [], []
+    view = JsonView(printed.append, errors.append, named.classes)
+    reader = FrameLines(named.shape, named.plan.channel_names)
+    command = LiveCommand(named.stream(), reader, view, skips=False)
+    with pytest.raises(UserError, match=r"^line 4: the names of the columns: no column palm of"):
+        command.run(LineSource(Pipe(text_of(lines))))
+    (final,) = finals(map(json.loads, printed))
+    assert (final["object"], final["frames"]) == ("1", 2)
 
 
 def test_lines_of_text_show_changes_of_the_state_and_the_object():

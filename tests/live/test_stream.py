@@ -141,7 +141,7 @@ def test_a_grasp_is_closed_when_it_is_as_long_as_the_stream_allows():
     updates = answered(recogniser().stream(longest=12), frames)
     first = finals(updates)[0]
     assert (first.object, first.frames, first.frame) == ("cup", 12, 30 + 11)
-    assert first.note == "closed with 12 frames, the most that are kept of a grasp"
+    assert first.note == "closed with 12 frames, the most that are kept"
     after = [update for update in updates if update.frame > first.frame]
     assert states(after)[:3] == ["ready", "contact", "answer"]
     assert after[0].frame == 30 + 30 + 4 and finals(updates)[1].object == "pen"
