@@ -151,11 +151,9 @@ def _new_job(
         needed: whether the system needs the stage; it has no name in MLflow otherwise.
     """
     used = params_of(stages()[stage], params)
-    words: tuple[str, ...] = (stage,)
     values = flatten(used)
     if stage == ROW:  # the row in MLflow stands for the whole pipeline
         values = flatten(params)
-        words = (params.model.system, f"V={params.views}")
     changed = changed_params(values, params_file)
     record = Record(
         stage,
@@ -164,7 +162,7 @@ def _new_job(
         origin=origin(stage),
     )
     if needed:
-        record.name = run_name(changed, *words)
+        record.name = run_name(stage, values, changed)
     return Job(used, record, needed)
 
 

@@ -230,6 +230,22 @@ def report(run: str, out: Path) -> None:
     _say(*report_lines(finished, write(out, run_page(finished))))
 
 
+@cli.command()
+@click.argument("names", nargs=-1, metavar="[A] B")
+def compare(names: tuple[str, ...]) -> None:
+    """Say whether the results of run B differ from those of run A.
+
+    A and B are names of DVC experiments or revisions, ids of MLflow runs, folders with the `runs`
+    and `results` of a run, or `workspace`. B is by default the workspace. A is by default what the
+    workspace's commit has, or the workspace where its results are not here.
+    """
+    from tactile_viewgcn.pages.comparison import comparison_lines, read_both
+
+    with readable("a file of runs/ or results/ of one of the runs"):
+        first, second = read_both(names)
+    _say(*comparison_lines(first, second))
+
+
 def _form(changes: tuple[str, ...], *other: str) -> tuple["Form", PreprocessSection]:
     """Return the form of a source, and settings of `preprocess`, that `--set` gives.
 

@@ -406,5 +406,9 @@ def preset_changes(name: str) -> list[str]:
         raise UserError(
             f"preset is {name!r}; expected one of {', '.join(names)}{nearest(name, names)}"
         )
-    preset = read_yaml(PRESETS / f"{name}.yaml")
-    return [as_change(key, value) for key, value in preset.items()]
+    return [as_change(key, value) for key, value in read_preset(name).items()]
+
+
+def read_preset(name: str) -> dict[str, Any]:
+    """Return the values of a preset by dotted key."""
+    return read_yaml(PRESETS / f"{name}.yaml")

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from tactile_viewgcn.messages import Note
+from tactile_viewgcn.params import VIRTUAL, presets, read_preset
 from tactile_viewgcn.schema import as_change, flatten, parse
 
 ROW = "evaluate"  # the stage whose run is the pipeline's row in MLflow
@@ -23,6 +24,8 @@ ROW = "evaluate"  # the stage whose run is the pipeline's row in MLflow
 EARLIER = ("ingest", "preprocess", "cluster", "pretrain", "finetune")
 # no change of the code: a record has its parameters
 WRITTEN = ("params.yaml", "dvc.lock", "results/summary.json")
+SEPARATOR = " · "  # of the parts of a run's name
+ANY_NAME = ("metadata", "recordings", "data")  # names of files that say nothing of the data
 PACKAGES = ("torch", "scikit-learn", "numpy")  # a record has their versions
 
 
@@ -109,18 +112,71 @@ def committed_params(path: Path) -> dict[str, Any]:
     return flatten(tree)
 
 
-def run_name(changed: dict[str, Any], *words: str) -> str:
-    """Return the name of a run for people, such as `views=12 pretrain.lr=0.01 mvcnn`.
+def run_name(stage: str, values: dict[str, Any], changed: dict[str, Any]) -> str:
+    """Return the name of a run for people, such as `flex_glove · best · by session · views=12`.
 
-    The shortest change stands first: a list cuts long names, and runs with one long path differ in
-    a short value.
+    Data, system or preset, and what is held out come first, then all other changes, the shortest
+    first. The run of a stage begins with the stage.
 
     Args:
-        changed: changed parameters by dotted key.
-        words: what follows them.
+        stage: name of the stage; that of `ROW` stands for the whole pipeline.
+        values: the parameters that the stage reads, by dotted key.
+        changed: those of them that differ from the committed ones.
     """
-    changes = [as_change(key, value) for key, value in changed.items()]
-    return " ".join([*sorted(changes, key=len), *words])
+    parts = []
+    if stage != ROW:
+        parts.append(stage)
+    named = set[str]()
+    if "data.source" in values:
+        parts.append(_data(values["data.source"]))
+        named |= {"data.source"}
+    if "model.system" in values:
+        method, keys = _method(values)
+        parts.append(method)
+        named |= keys
+    if "split.by" in values:
+        parts.append(_held_out(values))
+        named |= {"split.by", "split.folds", "split.fold"}
+    others = [as_change(key, value) for key, value in changed.items() if key not in named]
+    if others:
+        parts.append(" ".join(sorted(others, key=len)))
+    return SEPARATOR.join(parts)
+
+
+def _data(source: str) -> str:
+    """Return what a data source is called in the name of a run."""
+    if source == VIRTUAL:
+        return "simulated"
+    path = Path(source)
+    if path.stem in ANY_NAME:
+        return path.parent.name or path.name
+    return path.stem if path.suffix else path.name
+
+
+def _method(values: dict[str, Any]) -> tuple[str, set[str]]:
+    """Return the preset that all values agree with, else the system; and the keys that it sets.
+
+    Of several presets the one with most keys is named.
+    """
+    fitting = []
+    for name in presets():
+        settings = read_preset(name)
+        if all(values.get(key) == value for key, value in settings.items()):
+            fitting.append((len(settings), name, set(settings)))
+    if not fitting:
+        return values["model.system"], {"model.system"}
+    _, name, keys = max(fitting)
+    return name, keys | {"model.system"}
+
+
+def _held_out(values: dict[str, Any]) -> str:
+    """Return how the test set is held out, in words."""
+    if values["split.by"] == "source":
+        return "published split"
+    text = f"by {values['split.by']}"
+    if values["split.fold"]:
+        text += f", fold {values['split.fold']} of {values['split.folds']}"
+    return text
 
 
 def origin(stage: str) -> dict[str, str]:

@@ -5,21 +5,63 @@ import sys
 
 import pytest
 
+from tactile_viewgcn.params import default_params, preset_changes, presets
 from tactile_viewgcn.provenance import changed_params, git_revision, peak_mb, run_name
+from tactile_viewgcn.schema import flatten
 
 WRITTEN = ("dvc.lock", "data/dvc.lock", "results/summary.json", "params.yaml")
+
+
+BEST = {"model.system": "sensors", "model.members": "auto"}
+STAG = "/home/me/blindfolded_lite/metadata.mat"
 
 
 @pytest.mark.parametrize(
     ("changed", "name"),
     [
-        ({}, "mvcnn V=8"),
-        ({"pretrain.lr": 0.01}, "pretrain.lr=0.01 mvcnn V=8"),
-        ({"finetune.lr": 1e-5, "x.flag": False}, "x.flag=false finetune.lr=1e-05 mvcnn V=8"),
+        ({}, "simulated · view_gcn · published split"),
+        ({"model.system": "mvcnn"}, "simulated · mvcnn · published split"),
+        (
+            {"finetune.lr": 1e-5, "views": 12},
+            "simulated · view_gcn · published split · views=12 finetune.lr=1e-05",
+        ),
+        (
+            BEST | {"data.source": "data/flex_glove", "split.by": "session"},
+            "flex_glove · best · by session",
+        ),
+        (
+            {
+                "data.source": STAG,
+                "split.by": "grasp",
+                "split.folds": 6,
+                "split.fold": 2,
+                "seed": 7,
+            },
+            "blindfolded_lite · view_gcn · by grasp, fold 2 of 6 · seed=7",
+        ),
+        ({"data.source": "my/one table.csv"}, "one table · view_gcn · published split"),
     ],
 )
-def test_a_run_is_named_by_what_differs_the_shortest_first(changed, name):
-    assert run_name(changed, "mvcnn", "V=8") == name
+def test_a_row_is_named_by_data_method_and_what_is_held_out_then_by_other_changes(changed, name):
+    assert run_name("evaluate", flatten(default_params()) | changed, changed) == name
+
+
+def test_every_preset_is_named_and_one_with_a_change_has_it_too():
+    for preset in presets():
+        values = flatten(default_params(tuple(preset_changes(preset))))
+        assert run_name("evaluate", values, {}) == f"simulated · {preset} · published split"
+    changed = {"finetune.epochs": 3}
+    values = flatten(default_params((*preset_changes("kernels"), "finetune.epochs=3")))
+    assert run_name("evaluate", values, changed).endswith(
+        "kernels · published split · finetune.epochs=3"
+    )
+
+
+def test_the_run_of_a_stage_begins_with_the_stage():
+    assert run_name("pretrain", {"pretrain.lr": 0.01}, {"pretrain.lr": 0.01}) == (
+        "pretrain · pretrain.lr=0.01"
+    )
+    assert run_name("ingest", {"data.source": "data/lab"}, {}) == "ingest · lab"
 
 
 def git(place, *words):

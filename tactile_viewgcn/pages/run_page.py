@@ -365,7 +365,7 @@ def read_run(name: str = "") -> FinishedRun:
 
     Args:
         name: of a DVC experiment, or another revision that DVC knows; the id of an MLflow run of
-            `evaluate`; empty for the workspace.
+            `evaluate`; a folder with the `runs` and `results` of a run; empty for the workspace.
 
     Raises:
         UserError: no such run; its files are missing, or do not belong together.
@@ -439,6 +439,8 @@ def _reader(name: str) -> Callable[[str], bytes]:
     """
     if not name:
         return _read_from_workspace
+    if Path(name).is_dir():
+        return lambda path: (Path(name) / path).read_bytes()
     if MLFLOW_ID.fullmatch(name):
         from tactile_viewgcn.tracking import read_artifact
 
