@@ -18,6 +18,7 @@ from tactile_viewgcn.messages import EMPTY_HAND, Note, several
 from tactile_viewgcn.params import Params
 from tactile_viewgcn.progress import steps
 from tactile_viewgcn.randomness import stream as random_stream
+from tactile_viewgcn.recognition.growing import TOO_WEAK
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import SIDES, Frames
 from tactile_viewgcn.tables.recordings import Recordings
@@ -47,8 +48,21 @@ ANSWERS = {
     "is_final": bool,
 }
 Row = dict[str, Any]
-#: A grasp that a stream finds: its first frame, and the answers to it, the final one last.
-Found = tuple[int, list[Update]]
+GRASPS = ("group", "contact", "right_unanswered")  # columns of `Grasps.grasps`
+
+
+class Found(NamedTuple):
+    """A grasp that a stream finds in a recording.
+
+    Attributes:
+        first: number of the frame with which it begins.
+        last: number of its last frame in contact.
+        updates: the answers to it, the final one last.
+    """
+
+    first: int
+    last: int
+    updates: list[Update]
 
 
 class Grasps(NamedTuple):
@@ -75,7 +89,9 @@ def answer_live(
     whole: Trials,
     params: Params,
 ) -> tuple[list[Row], list[Note]]:
-    """Return the rows of live.csv, and a note if only some recordings were taken.
+    """Return the rows of live.csv, and notes on what they are of.
+
+    There are none where no grasp is tested as a whole.
 
     Args:
         new_stream: returns a stream of the classifier.
@@ -89,13 +105,22 @@ def answer_live(
     numbers = numbered.loc[numbered["is_tested"], "recording"].unique()
     taken = affordable(recordings, numbers)
     numbered = numbered[numbered["recording"].isin(taken)]
-    rows = live_rows(stream_grasps(new_stream, recordings, numbered, table.classes), seed)
+    answered = stream_grasps(new_stream, recordings, numbered, table.classes)
+    if answered.grasps.empty:
+        return [], [Note("no grasp of the stream is tested as a whole", topic="live")]
+    rows = live_rows(answered, seed)
     names = [recordings.recordings[number] for number in taken]
     rows.append(_predict_row(whole, np.isin(whole.recordings, names), seed))
     notes = list[Note]()
     if len(taken) < len(numbers):
         text = f"{len(taken)} of {several(len(numbers), 'recording')}, evenly chosen, "
         text += "were answered as a stream"
+        notes.append(Note(text, topic="live"))
+    tested = int(numbered["is_tested"].sum())
+    found = int(answered.grasps["contact"].notna().sum())
+    if "grasp" in recordings.columns and found != tested:
+        text = f"the recordings number {several(tested, 'tested grasp')}, the stream finds {found}:"
+        text += " it joins grasps between which the hand hardly opens, and misses light ones"
         notes.append(Note(text, topic="live"))
     return rows, notes
 
@@ -124,12 +149,14 @@ def numbered_grasps(table: Frames, side: int) -> pd.DataFrame:
 
 def affordable(recordings: Recordings, numbers: np.ndarray) -> np.ndarray:
     """Return the numbers of the recordings that are taken, evenly chosen among `numbers` (n,)."""
+    if not len(numbers):
+        return numbers
     columns = pd.DataFrame({name: recordings.columns[name] for name in ("recording", "time")})
     of_recording = columns[columns["recording"].isin(numbers)].groupby("recording")["time"]
     frames = of_recording.size()
     longest = ANSWERS_A_SECOND * (of_recording.max() - of_recording.min())
     answers = np.fmin(frames, longest)  # without times the frames
-    share = min(1.0, MOST_FRAMES / frames.sum(), MOST_ANSWERS / answers.sum())
+    share = min(1.0, MOST_FRAMES / frames.sum(), MOST_ANSWERS / max(answers.sum(), 1))
     return evenly(numbers, max(1, int(share * len(numbers))))
 
 
@@ -177,7 +204,7 @@ def stream_grasps(
             row = {"group": grasp["group"], "contact": contact, "right_unanswered": is_empty}
             grasps.append(row)
     table = pd.DataFrame(answers, columns=list(ANSWERS)).astype(ANSWERS)
-    return Grasps(pd.DataFrame(grasps), table, unit)
+    return Grasps(pd.DataFrame(grasps, columns=list(GRASPS)), table, unit)
 
 
 def _tested(
@@ -194,8 +221,8 @@ def _tested(
     tested = known[known["is_tested"]]
     pairs = list[tuple[pd.Series, list[Update]]]()
     met = set[int]()
-    for first, updates in found:
-        numbers = known.index.intersection(number_of[first : updates[-1].frame])
+    for first, last, updates in found:
+        numbers = known.index.intersection(number_of[first : last + 1])
         if numbers.empty and len(tested) == len(known):
             numbers = tested.index[:1]  # contact in frames that are not kept
         met.update(known.loc[numbers, "group"])
@@ -207,6 +234,13 @@ def _tested(
 
 
 def _answer_row(grasp: int, update: Update, name: str, unit: str) -> Row:
+    """Return a row of `Grasps.answers`.
+
+    A grasp that reads as a hand that touches nothing is the empty hand, as for `predict`.
+    """
+    answer = update.object
+    if answer is None and update.note == TOO_WEAK:
+        answer = EMPTY_HAND
     contact: float | None = update.frames
     if unit == "s":
         contact = update.seconds
@@ -214,7 +248,7 @@ def _answer_row(grasp: int, update: Update, name: str, unit: str) -> Row:
         "grasp": grasp,
         "contact": contact,
         "probability": update.probability or 0.0,
-        "right": update.object == name,
+        "right": answer == name,
         "is_final": update.state == "final",
     }
 
@@ -228,15 +262,22 @@ def _found(stream: LiveStream, counts: np.ndarray, times: np.ndarray | None) -> 
         times: (n,) in seconds; None without times.
     """
     first = 0
+    last = 0
     answers = list[Update]()
     for update in _updates(stream, counts, times):
         if update.state == "contact":
             first = update.frame
+            last = first
             answers = []
-        elif update.state in ("answer", "final"):
+        elif update.state == "answer":
+            last = update.frame
             answers.append(update)
-        if update.state == "final":
-            yield first, answers
+        elif update.state == "final":
+            answers.append(update)
+            if times is not None and update.seconds is not None:
+                end = times[first] + update.seconds + ROUNDING
+                last = int(np.searchsorted(times, end, side="right")) - 1
+            yield Found(first, last, answers)
 
 
 def _updates(stream: LiveStream, counts: np.ndarray, times: np.ndarray | None) -> Iterator[Update]:
@@ -290,7 +331,11 @@ def live_rows(answered: Grasps, seed: int) -> list[Row]:
 
 
 def live_line(rows: list[Row]) -> str:
-    """Return the line that the stage prints: errors at the first level and at the end."""
+    """Return the line that the stage prints: errors at the first level and at the end.
+
+    Args:
+        rows: of live.csv, at least one.
+    """
     first = rows[0]
     (final,) = [row for row in rows if row["answer"] == "final"]
     errors = [percent_interval(row["error"], row["low"], row["high"]) for row in (first, final)]

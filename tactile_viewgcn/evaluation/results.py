@@ -151,12 +151,10 @@ def summary_lines(metrics: dict[str, Any], timing: dict[str, Any], live: list[Ro
         live: rows of live.csv.
     """
     names = [name for name in reversed(SCORED) if name in metrics]
-    return [
-        _tested_line(metrics),
-        *(_score_line(name, metrics[name]) for name in names),
-        live_line(live),
-        *_cost_lines(timing),
-    ]
+    lines = [_tested_line(metrics), *(_score_line(name, metrics[name]) for name in names)]
+    if live:
+        lines.append(live_line(live))
+    return [*lines, *_cost_lines(timing)]
 
 
 def _tested_line(metrics: dict[str, Any]) -> str:

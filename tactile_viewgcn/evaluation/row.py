@@ -83,10 +83,10 @@ def figures_of(predictions: Predictions, rows: list[live.Row]) -> dict[str, "Fig
 
     whole = predictions.trials[WHOLE]
     counts = whole.confusion(len(predictions.classes))
-    return {
-        "confusion.png": plots.confusion(counts, predictions.classes.tolist()),
-        "live.png": plots.live_errors(rows, whole.chance),
-    }
+    figures = {"confusion.png": plots.confusion(counts, predictions.classes.tolist())}
+    if rows:
+        figures["live.png"] = plots.live_errors(rows, whole.chance)
+    return figures
 
 
 def model_metadata(table: Frames, views: int) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from tactile_viewgcn.evaluation.live import (
 from tactile_viewgcn.evaluation.trials import Trials
 from tactile_viewgcn.live.stream import Update
 from tactile_viewgcn.messages import EMPTY_HAND
+from tactile_viewgcn.recognition.growing import TOO_WEAK
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tests.glove_data import recipe, table, written
 
@@ -177,6 +178,96 @@ def test_numbered_grasps_that_the_stream_joins_count_once_and_never_with_frames_
     grasps, answers, _ = stream_grasps(Stream, recordings, known, CLASSES)
     # the third is not found, and the second cannot be told from the first
     assert grasps["group"].tolist() == [5] and answers.empty
+
+
+class LateStream(Stream):
+    """Closes a grasp after three successive frames of the open hand, as a real one after five."""
+
+    def __init__(self):
+        super().__init__()
+        self.open = 0
+
+    def push(self, frames, time=None, *, answer=True):
+        label, _ = frames[0]
+        if label:
+            self.open = 0
+            return super().push(frames, time, answer=answer)
+        self.frame += 1
+        self.open += 1
+        if self.open < 3:
+            return []
+        return self.close()
+
+
+@pytest.mark.parametrize("step", [0.2, np.nan])
+def test_a_grasp_that_is_closed_in_the_next_one_counts_as_the_one_in_which_it_was_held(
+    tmp_path, step
+):
+    # two open frames end the first number, and the final answer comes with the second one's first
+    frames = [[OPEN, CUP[70], CUP[70], OPEN, OPEN, OPEN, CUP[85], CUP[97], OPEN, OPEN, OPEN]]
+    number = [0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1]
+    recordings = recordings_at(tmp_path / "table", frames, grasp=number, step=step)
+    known = numbered((0, 0, 1, 3, True), (0, 1, 1, 4, False))
+    grasps, answers, _ = stream_grasps(LateStream, recordings, known, CLASSES)
+    assert grasps["group"].tolist() == [3]
+    assert answers["probability"].tolist() == pytest.approx([0.7, 0.7, 0.7])
+
+
+def test_contact_in_the_last_frame_belongs_to_the_grasp_of_that_frame(tmp_path):
+    frames = [[OPEN, OPEN, OPEN, CUP[70]]]
+    recordings = recordings_at(tmp_path / "table", frames, grasp=[0, 0, 0, 1])
+    known = numbered((0, 0, 2, 3, True), (0, 1, 1, 4, True))
+    grasps, answers, _ = stream_grasps(Stream, recordings, known, CLASSES)
+    assert grasps["group"].tolist() == [4, 3]
+    assert answers["right"].tolist() == [True, True]
+
+
+class Untouched(Stream):
+    """Finds a grasp that reads too little for an answer."""
+
+    def close(self):
+        if not self.frames:
+            return []
+        self.frames = 0
+        return [Update("final", self.frame, frames=1, seconds=0.0, note=TOO_WEAK)]
+
+    def push(self, frames, time=None, *, answer=True):
+        return super().push(frames, time, answer=False)
+
+
+def test_a_hand_that_touches_nothing_is_the_empty_hand_as_for_predict(tmp_path):
+    recordings = recordings_at(tmp_path / "table", [[OPEN, CUP[50], OPEN]] * 2)
+    known = numbered((0, 0, 0, 3, True), (1, 0, 1, 4, True))
+    _, answers, _ = stream_grasps(Untouched, recordings, known, CLASSES)
+    assert answers["right"].tolist() == [True, False]
+
+
+@pytest.mark.parametrize("is_tested", [True, False])
+def test_where_no_grasp_is_tested_as_a_whole_there_are_no_rows_and_a_note(
+    tmp_path, monkeypatch, is_tested
+):
+    # joined with one of the training; or none is tested
+    frames = [[OPEN, CUP[70], CUP[70], OPEN]]
+    recordings = recordings_at(tmp_path / "table", frames, grasp=[0, 0, 1, 1])
+    known = numbered((0, 0, 1, 3, False), (0, 1, 1, 3, is_tested))
+    monkeypatch.setattr(live, "numbered_grasps", lambda *_: known)
+    labels = np.zeros(1, dtype=int)
+    whole = Trials(np.zeros((1, 1, 2), int), labels, labels, np.array(["x"]), 5)
+    rows, (note,) = answer_live(Stream, recordings, table(), whole, recipe())
+    assert rows == [] and note.text == "no grasp of the stream is tested as a whole"
+
+
+def test_a_note_says_how_many_of_the_numbered_grasps_the_stream_finds(tmp_path, monkeypatch):
+    frames = [[OPEN, CUP[70], CUP[70], OPEN]]
+    recordings = recordings_at(tmp_path / "table", frames, grasp=[0, 0, 1, 1])
+    known = numbered((0, 0, 1, 3, True), (0, 1, 1, 3, True))
+    monkeypatch.setattr(live, "numbered_grasps", lambda *_: known)
+    whole = Trials(
+        np.ones((1, 1, 2), int), np.ones(1, int), np.array([3]), np.array(recordings.recordings), 5
+    )
+    classes = replace(table(), classes=CLASSES)
+    _, (note,) = answer_live(Stream, recordings, classes, whole, recipe())
+    assert note.text.startswith("the recordings number 2 tested grasps, the stream finds 1:")
 
 
 def test_at_high_rates_answers_are_asked_for_twenty_times_a_second(tmp_path):
