@@ -203,9 +203,9 @@ class LateStream(Stream):
 def test_a_grasp_that_is_closed_in_the_next_one_counts_as_the_one_in_which_it_was_held(
     tmp_path, step
 ):
-    # two open frames end the first number, and the final answer comes with the second one's first
+    # an open frame ends the first number, and the final answer comes with the second one's second
     frames = [[OPEN, CUP[70], CUP[70], OPEN, OPEN, OPEN, CUP[85], CUP[97], OPEN, OPEN, OPEN]]
-    number = [0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1]
+    number = [0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1]
     recordings = recordings_at(tmp_path / "table", frames, grasp=number, step=step)
     known = numbered((0, 0, 1, 3, True), (0, 1, 1, 4, False))
     grasps, answers, _ = stream_grasps(LateStream, recordings, known, CLASSES)
