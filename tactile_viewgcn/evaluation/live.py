@@ -28,7 +28,7 @@ FRAMES = (1, 2, 4, 8, 16)  # the same for recordings without times
 SURE = (0.8, 0.9, 0.95)  # probabilities that close a grasp early
 ANSWERS_A_SECOND = 20  # at most
 # of all recordings together; with more, only some recordings are taken
-MOST_ANSWERS = 2000
+MOST_ANSWERS = 3000
 MOST_FRAMES = 200_000
 ROUNDING = 1e-6  # of times, in seconds
 #: Columns of live.csv; a cell without a value is empty.
