@@ -117,23 +117,30 @@ class LiveCommand:
         Raises:
             LineError: a reading is out of its range.
         """
+        is_behind = self._skips and source.are_waiting
         moment = frame.time
         if moment is None:
             moment = source.came_at - self._began_at
-        elif self._time is not None and moment < self._time - FALLS:
-            text = f"the time falls from {self._time:g} to {moment:g} s: a new recording begins"
-            self._say(source.number, text)
-            self._close(source.number)
-        self._time = frame.time
-        is_behind = self._skips and source.are_waiting
         try:
+            if self._falls(frame.time):
+                self._stream.check(frame.counts)  # else no new recording begins with it
+                text = f"the time falls from {self._time:g} to {moment:g} s: a new recording begins"
+                self._say(source.number, text)
+                self._close(source.number)
             updates = self._stream.push(frame.counts, moment, answer=not is_behind)
         except UserError as error:
             raise LineError(str(error).removeprefix(f"frame {self._frames}: ")) from None
+        self._time = frame.time
         self._frames += 1
         self._view.count_frame()
         for update in updates:
             self._show(update, source.number)
+
+    def _falls(self, moment: float | None) -> bool:
+        """Return whether the time of a frame says that a logger has begun again."""
+        if moment is None or self._time is None:
+            return False
+        return moment < self._time - FALLS
 
     def _show(self, update: Update, line: int) -> None:
         """Show an update; why there is no answer stands on standard error too."""

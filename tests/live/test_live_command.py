@@ -205,6 +205,19 @@ def test_times_that_fall_begin_a_new_recording():
     assert first["frames"] == 6 and second["frames"] == 8
 
 
+@pytest.mark.parametrize("time", ["9999", "-9999"])
+def test_the_time_of_a_line_that_is_no_frame_is_not_taken(time):
+    names = ",".join(f"s{number}" for number in range(80))
+    lines = [f"time,{names}"]
+    lines += [f"{number / 10},{line}" for number, line in enumerate(GRASP)]
+    bad = f"{time},{with_cell(GRASP[16], 'nan')}"
+    _, records, errors = run([*lines[:16], bad, *lines[16:]])
+    (final,) = finals(records)
+    assert final["frames"] == 8 and final["seconds"] == pytest.approx(0.7)
+    assert errors[0].startswith(f"line 17: no frame: {NUMBERED} nan")
+    assert errors[1:] == ["28 frames, 1 line without a frame"]
+
+
 def test_without_times_the_seconds_are_those_between_the_lines():
     _, records, _ = run(GRASP[:13], 0.5, GRASP[13:])
     (final,) = finals(records)
