@@ -117,7 +117,7 @@ class LiveCommand:
         Raises:
             LineError: a reading is out of its range.
         """
-        is_behind = self._skips and source.are_waiting
+        is_behind = self._skips and source.is_behind
         moment = frame.time
         if moment is None:
             moment = source.came_at - self._began_at

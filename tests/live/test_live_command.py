@@ -153,7 +153,7 @@ def test_lines_that_come_in_any_parts_are_the_same_lines():
 )
 def test_an_input_without_a_frame_is_a_mistake(lines, message):
     with pytest.raises(UserError, match=message):
-        run("\n".join(lines).encode() + b"\n" * bool(lines))
+        run("".join(f"{line}\n" for line in lines).encode())
 
 
 def test_a_glove_that_never_shows_an_open_hand_has_no_answer_and_a_line_that_says_so():
@@ -171,6 +171,18 @@ def test_frames_that_stop_are_said_once_and_the_stream_goes_on(monkeypatch):
     assert code == 0
     assert errors == ["line 16: no line for 0 s; still reading", "28 frames"]
     assert finals(records)[0]["frames"] == 8
+
+
+def test_bytes_without_the_end_of_a_line_are_no_line(monkeypatch):
+    monkeypatch.setattr(module, "MOST_QUIET", 0.3)
+    monkeypatch.setattr(module, "TICK", 0.05)
+    parts = [part for _ in range(12) for part in (0.05, b"1 ")]
+    _, _, errors = run(GRASP[:16], *parts, b"\n", GRASP[16:])
+    assert errors == [
+        "line 16: no line for 0 s; still reading",
+        "line 17: no frame: 1 value; expected 80",
+        "28 frames, 1 line without a frame",
+    ]
 
 
 def test_readings_on_another_scale_are_said_with_their_line():
