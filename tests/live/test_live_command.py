@@ -335,6 +335,80 @@ def test_the_command_reads_a_file_with_all_its_answers_and_ends(tmp_path):
         )
     records = list(map(json.loads, done.stdout.splitlines()))
     assert sum(record["state"] == "answer" for record in records) == 8
+    # a file has no rate
+    assert all(record["seconds"] is None and record["time"] is None for record in records)
+    assert finals(records)[0]["frames"] == 8
+
+
+def test_a_closed_standard_input_is_said(tmp_path):
+    done = subprocess.run(
+        ["sh", "-c", f"{sys.executable} -m tactile_viewgcn live {tmp_path / 'model.pt'} <&-"],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith("Error: standard input is closed; expected lines of numbers")
+    assert len(done.stderr.splitlines()) == 1
+
+
+SLOW_MODEL = """
+import sys, time
+from tactile_viewgcn.cli import main
+from tactile_viewgcn.recognition import prediction
+
+def load_model(_):
+    print("loading", flush=True)
+    time.sleep(60)
+
+prediction.load_model = load_model
+sys.argv = ["tactile-viewgcn", "live", "classifier.pt"]
+main()
+"""
+
+
+def test_ctrl_c_while_the_model_is_loaded_has_its_exit_code():
+    process = subprocess.Popen(
+        [sys.executable, "-c", SLOW_MODEL],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    with process:
+        assert process.stdout.readline() == "loading\n"
+        process.send_signal(signal.SIGINT)
+        assert process.stderr.read() == "" and process.wait(timeout=20) == 130
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=["Ctrl-C", "SIGTERM"]
+)
+def test_a_second_signal_ends_a_command_whose_answers_nobody_reads(tmp_path, number, code):
+    lines = tmp_path / "grasps.csv"
+    lines.write_text("\n".join(GRASP * 60) + "\n")  # more answers than a pipe holds
+    model = model_file(tmp_path / "classifier.pt")
+    with lines.open() as file:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "tactile_viewgcn", "live", str(model), "--json"],
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            stdin=file,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
+    try:
+        assert process.stdout.readline()
+        time.sleep(3)  # the pipe is full
+        process.send_signal(number)
+        time.sleep(1)
+        assert process.poll() is None
+        process.send_signal(number)
+        assert process.wait(timeout=20) == code
+    finally:
+        process.kill()
+        process.stdout.close()
 
 
 def test_a_program_that_reads_no_more_ends_the_command_without_a_traceback(tmp_path):
