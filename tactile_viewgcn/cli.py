@@ -5,6 +5,8 @@ import os
 import shlex
 import stat
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -158,17 +160,25 @@ def live(model: str, as_json: bool, every: int | None, **options: Any) -> None:
     semicolons, tabs or blanks. A line above them may name the columns; one called `time` is the
     time. Begin with an open hand. MODEL is as for `predict`.
     """
+    with _interrupted():
+        code = _live(model, as_json=as_json, every=every, **options)
+    if code:
+        raise SystemExit(code)
+
+
+def _live(model: str, *, as_json: bool, every: int | None, **options: Any) -> int:
+    """Return the exit code of `live`, see there."""
     from tactile_viewgcn.live.command import LiveCommand
     from tactile_viewgcn.live.lines import FrameLines
     from tactile_viewgcn.live.source import LineSource
     from tactile_viewgcn.live.view import view_of
     from tactile_viewgcn.recognition.prediction import first_line, load_model
 
+    remedy = f"expected lines of numbers from a program: PROGRAM | tactile-viewgcn live {model}"
+    if sys.stdin is None:
+        raise UserError(f"standard input is closed; {remedy}")
     if sys.stdin.isatty():
-        raise UserError(
-            "standard input is a terminal; expected lines of numbers from a program: "
-            f"PROGRAM | tactile-viewgcn live {model}"
-        )
+        raise UserError(f"standard input is a terminal; {remedy}")
     descriptor = sys.stdin.fileno()
     is_file = stat.S_ISREG(os.fstat(descriptor).st_mode)  # its lines wait however fast they are
     source = LineSource(lambda size: os.read(descriptor, size))
@@ -180,10 +190,9 @@ def live(model: str, as_json: bool, every: int | None, **options: Any) -> None:
     if "sure" in given and not recogniser.calibrated:
         view.say("warning: --sure: probabilities that are not calibrated are usually too high")
     reader = FrameLines(recogniser.shape, recogniser.plan.channel_names)
-    command = LiveCommand(stream, reader, view, skips=every is None and not is_file)
-    code = command.run(source)
-    if code:
-        raise SystemExit(code)
+    skips = every is None and not is_file
+    command = LiveCommand(stream, reader, view, skips=skips, is_paced=not is_file)
+    return command.run(source)
 
 
 @cli.command()
@@ -206,12 +215,10 @@ def replay(recording: str, speed: float, name: str | None, changes: tuple[str, .
     from tactile_viewgcn.live import replay as live_replay
 
     form = replace(_form(changes)[0], labelled=False)
-    try:
+    with _interrupted():
         live_replay.replay(
             recording, form, name=name, speed=speed, out=click.echo, note=_say_to_person
         )
-    except KeyboardInterrupt:  # of all programs in a pipe; the line below is not ours
-        raise SystemExit(INTERRUPTED) from None
 
 
 @cli.command()
@@ -244,6 +251,18 @@ def compare(names: tuple[str, ...]) -> None:
     with readable("a file of runs/ or results/ of one of the runs"):
         first, second = read_both(names)
     _say(*comparison_lines(first, second))
+
+
+@contextmanager
+def _interrupted() -> Iterator[None]:
+    """Let Ctrl-C end a command with its exit code, without a word.
+
+    It ends all programs of a pipe, and the line below is not ours.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise SystemExit(INTERRUPTED) from None
 
 
 def _form(changes: tuple[str, ...], *other: str) -> tuple["Form", PreprocessSection]:

@@ -4,6 +4,7 @@ Frames are never lost. Where an answer costs more than a frame's time, more line
 taken without an answer so far, and counted.
 """
 
+import os
 import signal
 import time
 from collections.abc import Iterator
@@ -31,14 +32,25 @@ class LiveCommand:
         reader: reads a line as a frame.
         view: shows updates.
         skips: whether answers so far are skipped while more lines wait.
+        is_paced: whether frames without times have the times at which their lines come; those of a
+            file come all at once.
     """
 
-    def __init__(self, stream: LiveStream, reader: FrameLines, view: View, *, skips: bool):
+    def __init__(
+        self,
+        stream: LiveStream,
+        reader: FrameLines,
+        view: View,
+        *,
+        skips: bool,
+        is_paced: bool = True,
+    ):
         self._stream = stream
         self._began_at = 0.0  # of the monotonic clock
         self._reader = reader
         self._view = view
         self._skips = skips
+        self._is_paced = is_paced
         self._frames = 0
         self._refused = 0
         self._ended_by = 0  # number of the signal
@@ -50,7 +62,8 @@ class LiveCommand:
     def run(self, source: LineSource) -> int:
         """Answer all lines of the input, and return the exit code.
 
-        It is 0 at the end of the input, 130 after Ctrl-C and 143 after SIGTERM.
+        It is 0 at the end of the input, 130 after Ctrl-C and 143 after SIGTERM. A second signal
+        ends the program at once.
 
         Args:
             source: the lines of the input.
@@ -78,9 +91,14 @@ class LiveCommand:
 
     @contextmanager
     def _ended_by_signals(self) -> Iterator[None]:
-        """Let Ctrl-C and SIGTERM end the input: what is computed then ends first."""
+        """Let Ctrl-C and SIGTERM end the input: what is computed then ends first.
+
+        A second signal ends the program at once: if nobody reads the answers, the first one waits.
+        """
 
         def end(number: int, _: FrameType | None) -> None:
+            if self._ended_by:
+                os._exit(128 + number)  # an exception would print the last answer, and wait too
             self._ended_by = number
 
         before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -117,23 +135,30 @@ class LiveCommand:
         Raises:
             LineError: a reading is out of its range.
         """
+        is_behind = self._skips and source.is_behind
         moment = frame.time
-        if moment is None:
+        if moment is None and self._is_paced:
             moment = source.came_at - self._began_at
-        elif self._time is not None and moment < self._time - FALLS:
-            text = f"the time falls from {self._time:g} to {moment:g} s: a new recording begins"
-            self._say(source.number, text)
-            self._close(source.number)
-        self._time = frame.time
-        is_behind = self._skips and source.are_waiting
         try:
+            if self._falls(frame.time):
+                self._stream.check(frame.counts)  # else no new recording begins with it
+                text = f"the time falls from {self._time:g} to {moment:g} s: a new recording begins"
+                self._say(source.number, text)
+                self._close(source.number)
             updates = self._stream.push(frame.counts, moment, answer=not is_behind)
         except UserError as error:
             raise LineError(str(error).removeprefix(f"frame {self._frames}: ")) from None
+        self._time = frame.time
         self._frames += 1
         self._view.count_frame()
         for update in updates:
             self._show(update, source.number)
+
+    def _falls(self, moment: float | None) -> bool:
+        """Return whether the time of a frame says that a logger has begun again."""
+        if moment is None or self._time is None:
+            return False
+        return moment < self._time - FALLS
 
     def _show(self, update: Update, line: int) -> None:
         """Show an update; why there is no answer stands on standard error too."""

@@ -1,9 +1,14 @@
 """Lines of numbers as frames: a line for each frame, a column for each sensor, perhaps the time.
 
-A line of words above the numbers names the columns. The sensors of a model that knows their names
-are then found by name, in any order. Without such a line the columns are the model's sensors.
+A line of words above the numbers names the columns, also behind # or %. The sensors of a model that
+knows their names are then found by name, in any order. Without such a line the columns are the
+model's sensors.
+
+A message of a logger may look like such a line. Before the first frame it is believed only if the
+frames fit it. After the first frame, only names with the frames' separator are believed.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -25,6 +30,7 @@ from tactile_viewgcn.readers.text import (
 )
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+MOST_HEADERS = 8  # lines of words before the first frame, which may name its columns
 
 
 class LineError(UserError):
@@ -43,6 +49,45 @@ class Frame(NamedTuple):
     time: float | None
 
 
+class Words(NamedTuple):
+    """A line of words, which may name columns.
+
+    Attributes:
+        separator: of its cells; None for blanks.
+        names: its cells.
+    """
+
+    separator: str | None
+    names: list[str]
+
+
+class Layout(NamedTuple):
+    """Where a line has its readings and its time.
+
+    Attributes:
+        separator: of the cells; None for blanks.
+        width: number of cells.
+        columns: of the sensors, row after row.
+        time_column: None without one.
+        seconds: unit of the time.
+        names: of the columns; none without a line that names them.
+    """
+
+    separator: str | None
+    width: int
+    columns: list[int]
+    time_column: int | None = None
+    seconds: float = 1.0
+    names: Sequence[str] = ()
+
+    @property
+    def used(self) -> list[int]:
+        """Return the columns of the sensors, then the one of the time."""
+        if self.time_column is None:
+            return self.columns
+        return [*self.columns, self.time_column]
+
+
 class FrameLines:
     """Reads lines as the frames of a model.
 
@@ -57,17 +102,14 @@ class FrameLines:
     def __init__(self, shape: tuple[int, int], sensors: Sequence[str]):
         self.notes = list[str]()
         self._shape = shape
+        self._count = shape[0] * shape[1]  # of sensors
         self._sensors = sensors
-        self._width = shape[0] * shape[1]  # cells of a line
-        self._columns = list(range(self._width))  # of the sensors, row after row
-        self._time_column: int | None = None
-        self._seconds = 1.0  # unit of the time
-        self._separator: str | None = None  # of the cells; None for blanks
-        self._is_first = True  # nothing was read so far
-        self._header: list[str] = []
-        # of the last line of words that names no sensor, and their separator
-        self._unknown_names: list[str] = []
-        self._unknown_separator: str | None = None
+        self._is_first = True  # no line was read so far
+        self._has_frame = False  # a line of numbers was read
+        self._layout = self._plain_layout(None)  # of the last line of numbers or names
+        self._headers = deque[Layout](maxlen=MOST_HEADERS)  # that may be of the first frame
+        # the last line of words that may name columns, but not those of the model's sensors
+        self._unknown: Words | None = None
 
     def frame(self, line: bytes) -> Frame | None:
         """Return the frame of a line; None of an empty one, a comment, or one that names columns.
@@ -82,134 +124,186 @@ class FrameLines:
             raise LineError("it is no text; expected numbers in UTF-8")
         if self._is_first:
             line = line.removeprefix(BYTE_ORDER_MARK)
-        line = line.strip()
-        if not line or line.startswith((b"#", b"%")):
+        self._is_first = False
+        line = line.strip(b" \r\n")
+        if not line.strip():
             return None
-        if self._is_first:
-            self._separator = separator_of(line.decode("utf-8", "replace"))
-        values = self._numbers(line)
+        if len(line.splitlines()) > 1:
+            raise LineError("it has a carriage return in it; expected a newline after each frame")
+        text = line.decode("utf-8", "replace")
+        if text.lstrip().startswith(COMMENT):
+            self._names_columns(text.lstrip("".join(COMMENT) + " "), is_comment=True)
+            return None
+        values = self._values(line)
         if values is not None:
             return self._frame_of(values)
-        if self._names_columns(line.decode("utf-8", "replace")):
+        if self._names_columns(text, is_comment=False):
             return None
         raise LineError(self._fault(line))
 
     def _frame_of(self, values: list[float]) -> Frame | None:
         """Return the frame of a line's numbers; None if they number the columns."""
-        are_named = len(self._unknown_names) == self._width
-        if are_named and self._unknown_separator == self._separator:
-            raise UserError(self._not_of_model(self._unknown_names))
-        if self._is_first and values == list(range(self._width)):
+        layout = self._layout
+        unknown = self._unknown
+        if unknown and (unknown.separator, len(unknown.names)) == layout[:2]:
+            raise UserError(self._not_of_model(unknown.names))
+        is_at_top = not self._has_frame and not layout.names
+        if is_at_top and values == list(range(self._count)):
             self.notes.append("0, 1, 2 and so on are numbers of columns, and no frame")
             return None
-        self._is_first = False
+        self._has_frame = True
         time = None
-        if self._time_column is not None:
-            time = values.pop() * self._seconds
+        if layout.time_column is not None:
+            time = values.pop() * layout.seconds
             if not np.isfinite(time):
                 raise LineError("the time is no finite number")
         return Frame(np.array(values).reshape(self._shape), time)
 
-    def _cells(self, line: bytes) -> list[bytes]:
-        """Return the cells of a line; a separator after the last one is no cell."""
-        if self._separator != "," and b"," in line:
-            line = line.replace(b",", b".")
-        separator = None
-        if self._separator:
-            separator = self._separator.encode()
-        cells = line.split(separator)
-        if len(cells) == self._width + 1 and not cells[-1].strip():
-            cells.pop()
-        return cells
+    def _plain_layout(self, separator: str | None) -> Layout:
+        """Return the layout of lines without names: the model's sensors, and nothing else."""
+        return Layout(separator, self._count, list(range(self._count)))
 
-    def _numbers(self, line: bytes) -> list[float] | None:
-        """Return the readings in the order of the sensors, then the time; None if that fails."""
-        cells = self._cells(line)
-        if len(cells) != self._width or b"_" in line:  # 1_000 is a number in Python only
-            return None
-        try:
-            values = [float(cells[column]) for column in self._columns]
-            if self._time_column is not None:
-                values.append(float(cells[self._time_column]))
-        except ValueError:
-            return None
-        return values
+    def _values(self, line: bytes) -> list[float] | None:
+        """Return the readings in the order of the sensors, then the time; None if that fails.
+
+        The first line of numbers decides which of the lines above it names its columns.
+        """
+        if not self._has_frame:
+            plain = self._plain_layout(separator_of(line.strip().decode("utf-8", "replace")))
+            layouts = list(self._headers)[::-1]
+            are_elsewhere = all(layout.separator != plain.separator for layout in layouts)
+            if not layouts:
+                self._layout = plain
+                layouts.append(plain)
+            elif are_elsewhere and not self._sensors:  # the lines of words were messages
+                layouts.append(plain)
+        else:
+            layouts = [self._layout]
+        for layout in layouts:
+            values = _numbers(line, layout)
+            if values is not None:
+                self._layout = layout
+                return values
+        return None
 
     def _fault(self, line: bytes) -> str:
         """Return what is wrong with a line."""
-        cells = self._cells(line)
-        if len(cells) != self._width:
-            text = f"{several(len(cells), 'value')}; expected {self._width:,}"
-            if len(cells) == self._width + 1 and not self._header:
+        layout = self._layout
+        cells = _cells(line, layout)
+        if len(cells) != layout.width:
+            text = f"{several(len(cells), 'value')}; expected {layout.width:,}"
+            if len(cells) == layout.width + 1 and not layout.names:
                 text += "; if one of them is the time, print a line that names the columns first"
             return text
-        used = list(self._columns)
-        if self._time_column is not None:
-            used.append(self._time_column)
-        for column in used:
+        for column in layout.used:
             cell = cells[column].decode("utf-8", "replace").strip()
             if not NUMBER.fullmatch(cell):
                 return f"column {column + 1} holds {cell[:MOST_SHOWN]!r}; expected a number"
         return "a cell holds no number"
 
-    def _names_columns(self, line: str) -> bool:
+    def _names_columns(self, text: str, *, is_comment: bool) -> bool:
         """Return whether a line names the columns; if so, they are taken by these names.
+
+        Args:
+            text: of the line, without the mark of a comment.
+            is_comment: whether it had one. Then it is no error if it names something else.
 
         Raises:
             LineError: they are more or fewer than the sensors of a model without names.
             UserError: they are not those of the model's sensors.
         """
-        separator = separator_of(line)
-        names = [tidy(cell) for cell in split_line(line.lstrip("".join(COMMENT)), separator)]
-        if any(NUMBER.fullmatch(name) for name in names):
+        words = _words(text)
+        if not any(words.names) or any(NUMBER.fullmatch(name) for name in words.names):
             return False
-        if self._sensors and not set(names) & set(self._sensors):
-            self._unknown_names = names
-            self._unknown_separator = separator
-            return False
-        is_other_header = bool(self._header) and names != self._header
-        if not self._sensors and (is_other_header or len(names) < len(self._columns)):
-            return False
-        self._is_first = False
-        if names == self._header:
+        if words.names == self._layout.names:
             self.notes.append("the names of the columns again: read on")
             return True
-        kinds = [_content(name) for name in names]
-        columns = self._sensor_columns(names, kinds)
-        self._separator = separator
-        self._unknown_names = []
+        if self._has_frame and words.separator != self._layout.separator:
+            return False
+        kinds = [_content(name) for name in words.names]
+        if self._sensors:
+            columns = self._columns_of_model(words, is_comment=is_comment)
+        else:
+            columns = self._columns_in_order(words, kinds, is_comment=is_comment)
+        if columns is None:
+            return False
+        self._take(words, kinds, columns)
+        return True
+
+    def _take(self, words: Words, kinds: list[str], columns: list[int]) -> None:
+        """Take names as those of the columns.
+
+        Args:
+            words: the names.
+            kinds: what each column holds, see `_content`.
+            columns: of the sensors.
+        """
+        names = words.names
         others = [column for column in range(len(names)) if column not in set(columns)]
         times = [column for column in others if kinds[column] == "time"]
-        self._header = names
-        self._width = len(names)
-        self._columns = columns
-        self._time_column = None
+        time_column = None
+        seconds = 1.0
         if times:
-            self._time_column = times[0]
-            _, unit = base_and_unit(names[times[0]])
-            self._seconds = SECONDS.get(unit, 1.0)
-        left_out = [names[column] for column in others if column != self._time_column]
+            time_column = times[0]
+            _, unit = base_and_unit(names[time_column])
+            seconds = SECONDS.get(unit, 1.0)
+        self._layout = Layout(words.separator, len(names), columns, time_column, seconds, names)
+        self._headers.append(self._layout)
+        self._unknown = None
+        left_out = [names[column] for column in others if column != time_column]
         if left_out:
             text = f"{several(len(left_out), 'column')} left out, no sensors of the model"
             self.notes.append(f"{text}: {listed(left_out)}")
-        return True
 
-    def _sensor_columns(self, names: list[str], kinds: list[str]) -> list[int]:
-        """Return the columns of the model's sensors, row after row."""
-        if self._sensors:
+    def _columns_of_model(self, words: Words, *, is_comment: bool) -> list[int] | None:
+        """Return the columns of the model's sensors by their names; None for other words.
+
+        Raises:
+            UserError: some of the sensors are named, and others are not.
+        """
+        names = words.names
+        try:
             found = sensors_of_model(names, Form(sensors=self._sensors), "the names of the columns")
-            if not found:
-                raise UserError(self._not_of_model(names))
-            return [names.index(name) for name in found]
-        columns = list(range(len(names)))
-        if len(names) != len(self._columns):
+            if found:
+                return [names.index(name) for name in found]
+            fault = UserError(self._not_of_model(names))
+        except UserError as error:
+            fault = error
+        has_names = bool(self._layout.names)
+        is_at_top = not self._has_frame and not has_names
+        is_like_names = has_names and (words.separator, len(names)) == self._layout[:2]
+        if not (is_at_top or is_like_names):
+            return None
+        names_sensors = not set(names).isdisjoint(self._sensors)
+        if names_sensors and not is_comment:
+            raise fault
+        is_sentence = words.separator is None and (is_comment or self._has_frame)
+        is_of_units = not self._has_frame and has_names
+        if names_sensors or not (is_sentence or is_of_units):
+            self._unknown = words
+        return None
+
+    def _columns_in_order(
+        self, words: Words, kinds: list[str], *, is_comment: bool
+    ) -> list[int] | None:
+        """Return the columns of the sensors of a model without names; None for other words.
+
+        Raises:
+            LineError: more or fewer sensors are named.
+        """
+        if self._has_frame or len(words.names) < self._count:
+            return None
+        columns = list(range(len(words.names)))
+        if len(words.names) != self._count:
             columns = [column for column in columns if not kinds[column]]
-        if len(columns) != len(self._columns):
-            count = several(len(columns), "sensor")
-            raise LineError(
-                f"names {count}: {listed(names)}; expected {len(self._columns)}, as the model has"
-            )
-        return columns
+        if len(columns) == self._count:
+            return columns
+        if is_comment:
+            return None
+        count = several(len(columns), "sensor")
+        raise LineError(
+            f"names {count}: {listed(words.names)}; expected {self._count}, as the model has"
+        )
 
     def _not_of_model(self, names: list[str]) -> str:
         """Return that these names of the columns are not those of the model's sensors."""
@@ -217,6 +311,42 @@ class FrameLines:
             f"the columns are named {listed(names)}; expected the model's sensors among them, "
             f"each once: {listed(list(self._sensors))}"
         )
+
+
+def _cells(line: bytes, layout: Layout) -> list[bytes]:
+    """Return the cells of a line; a separator after the last one is no cell."""
+    may_begin_empty = layout.names and layout.separator == "\t"
+    if not may_begin_empty:
+        line = line.strip()
+    if layout.separator != "," and b"," in line:
+        line = line.replace(b",", b".")
+    separator = None
+    if layout.separator:
+        separator = layout.separator.encode()
+    cells = line.split(separator)
+    if len(cells) == layout.width + 1 and not cells[-1].strip():
+        cells.pop()
+    return cells
+
+
+def _numbers(line: bytes, layout: Layout) -> list[float] | None:
+    """Return the readings of a line in a layout, then the time; None if they are none."""
+    cells = _cells(line, layout)
+    if len(cells) != layout.width or b"_" in line:  # 1_000 is a number in Python only
+        return None
+    try:
+        return [float(cells[column]) for column in layout.used]
+    except ValueError:
+        return None
+
+
+def _words(text: str) -> Words:
+    """Return the words of a line; a separator after the last one is no word."""
+    separator = separator_of(text.strip())
+    names = [tidy(cell) for cell in split_line(text, separator)]
+    if len(names) > 1 and not names[-1]:
+        names.pop()
+    return Words(separator, names)
 
 
 def _content(name: str) -> str:

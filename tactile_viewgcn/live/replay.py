@@ -14,6 +14,7 @@ from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, recordings_of
 
 RATE = 10.0  # frames a second of a recording without times
+SLOWEST = 0.001  # times as fast as it was recorded
 
 
 def replay(
@@ -34,14 +35,18 @@ def replay(
         source: path of the recording, or of several.
         form: as which the source is read; its recordings need no object.
         name: of the recording, where the source holds several.
-        speed: 2 is twice as fast as it was recorded; 0 waits for nothing.
+        speed: 2 is twice as fast as it was recorded, 0.001 the slowest; 0 waits for nothing.
         out: prints a line that a program reads.
         note: prints a line for the person at the terminal.
 
     Raises:
-        UserError: no recording can be read, or there are several and `name` is none of them.
+        UserError: no recording can be read, or there are several and `name` is none of them; or a
+            speed that is none.
         OSError: nobody reads the lines any more.
     """
+    is_speed = speed == 0 or SLOWEST <= speed < np.inf
+    if not is_speed:
+        raise UserError(f"--speed {speed:g}; expected 0 or a number from {SLOWEST:g} on")
     with recordings_of(source, form) as recordings:
         index = _frames_of(recordings, name)
         times = recordings.columns["time"][index]

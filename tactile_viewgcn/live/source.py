@@ -8,44 +8,49 @@ from threading import Thread
 
 CHUNK = 1 << 16  # bytes that are read at once
 MOST_CHUNKS = 256  # read ahead; a program that prints more waits
-LONGEST_LINE = 1 << 23  # bytes
+LONGEST_LINE = 1 << 23  # bytes that are kept of a line, 8 MiB; a line of so many is no frame
 
 
 class LineSource:
     """Lines in the order in which they come, none of which is lost.
 
-    It reads from when it is made.
+    A thread begins to read when this is made.
 
     Args:
         read: returns the next bytes, at most so many, and waits for them; none at the end.
 
     Attributes:
         number: of the last line, from 1.
-        came_at: when the last line came, in seconds of the monotonic clock; at first when it was
-            made.
+        came_at: when the end of the last line came, in seconds of the monotonic clock; at first
+            when this was made.
         has_ended: whether there are no more lines.
-        cut: what follows the last line's end, at the end of the input.
     """
 
     def __init__(self, read: Callable[[int], bytes]):
         self.number = 0
         self.came_at = time.monotonic()
         self.has_ended = False
-        self.cut = b""
+        self._parts = list[bytes]()  # of the line whose end has not come
+        self._length = 0  # of these parts
         self._chunks = queue.Queue[tuple[float, bytes]](MOST_CHUNKS)
         self._lines = deque[bytes]()
         # it may wait for input for ever, which does not keep the program from ending
         Thread(target=self._read_on, args=(read,), daemon=True).start()
 
     @property
-    def are_waiting(self) -> bool:
-        """Return whether more lines than the last one have come already."""
+    def is_behind(self) -> bool:
+        """Return whether more has come already than the last line."""
         return bool(self._lines) or not self._chunks.empty()
+
+    @property
+    def cut(self) -> bytes:
+        """Return what follows the end of the last line."""
+        return b"".join(self._parts)
 
     def next(self, seconds: float) -> bytes | None:
         """Return the next line; None if none comes in so many seconds, or at the end.
 
-        A line of more than 8 MiB is cut there.
+        A line of more than `LONGEST_LINE` bytes is cut there.
 
         Args:
             seconds: to wait.
@@ -66,12 +71,22 @@ class LineSource:
         if not chunk:
             self.has_ended = True
             return
-        self.came_at = came_at
         first, *others = chunk.split(b"\n")
-        self.cut = (self.cut + first)[:LONGEST_LINE]
+        self._keep(first)
         for part in others:
             self._lines.append(self.cut)
-            self.cut = part
+            self._parts.clear()
+            self._length = 0
+            self._keep(part)
+        if others:
+            self.came_at = came_at
+
+    def _keep(self, part: bytes) -> None:
+        """Keep a part of a line, as far as the line may be so long."""
+        part = part[: LONGEST_LINE - self._length]
+        if part:
+            self._parts.append(part)
+            self._length += len(part)
 
     def _read_on(self, read: Callable[[int], bytes]) -> None:
         chunk = b"not at the end"

@@ -130,8 +130,8 @@ class LiveStream:
             answer: False skips the answers so far; states and final answers come all the same.
 
         Raises:
-            UserError: another shape, or readings that the training's type cannot hold. No frame is
-                taken then.
+            UserError: another shape, readings that the training's type cannot hold, or times that
+                are no finite numbers. No frame is taken then.
         """
         taken = self._checked(frames)
         times = self._times(time, len(taken))
@@ -139,6 +139,14 @@ class LiveStream:
         for counts, moment in zip(taken, times, strict=True):
             updates += self._follow(counts, moment, answer=answer)
         return updates
+
+    def check(self, frames: Any) -> None:
+        """Raise the UserError that `push` raises for frames, and take none of them.
+
+        Args:
+            frames: see `push`.
+        """
+        self._checked(frames)
 
     def close(self) -> list[Update]:
         """End the input, and return the final answer of an open grasp; the next frame begins anew.
@@ -153,7 +161,7 @@ class LiveStream:
         return updates
 
     def _checked(self, frames: Any) -> np.ndarray:
-        """Return frames (n, H, W) in the type of the plan."""
+        """Return a copy of frames (n, H, W) in the type of the plan."""
         where = f"frame {self._frame + 1}"
         try:
             array = np.asarray(frames)
@@ -167,10 +175,10 @@ class LiveStream:
             array = array[None]
         if array.shape[1:] != (height, width):
             raise UserError(f"{where} has shape {array.shape}; expected {self._expected()}")
-        if array.dtype == self._dtype and self._dtype.kind == "i":
-            return array
-        self._require_fit(array)
-        return array.astype(self._dtype)
+        always_fits = array.dtype == self._dtype and self._dtype.kind == "i"
+        if not always_fits:
+            self._require_fit(array)
+        return array.astype(self._dtype)  # a copy, since the caller may reuse the array
 
     def _require_fit(self, array: np.ndarray) -> None:
         """Raise a UserError for a reading (n, H, W) that the type of the plan cannot hold."""
@@ -210,9 +218,16 @@ class LiveStream:
         """Return the time of each frame."""
         if time is None:
             return [None] * count
-        times = np.atleast_1d(np.asarray(time, dtype=np.float64))
+        try:
+            times = np.atleast_1d(np.asarray(time, dtype=np.float64))
+        except (TypeError, ValueError, OverflowError):
+            raise UserError(
+                f"time is {time!r}; expected seconds, a number for each frame"
+            ) from None
         if times.shape != (count,):
             raise UserError(f"time has shape {times.shape}; expected ({count},), one a frame")
+        if not np.isfinite(times).all():
+            raise UserError(f"time is {time!r}; expected finite seconds, or None without times")
         listed: list[float | None] = times.tolist()
         return listed
 

@@ -138,12 +138,111 @@ def test_without_names_in_the_model_a_line_of_words_names_as_many_columns_once()
     with pytest.raises(LineError, match="names 4 sensors: a, b, c, d; expected 3"):
         reader.frame(b"a,b,c,d")
     reader.frame(b"a,b,c")
+    reader.frame(b"1,2,3")
     with pytest.raises(LineError, match="column 1 holds 'x'"):
         reader.frame(b"x,y,z")
 
 
+def results(lines, sensors=NAMES):
+    """Of each line the readings, None for no frame, or the message of its error."""
+    reader = FrameLines((1, 3), sensors)
+    found = []
+    for line in lines:
+        try:
+            frame = reader.frame(line.encode())
+            found.append(frame if frame is None else frame.counts.ravel().tolist())
+        except LineError as error:
+            found.append(str(error))
+    return found
+
+
+@pytest.mark.parametrize("mark", ["#", "# ", "%", "## "])
+def test_names_behind_the_mark_of_a_comment_are_names(mark):
+    rows, notes = frames([f"{mark}index,thumb,palm", "2,1,3", "# thumb,index,palm", "1,2,3"])
+    assert rows == [([1, 2, 3], None)] * 2 and notes == []
+    rows, _ = frames([f"{mark}time,a,b,c", "0.5,1,2,3"], sensors=[])
+    assert rows == [([1, 2, 3], 0.5)]
+
+
+@pytest.mark.parametrize("comment", ["# logged by hand", "# palm", "# palm is new", "# 1 2 3"])
+@pytest.mark.parametrize("sensors", [NAMES, []])
+def test_a_comment_that_names_no_columns_is_none(comment, sensors):
+    lines = [comment, "1,2,3", comment, "1,2,3"]
+    assert results(lines, sensors) == [None, [1, 2, 3]] * 2
+
+
+@pytest.mark.parametrize("names", ["thumb,index,wrist", "a,b,c"])
+def test_names_of_other_sensors_behind_the_mark_of_a_comment_end_the_input(names):
+    reader = FrameLines((1, 3), NAMES)
+    assert reader.frame(f"# {names}".encode()) is None
+    with pytest.raises(UserError, match=f"named {names.replace(',', ', ')}; expected the") as error:
+        reader.frame(b"1,2,3")
+    assert not isinstance(error.value, LineError)
+
+
+def test_names_below_the_names_such_as_units_are_no_frame_and_no_error():
+    assert results(["thumb,index,palm", "# N,N,N", "1,2,3"])[-1] == [1, 2, 3]
+    found = results(["thumb,index,palm", "N,N,N", ",,", "1,2,3"])
+    assert found[1].startswith("column 1 holds 'N'") and found[3] == [1, 2, 3]
+
+
+@pytest.mark.parametrize("sensors", [NAMES, []])
+@pytest.mark.parametrize("before", [[], ["1,2,3"]])
+def test_a_carriage_return_in_a_line_is_refused(sensors, before):
+    found = results([*before, "loading,x\rready,now", "1,2,3\r4,5,6\r\n", "1,2,3\r"], sensors)
+    assert found[-1] == [1, 2, 3]
+    assert all(text.startswith("it has a carriage return in it") for text in found[-3:-1])
+
+
+@pytest.mark.parametrize("row", ["1,2,3", "1;2;3", "1 2 3"])
+@pytest.mark.parametrize("message", ["glove is ready", "glove,is,ready"])
+def test_without_names_in_the_model_a_message_of_as_many_words_names_nothing(row, message):
+    assert results([message, row, row], sensors=[]) == [None, [1, 2, 3], [1, 2, 3]]
+    found = results([row, message, row], sensors=[])
+    assert found[::2] == [[1, 2, 3]] * 2 and isinstance(found[1], str)
+
+
+def test_a_message_between_the_names_and_the_first_frame_takes_no_names_away():
+    rows, _ = frames(["time,a,b,c", "glove is ready", "0.5,1,2,3"], sensors=[])
+    assert rows == [([1, 2, 3], 0.5)]
+    # nor are the cells of half a line those of a line without names
+    found = results(["time,a,b,c", "0.5,1,2", "0.5,1,2,3"], sensors=[])
+    assert found == [None, "3 values; expected 4", [1, 2, 3]]
+
+
+@pytest.mark.parametrize(
+    ("before", "message"),
+    [
+        (["1,2,3"], "warning: thumb disconnected"),
+        (["1,2,3"], "palm,disconnected,now"),
+        (["1 2 3"], "low battery now"),
+        (["1 2 3"], "thumb is off"),
+        (["thumb,index,palm", "1,2,3"], "warning: thumb disconnected"),
+        (["thumb,index,palm", "1,2,3"], "thumb,disconnected"),
+        (["thumb index palm", "1 2 3"], "low battery now"),
+    ],
+)
+def test_a_message_after_the_first_frame_is_refused_and_the_frames_go_on(before, message):
+    *_, refused, frame = results([*before, message, before[-1]])
+    assert "expected" in refused and frame == [1, 2, 3]
+
+
+def test_between_tabs_the_first_and_the_last_cell_may_be_empty_if_their_columns_are_left_out():
+    assert results(["note\tthumb\tindex\tpalm", "\t1\t2\t3", "x\t1\t2\t3"])[1:] == [[1, 2, 3]] * 2
+    assert results(["thumb\tindex\tpalm\tnote", "1\t2\t3\t", "1\t2\t3\tx"])[1:] == [[1, 2, 3]] * 2
+    assert results(["thumb\tindex\tpalm\t", "1\t2\t3\t"]) == [None, [1, 2, 3]]
+    found = results(["thumb\tindex\tpalm", "\t2\t3", "1\t2\t"])
+    assert found[1].startswith("column 1 holds ''") and found[2].startswith("column 3 holds ''")
+
+
+@pytest.mark.parametrize("names", ["thumb,index,wrist", "a,b,c"])
+def test_names_like_those_of_the_frames_end_the_input_after_frames_too(names):
+    with pytest.raises(UserError, match=names.replace(",", ", ")):
+        results(["thumb,index,palm", "1,2,3", names, "1,2,3"])
+
+
 CELLS = st.sampled_from(
-    ["thumb", "index", "palm", "time", "note", "1", "-2.5", "nan", "", "x", "_"]
+    ["thumb", "index", "palm", "time", "note", "1", "-2.5", "nan", "", "x", "_", "# ", "\r", "x\ry"]
 )
 LINES = st.one_of(
     st.binary(max_size=40),

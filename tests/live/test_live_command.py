@@ -153,7 +153,7 @@ def test_lines_that_come_in_any_parts_are_the_same_lines():
 )
 def test_an_input_without_a_frame_is_a_mistake(lines, message):
     with pytest.raises(UserError, match=message):
-        run("\n".join(lines).encode() + b"\n" * bool(lines))
+        run("".join(f"{line}\n" for line in lines).encode())
 
 
 def test_a_glove_that_never_shows_an_open_hand_has_no_answer_and_a_line_that_says_so():
@@ -171,6 +171,18 @@ def test_frames_that_stop_are_said_once_and_the_stream_goes_on(monkeypatch):
     assert code == 0
     assert errors == ["line 16: no line for 0 s; still reading", "28 frames"]
     assert finals(records)[0]["frames"] == 8
+
+
+def test_bytes_without_the_end_of_a_line_are_no_line(monkeypatch):
+    monkeypatch.setattr(module, "MOST_QUIET", 0.3)
+    monkeypatch.setattr(module, "TICK", 0.05)
+    parts = [part for _ in range(12) for part in (0.05, b"1 ")]
+    _, _, errors = run(GRASP[:16], *parts, b"\n", GRASP[16:])
+    assert errors == [
+        "line 16: no line for 0 s; still reading",
+        "line 17: no frame: 1 value; expected 80",
+        "28 frames, 1 line without a frame",
+    ]
 
 
 def test_readings_on_another_scale_are_said_with_their_line():
@@ -203,6 +215,19 @@ def test_times_that_fall_begin_a_new_recording():
     first, second = finals(records)
     assert first["seconds"] == pytest.approx(0.5) and second["seconds"] == pytest.approx(0.7)
     assert first["frames"] == 6 and second["frames"] == 8
+
+
+@pytest.mark.parametrize("time", ["9999", "-9999"])
+def test_the_time_of_a_line_that_is_no_frame_is_not_taken(time):
+    names = ",".join(f"s{number}" for number in range(80))
+    lines = [f"time,{names}"]
+    lines += [f"{number / 10},{line}" for number, line in enumerate(GRASP)]
+    bad = f"{time},{with_cell(GRASP[16], 'nan')}"
+    _, records, errors = run([*lines[:16], bad, *lines[16:]])
+    (final,) = finals(records)
+    assert final["frames"] == 8 and final["seconds"] == pytest.approx(0.7)
+    assert errors[0].startswith(f"line 17: no frame: {NUMBERED} nan")
+    assert errors[1:] == ["28 frames, 1 line without a frame"]
 
 
 def test_without_times_the_seconds_are_those_between_the_lines():
@@ -310,6 +335,80 @@ def test_the_command_reads_a_file_with_all_its_answers_and_ends(tmp_path):
         )
     records = list(map(json.loads, done.stdout.splitlines()))
     assert sum(record["state"] == "answer" for record in records) == 8
+    # a file has no rate
+    assert all(record["seconds"] is None and record["time"] is None for record in records)
+    assert finals(records)[0]["frames"] == 8
+
+
+def test_a_closed_standard_input_is_said(tmp_path):
+    done = subprocess.run(
+        ["sh", "-c", f"{sys.executable} -m tactile_viewgcn live {tmp_path / 'model.pt'} <&-"],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith("Error: standard input is closed; expected lines of numbers")
+    assert len(done.stderr.splitlines()) == 1
+
+
+SLOW_MODEL = """
+import sys, time
+from tactile_viewgcn.cli import main
+from tactile_viewgcn.recognition import prediction
+
+def load_model(_):
+    print("loading", flush=True)
+    time.sleep(60)
+
+prediction.load_model = load_model
+sys.argv = ["tactile-viewgcn", "live", "classifier.pt"]
+main()
+"""
+
+
+def test_ctrl_c_while_the_model_is_loaded_has_its_exit_code():
+    process = subprocess.Popen(
+        [sys.executable, "-c", SLOW_MODEL],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    with process:
+        assert process.stdout.readline() == "loading\n"
+        process.send_signal(signal.SIGINT)
+        assert process.stderr.read() == "" and process.wait(timeout=20) == 130
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=["Ctrl-C", "SIGTERM"]
+)
+def test_a_second_signal_ends_a_command_whose_answers_nobody_reads(tmp_path, number, code):
+    lines = tmp_path / "grasps.csv"
+    lines.write_text("\n".join(GRASP * 60) + "\n")  # more answers than a pipe holds
+    model = model_file(tmp_path / "classifier.pt")
+    with lines.open() as file:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "tactile_viewgcn", "live", str(model), "--json"],
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            stdin=file,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
+    try:
+        assert process.stdout.readline()
+        time.sleep(3)  # the pipe is full
+        process.send_signal(number)
+        time.sleep(1)
+        assert process.poll() is None
+        process.send_signal(number)
+        assert process.wait(timeout=20) == code
+    finally:
+        process.kill()
+        process.stdout.close()
 
 
 def test_a_program_that_reads_no_more_ends_the_command_without_a_traceback(tmp_path):

@@ -121,6 +121,14 @@ def test_of_several_recordings_one_has_to_be_named(tmp_path, monkeypatch):
     assert played(tmp_path, monkeypatch, name="mug/2")[0] == ["2,2,2,2"] * 2
 
 
+@pytest.mark.parametrize("speed", [1e-300, np.nan, np.inf, -1.0])
+def test_a_speed_that_is_none_is_refused(tmp_path, monkeypatch, speed):
+    (tmp_path / "1.csv").write_text(LOGGED)
+    with pytest.raises(UserError, match=rf"--speed {speed:g}; expected 0 or a number from 0\.001"):
+        played(tmp_path / "1.csv", monkeypatch, speed=speed)
+    assert played(tmp_path / "1.csv", monkeypatch, speed=0.001)[1] == [0, 0, 500, 2000]
+
+
 def command(source, *words, stdout):
     """The command `replay`, begun."""
     environment = os.environ | {"PYTHONPATH": str(ROOT)}

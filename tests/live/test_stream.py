@@ -255,6 +255,35 @@ def test_a_frame_that_is_none_is_refused_and_nothing_of_it_is_taken(frames, mess
         np.testing.assert_array_equal(update.probabilities, other.probabilities)
 
 
+@pytest.mark.parametrize("dtype", [np.int16, np.float64])
+def test_an_array_that_is_reused_for_each_frame_is_copied(dtype):
+    """As a program does that reads into one buffer."""
+    frames = recording("cup", 130, before=12, held=8, after=8).astype(dtype)
+    buffer = np.zeros_like(frames[0])
+    stream = recogniser().stream()
+    updates = []
+    for counts in frames:
+        buffer[:] = counts
+        updates += stream.push(buffer)
+    expected = answered(recogniser().stream(), frames)
+    assert states(updates) == states(expected)
+    np.testing.assert_array_equal(
+        finals(updates)[0].probabilities, finals(expected)[0].probabilities
+    )
+    assert finals(updates)[0].frames == 8
+
+
+@pytest.mark.parametrize(
+    "time", ["now", np.nan, np.inf, [None], {}, pytest.param(10**400, id="large")]
+)
+def test_a_time_that_is_no_finite_number_is_refused_and_the_frame_is_not_taken(time):
+    stream = recogniser().stream()
+    frames = recording("cup", 119)
+    with pytest.raises(UserError, match=r"time is .*; expected "):
+        stream.push(frames[0], time)
+    assert stream.push(frames[0], 0.5)[0].frame == 0
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
