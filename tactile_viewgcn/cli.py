@@ -168,7 +168,7 @@ def live(model: str, as_json: bool, every: int | None, **options: Any) -> None:
 
 def _live(model: str, *, as_json: bool, every: int | None, **options: Any) -> int:
     """Return the exit code of `live`, see there."""
-    from tactile_viewgcn.live.command import LiveCommand
+    from tactile_viewgcn.live.command import EVERY_FRAME, LiveCommand
     from tactile_viewgcn.live.lines import FrameLines
     from tactile_viewgcn.live.source import LineSource
     from tactile_viewgcn.live.view import view_of
@@ -182,6 +182,7 @@ def _live(model: str, *, as_json: bool, every: int | None, **options: Any) -> in
     descriptor = sys.stdin.fileno()
     is_file = stat.S_ISREG(os.fstat(descriptor).st_mode)  # its lines wait however fast they are
     source = LineSource(lambda size: os.read(descriptor, size))
+    click.echo(shown(f"loading {model}"), err=True)  # it takes seconds
     recogniser = load_model(model)
     given = {name: value for name, value in options.items() if value is not None}
     stream = recogniser.stream(every=every or 1, **given)
@@ -189,6 +190,8 @@ def _live(model: str, *, as_json: bool, every: int | None, **options: Any) -> in
     view.say(first_line(recogniser))
     if "sure" in given and not recogniser.calibrated:
         view.say("warning: --sure: probabilities that are not calibrated are usually too high")
+    if not recogniser.separates_grasps:
+        view.say(EVERY_FRAME)
     reader = FrameLines(recogniser.shape, recogniser.plan.channel_names)
     skips = every is None and not is_file
     command = LiveCommand(stream, reader, view, skips=skips, is_paced=not is_file)

@@ -17,6 +17,10 @@ from tactile_viewgcn.live.stream import LiveStream, Update
 from tactile_viewgcn.live.view import View
 from tactile_viewgcn.messages import UserError, several
 
+EVERY_FRAME = (
+    "warning: the training took every frame, so nothing shows where a grasp begins or ends; "
+    "if its recordings begin with an open hand, train with preprocess.baseline=grasp"
+)
 TICK = 0.2  # seconds, after which the view is drawn anew without a line
 MOST_QUIET = 10.0  # seconds without a line, after which a line says so
 MOST_WAITING = 10.0  # seconds without an open hand, after which a line says so
@@ -84,7 +88,9 @@ class LiveCommand:
                 self._end(source)
         if not self._frames and not self._ended_by:
             lines = several(source.number, "line")
-            raise UserError(f"the input has {lines} and no frame; expected a line of numbers each")
+            raise UserError(
+                f"the input has {lines} and no frame; expected a line of {self._reader.expected}"
+            )
         if self._ended_by:
             return 128 + self._ended_by
         return 0
@@ -112,7 +118,8 @@ class LiveCommand:
         """Take the next line, or find that none has come."""
         line = source.next(TICK)
         if line is None:
-            if time.monotonic() - source.came_at > MOST_QUIET and not self._is_quiet:
+            is_quiet = time.monotonic() - source.came_at > MOST_QUIET and not source.has_ended
+            if is_quiet and not self._is_quiet:
                 self._is_quiet = True
                 self._say(source.number, f"no line for {MOST_QUIET:.0f} s; still reading")
             return

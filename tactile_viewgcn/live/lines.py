@@ -111,6 +111,11 @@ class FrameLines:
         # the last line of words that may name columns, but not those of the model's sensors
         self._unknown: Words | None = None
 
+    @property
+    def expected(self) -> str:
+        """Return what a line should hold."""
+        return f"{several(self._count, 'number')}, one for each sensor of the model"
+
     def frame(self, line: bytes) -> Frame | None:
         """Return the frame of a line; None of an empty one, a comment, or one that names columns.
 

@@ -200,7 +200,10 @@ def described(update: Update, letters: str = "#.") -> str:
     if update.seconds is not None:
         duration = f"{update.seconds:.1f} s"
     if update.probability is None:
-        return f"{state} {update.note or 'no answer yet'}  {duration}"
+        reason = "no answer yet"
+        if update.note:
+            reason = f"no answer: {update.note}"
+        return f"{state} {reason}  {duration}"
     full = round(BAR * update.probability)
     bar = full * letters[0] + (BAR - full) * letters[1]
     name = fitted(shown(update.object), OBJECT_WIDTH)

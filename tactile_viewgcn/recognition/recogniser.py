@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.frames.apply import apply
+from tactile_viewgcn.frames.apply import apply, keeps_every_frame
 from tactile_viewgcn.live.stream import LiveStream
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.params import on_sensors
@@ -136,6 +136,11 @@ class Recogniser:
             is_class = EMPTY_HAND in self.classes
             notes.append(untouched_note(self.plan, untouched, len(index_of), is_class=is_class))
         return answers, notes
+
+    @property
+    def separates_grasps(self) -> bool:
+        """Whether a stream knows where a grasp begins and ends, see `live/hand.py`."""
+        return not keeps_every_frame(self.plan)
 
     def stream(self, **options: Any) -> LiveStream:
         """Return a stream that answers frames as they come.

@@ -147,7 +147,7 @@ def test_lines_that_come_in_any_parts_are_the_same_lines():
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        ([], "the input has 0 lines and no frame"),
+        ([], "the input has 0 lines and no frame; expected a line of .* numbers, one for each"),
         (["low battery"] * 3, "the input has 3 lines and no frame"),
     ],
 )
@@ -171,6 +171,12 @@ def test_frames_that_stop_are_said_once_and_the_stream_goes_on(monkeypatch):
     assert code == 0
     assert errors == ["line 16: no line for 0 s; still reading", "28 frames"]
     assert finals(records)[0]["frames"] == 8
+
+
+def test_an_input_that_has_ended_is_not_called_quiet(monkeypatch):
+    monkeypatch.setattr(module, "MOST_QUIET", 0.0)  # as while a model was loaded
+    _, _, errors = run(GRASP[:16], GRASP[16:])
+    assert errors == ["28 frames"]
 
 
 def test_bytes_without_the_end_of_a_line_are_no_line(monkeypatch):
@@ -322,7 +328,7 @@ def test_the_command_reads_a_file_with_all_its_answers_and_ends(tmp_path):
     process = command(model, "--json")
     out, errors = process.communicate("\n".join(GRASP) + "\n", timeout=60)
     assert process.returncode == 0 and finals(map(json.loads, out.splitlines()))
-    assert errors.startswith("model: kernel")
+    assert errors.startswith(f"loading {model}\nmodel: kernel")
     (tmp_path / "grasp.csv").write_text("\n".join(GRASP) + "\n")
     with (tmp_path / "grasp.csv").open() as file:
         done = subprocess.run(
@@ -380,7 +386,8 @@ def test_ctrl_c_while_the_model_is_loaded_has_its_exit_code():
     with process:
         assert process.stdout.readline() == "loading\n"
         process.send_signal(signal.SIGINT)
-        assert process.stderr.read() == "" and process.wait(timeout=20) == 130
+        assert process.stderr.read() == "loading classifier.pt\n"
+        assert process.wait(timeout=20) == 130
 
 
 @pytest.mark.parametrize(

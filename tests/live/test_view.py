@@ -48,7 +48,7 @@ def test_a_line_has_state_object_bar_percent_and_seconds():
     assert described(replace(HELD, object="m\x1b[31mug")).count("\x1b") == 0
     contact = Update("contact", 3, 0.3, frames=1, seconds=0.0)
     assert described(contact) == "contact  no answer yet  0.0 s"
-    assert described(replace(contact, note="too weak")) == "contact  too weak  0.0 s"
+    assert described(replace(contact, note="too weak")) == "contact  no answer: too weak  0.0 s"
     assert described(Update("waiting", 0)) == "waiting  open your hand"
     assert described(Update("ready", 4)) == "ready    take an object"
 
