@@ -15,7 +15,8 @@ each frame is judged by the frames before it:
 
 Without an open hand in the training recordings the baseline is the training set's, and a grasp ends
 after five successive frames without contact. Where the plan keeps every frame, nothing shows where
-a grasp begins and ends: all frames are of one grasp, until it is as long as the stream allows.
+a grasp begins and ends: all frames are of one grasp, until it is as long as the stream allows. The
+next frame begins the next one, above the same baseline.
 """
 
 from abc import ABC, abstractmethod
@@ -70,7 +71,10 @@ class Hand(ABC):
         """Close the grasp early. The next one begins after an open hand, if the plan knows it."""
 
     def begin_anew(self) -> None:
-        """Close the grasp, and look for the open hand anew, since the baseline may have drifted."""
+        """Close the grasp, and look for the open hand anew, since the baseline may have drifted.
+
+        Where every frame counts, the next one begins a grasp instead: nothing would show the hand.
+        """
         self.let_go()
 
 
@@ -188,7 +192,8 @@ class OpenHand(Hand):
         """See `Hand.follow`."""
         if self._follower is None:
             return self._seek(counts)
-        if self.state == "contact" and self._every_frame:
+        if self._every_frame:
+            self.state = "contact"
             return [counts]
         values = counts[self._live]
         self._unknown.append(counts)
@@ -217,10 +222,17 @@ class OpenHand(Hand):
         self.state = "waiting"
         self._still = 0
         if self._every_frame:
-            self.begin_anew()
+            self._forget_open_hand()
 
     def begin_anew(self) -> None:
         """See `Hand.begin_anew`."""
+        if self._every_frame and self.state == "contact":
+            self.state = "ready"
+        elif self._follower is not None:  # else it is looked for already
+            self._forget_open_hand()
+
+    def _forget_open_hand(self) -> None:
+        """Wait for an open hand."""
         self.state = "waiting"
         self._follower = None
         self._first.clear()

@@ -16,7 +16,7 @@ import numpy as np
 
 from tactile_viewgcn.live.source import LONGEST_LINE
 from tactile_viewgcn.messages import UserError, listed, several
-from tactile_viewgcn.readers.lines import CONTENTS, label_kind
+from tactile_viewgcn.readers.lines import label_kind
 from tactile_viewgcn.readers.source import Form, tidy
 from tactile_viewgcn.readers.text import (
     COMMENT,
@@ -24,6 +24,7 @@ from tactile_viewgcn.readers.text import (
     NUMBER,
     SECONDS,
     base_and_unit,
+    content_by_name,
     sensors_of_model,
     separator_of,
     split_line,
@@ -356,5 +357,4 @@ def _words(text: str) -> Words:
 
 def _content(name: str) -> str:
     """Return what a column holds by its name, if it is no sensor; "" for readings."""
-    base, _ = base_and_unit(name)
-    return CONTENTS.get(base, "") or label_kind(name)
+    return content_by_name(name) or label_kind(name)

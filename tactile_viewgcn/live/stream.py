@@ -151,7 +151,7 @@ class LiveStream:
     def close(self) -> list[Update]:
         """End the input, and return the final answer of an open grasp; the next frame begins anew.
 
-        A recording can follow another one so.
+        Call it between two recordings.
         """
         updates = list[Update]()
         if self._grasp is not None:
@@ -262,7 +262,8 @@ class LiveStream:
         updates = list[Update]()
         begins = self._grasp is None
         grasp = self._grasp or self._begin_grasp()
-        for counts in in_contact[: self._longest - len(grasp)]:
+        room = self._longest - len(grasp)
+        for counts in in_contact[:room]:
             grasp.add(counts, hand.mean)
         if in_contact:
             self._last = self._time
@@ -277,6 +278,9 @@ class LiveStream:
             note = f"closed with {several(len(grasp), 'frame')}, the most that are kept"
             updates.append(self._close_grasp(note))
             hand.begin_anew()
+            if in_contact[room:] and hand.state == "ready":  # every frame counts
+                hand.state = "contact"
+                updates += self._hold(hand, in_contact[room:], answer=answer)
         elif in_contact and self._since_answer >= self._every:
             updates += self._answer_so_far(hand, wanted=answer)
         return updates

@@ -396,11 +396,10 @@ def _content(name: str, values: np.ndarray, form: Form, *, is_index: bool) -> st
     for kind, column in form.names.items():
         if column == name:
             return "" if kind == "pressure" else kind
-    last = re.split("[./]", name)[-1]  # of a message of ROS, as .header.seq
+    last = _last_part(name)
     content = "line number"
     if not is_index:
-        base, _ = base_and_unit(last)
-        content = CONTENTS.get(base, "")
+        content = content_by_name(name)
     # words, or whole numbers
     if not content and (np.isnan(values).any() or not (values % 1).any()):
         content = label_kind(name)
@@ -415,6 +414,26 @@ def _content(name: str, values: np.ndarray, form: Form, *, is_index: bool) -> st
     if (content or "pressure") in form.names:
         return "data.columns names others"
     return content
+
+
+def content_by_name(name: str) -> str:
+    """Return what a column without readings holds by its name, but for labels in other words.
+
+    A column `.header.stamp.time` holds times too.
+
+    Args:
+        name: of the column.
+
+    Returns:
+        A value of `CONTENTS`; "" for readings.
+    """
+    base, _ = base_and_unit(_last_part(name))
+    return CONTENTS.get(base, "")
+
+
+def _last_part(name: str) -> str:
+    """Return the last part of the name of a field, as ROS writes it: seq of .header.seq."""
+    return re.split("[./]", name)[-1]
 
 
 def base_and_unit(name: str) -> tuple[str, str]:

@@ -43,7 +43,8 @@ def test_a_line_is_a_frame_in_the_order_of_the_model_s_sensors(lines):
 
 
 @pytest.mark.parametrize(
-    ("name", "seconds"), [("time", 4), ("timestamp", 4), ("time_ms", 4e-3), ("t [us]", 4e-6)]
+    ("name", "seconds"),
+    [("time", 4), ("timestamp", 4), ("time_ms", 4e-3), ("t [us]", 4e-6), ("header.time", 4)],
 )
 def test_a_column_of_times_is_named_in_seconds_or_by_its_unit(name, seconds):
     rows, notes = frames([f"thumb,{name},index,palm", "1,4,2,3"])

@@ -255,6 +255,32 @@ def test_a_frame_that_is_none_is_refused_and_nothing_of_it_is_taken(frames, mess
         np.testing.assert_array_equal(update.probabilities, other.probabilities)
 
 
+@pytest.mark.parametrize("longest", [1, 3, 5, 7])
+def test_where_every_frame_counts_each_is_of_an_answered_grasp(longest):
+    """Those of the open hand at the beginning, which are found five at once, are too."""
+    model = recogniser("preprocess.filter=none", GRASP)
+    frames = recording("cup", 130, before=12, held=8, after=8)
+    updates = answered(model.stream(longest=longest), frames)
+    grasps = finals(updates)
+    parts = [range(28)[first : first + longest] for first in range(0, 28, longest)]
+    assert [final.frames for final in grasps] == [len(part) for part in parts]
+    assert states(updates).count("contact") == len(grasps)
+    assert states(updates)[0] == "waiting" and states(updates).count("waiting") == 1
+    is_held = [not set(part).isdisjoint(range(12, 20)) for part in parts]
+    assert [final.object is not None for final in grasps] == is_held
+
+
+def test_where_every_frame_counts_a_sure_answer_waits_for_an_open_hand():
+    model = recogniser("preprocess.filter=none", GRASP)
+    frames = recording("cup", 130, before=12, held=8, after=8)
+    updates = answered(model.stream(sure=1e-9), frames)
+    early = finals(updates)[0]
+    assert (early.frame, early.frames, early.note) == (12, 13, "closed early")
+    after = [(update.state, update.frame) for update in updates if update.frame >= 12]
+    # the hand is open from frame 20 on
+    assert after[:3] == [("final", 12), ("waiting", 12), ("contact", 24)]
+
+
 @pytest.mark.parametrize("dtype", [np.int16, np.float64])
 def test_an_array_that_is_reused_for_each_frame_is_copied(dtype):
     """As a program does that reads into one buffer."""
