@@ -259,6 +259,7 @@ def test_a_frame_that_is_none_is_refused_and_nothing_of_it_is_taken(frames, mess
 def test_where_every_frame_counts_each_is_of_an_answered_grasp(longest):
     """Those of the open hand at the beginning, which are found five at once, are too."""
     model = recogniser("preprocess.filter=none", GRASP)
+    assert not model.separates_grasps and recogniser(GRASP).separates_grasps
     frames = recording("cup", 130, before=12, held=8, after=8)
     updates = answered(model.stream(longest=longest), frames)
     grasps = finals(updates)
