@@ -14,7 +14,9 @@ position that the scene prescribes. The Hessian of U omits the curvature of the 
 (Gauss-Newton) and is therefore never indefinite.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -32,6 +34,7 @@ LEVER = 0.05  # m: converts between forces and torques of comparable size
 FINGERS = 5
 JOINT_COORDINATES = 2 * FINGERS  # unknowns of the joints, the first of a state y
 PARTS = FINGERS + 1  # of a hand: its fingers and the palm
+ROUNDING = 1e-9  # m: more than the rounding errors of a distance
 
 
 @dataclass(frozen=True)
@@ -78,17 +81,31 @@ class Drive:
             rows: (R,) indices of hands.
             time: (R,) in frames since the first knot.
         """
-        now = dict[str, np.ndarray]()
         last = self.squeeze.shape[1] - 1
         knot = np.minimum(time.astype(int), last - 1)
         fraction = np.minimum(time - knot, 1.0)
-        for name, values in vars(self).items():
-            before = values[rows, knot]
-            after = values[rows, knot + 1]
-            trailing = [1] * (before.ndim - 1)
-            weight = fraction.reshape(-1, *trailing)
-            now[name] = before + weight * (after - before)
+        before = self._joined[rows, knot]
+        after = self._joined[rows, knot + 1]
+        joined = before + fraction[:, None] * (after - before)
+        now = dict[str, np.ndarray]()
+        start = 0
+        for name in DRIVEN:
+            shape = getattr(self, name).shape[2:]
+            stop = start + math.prod(shape)
+            now[name] = joined[:, start:stop].reshape(len(rows), *shape)
+            start = stop
         return now
+
+    @cached_property
+    def _joined(self) -> np.ndarray:
+        """Return all values (B, K, n) side by side: gathered at once they take a third."""
+        hands, knots = self.opposition.shape
+        values = [getattr(self, name).reshape(hands, knots, -1) for name in DRIVEN]
+        return np.concatenate(values, axis=2)
+
+
+#: names of the prescribed values
+DRIVEN = tuple(field.name for field in fields(Drive))
 
 
 @dataclass(frozen=True)
@@ -104,16 +121,37 @@ class Contacts:
         sensor: (C,) index of the sensor.
         patch: (C,) patch that carries it.
         depth: (C,) m, above 0.
-        normal: (C, 3) unit vector out of the object.
-        point: (C, 3) m, position of the sensor.
+        local: (C, 3) m, position of the sensor in the primitive's axes.
+        centre: (C, 3) m, of the primitive.
+        axes: (C, 3, 3) of the primitive.
+        solids: the objects.
+        solid: (C,) index of the object.
+        primitive: (C,) index of its primitive.
     """
 
     row: np.ndarray
     sensor: np.ndarray
     patch: np.ndarray
     depth: np.ndarray
-    normal: np.ndarray
-    point: np.ndarray
+    local: np.ndarray
+    centre: np.ndarray
+    axes: np.ndarray
+    solids: Solids
+    solid: np.ndarray
+    primitive: np.ndarray
+
+    @cached_property
+    def normal(self) -> np.ndarray:
+        """Return the unit vectors (C, 3) out of the object. A search for tunnels needs none."""
+        gradient = self.solids.gradient(self.solid, self.primitive, self.local)
+        normal: np.ndarray = np.einsum("nij,nj->ni", self.axes, gradient)
+        return normal
+
+    @cached_property
+    def point(self) -> np.ndarray:
+        """Return the positions (C, 3) m of the sensors."""
+        point: np.ndarray = self.centre + np.einsum("nij,nj->ni", self.axes, self.local)
+        return point
 
 
 @dataclass(frozen=True)
@@ -210,10 +248,8 @@ class Mechanics:
         count = len(rows)
         now = self.drive.at(rows, time)
         q = y[:, :JOINT_COORDINATES].reshape(-1, FINGERS, 2)
-        position = now["position"]
-        if self.motion:
-            position = y[:, JOINT_COORDINATES:]
-        contacts, slope, facing = self._contacts(rows, q, position, now, palm=palm)
+        pose, contacts = self._touch(rows, y, now, palm=palm)
+        slope, facing = self._slopes(rows, pose, contacts)
         stiffness = self._sensor_stiffness(rows, contacts)
         force = stiffness * contacts.depth
         gradient, blocks = _sums_by_part(contacts, count, force, stiffness, slope)
@@ -231,6 +267,7 @@ class Mechanics:
         on_object = np.empty((count, 0, 0))
         if self.motion:
             on_object = blocks[:, :, 2:, 2:].sum(axis=1) + HOLDING * np.eye(3)
+            position = y[:, JOINT_COORDINATES:]
             offset = position - now["position"]
             pressed = gradient[:, :, 2:].sum(axis=1)
             residual[:, JOINT_COORDINATES:] = HOLDING * offset + pressed - now["load"]
@@ -254,23 +291,34 @@ class Mechanics:
         stiffness: np.ndarray = self.stiffness[hand] * self.hands.area[hand, contacts.sensor]
         return stiffness
 
-    def _contacts(
-        self,
-        rows: np.ndarray,
-        q: np.ndarray,
-        position: np.ndarray,
-        now: dict[str, np.ndarray],
-        *,
-        palm: bool,
-    ) -> tuple[Contacts, np.ndarray, np.ndarray]:
-        """Return the contacts, with `slope` (C, 5) and `facing` (C,) of `Balance`.
+    def contacts(
+        self, rows: np.ndarray, time: np.ndarray, y: np.ndarray, *, palm: bool
+    ) -> Contacts:
+        """Return the contacts of some hands; arguments are those of `evaluate`."""
+        _, contacts = self._touch(rows, y, self.drive.at(rows, time), palm=palm)
+        return contacts
+
+    def _touch(
+        self, rows: np.ndarray, y: np.ndarray, now: dict[str, np.ndarray], *, palm: bool
+    ) -> tuple[Pose, Contacts]:
+        """Return the pose of some hands and their contacts, with the drive `now`."""
+        q = y[:, :JOINT_COORDINATES].reshape(-1, FINGERS, 2)
+        position = now["position"]
+        if self.motion:
+            position = y[:, JOINT_COORDINATES:]
+        pose = self.hands.pose(rows, q, now["opposition"])
+        rotation = Rotation.from_rotvec(now["rotation"]).as_matrix()
+        contacts = collisions(self.hands, self.solids, rows, pose, position, rotation, palm=palm)
+        return pose, contacts
+
+    def _slopes(
+        self, rows: np.ndarray, pose: Pose, contacts: Contacts
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return `slope` (C, 5) and `facing` (C,) of `Balance`.
 
         The slope by a joint's angle is hinge x arm along the normal; by the object's position it is
         the normal.
         """
-        pose = self.hands.pose(rows, q, now["opposition"])
-        rotation = Rotation.from_rotvec(now["rotation"]).as_matrix()
-        contacts = collisions(self.hands, self.solids, rows, pose, position, rotation, palm=palm)
         local = self.hands.normal[rows[contacts.row], contacts.sensor]
         skin = np.einsum("nij,nj->ni", pose.axes[contacts.row, contacts.patch], local)
         facing = np.maximum(-np.einsum("ni,ni->n", skin, contacts.normal), 0)
@@ -280,14 +328,14 @@ class Mechanics:
         row = contacts.row[on_link]
         finger, link = np.divmod(contacts.patch[on_link], LINKS_OF_FINGER)
         # n . (hinge x arm) = -arm . (hinge x n)
-        spin = np.cross(pose.hinge[row, finger], contacts.normal[on_link])
+        spin = _cross(pose.hinge[row, finger], contacts.normal[on_link])
         joints = LINKS_OF_FINGER * finger[:, None] + np.arange(LINKS_OF_FINGER)
         # (C, 3 joints, 3)
         arm = contacts.point[on_link, None] - pose.origin[row[:, None], joints]
         moves = np.arange(LINKS_OF_FINGER) <= link[:, None]
         by_joint = np.einsum("nji,ni->nj", arm, spin) * moves
         slope[on_link, :2] = by_joint @ COUPLING
-        return contacts, slope, facing
+        return slope, facing
 
     def force_change(self, balance: Balance, rows: np.ndarray, dy: np.ndarray) -> np.ndarray:
         """Return the change (C,) N of the contacts' forces for a change of the state.
@@ -365,11 +413,22 @@ def _sums_by_part(
     outer = np.zeros((count * PARTS, 5, 5))
     if len(force):
         group = contacts.row * PARTS + part_of(contacts.patch)
-        present, starts = np.unique(group, return_index=True)
+        starts = np.flatnonzero(np.diff(group, prepend=-1))
+        present = group[starts]
         sums[present] = np.add.reduceat(force[:, None] * slope, starts)
         weighted = (stiffness[:, None] * slope)[:, :, None]
         outer[present] = np.add.reduceat(weighted * slope[:, None, :], starts)
     return sums.reshape(count, PARTS, 5), outer.reshape(count, PARTS, 5, 5)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the cross products (n, 3) of vectors a (n, 3) and b (n, 3), faster than numpy.cross."""
+    product = np.empty_like(b)
+    for axis in range(3):
+        following = (axis + 1) % 3
+        last = (axis + 2) % 3
+        product[:, axis] = a[:, following] * b[:, last] - a[:, last] * b[:, following]
+    return product
 
 
 def _inverse_2x2(block: np.ndarray) -> np.ndarray:
@@ -412,8 +471,9 @@ def collisions(
     patches = LINK_PATCHES
     if palm:
         patches = len(hands.start)
-    # indices (n,) of hand, patch and primitive of each close pair, and the primitive's axes
-    r, n, p, axes = _close_pairs(hands, solids, rows, pose, primitive, rotation, patches)
+    # indices (n,) of hand, patch and primitive of each close pair, the primitive's axes, and its
+    # distance from the patch's centre
+    r, n, p, axes, gap = _close_pairs(hands, solids, rows, pose, primitive, rotation, patches)
 
     # One entry for each sensor of the remaining pairs, first in the primitive's axes.
     offset = np.einsum("nij,ni->nj", axes, pose.origin[r, n] - primitive[r, p])
@@ -422,22 +482,34 @@ def collisions(
     first = np.repeat(hands.start[n] - np.cumsum(count) + count, count)
     pair = np.repeat(np.arange(len(r)), count)
     sensor = first + np.arange(len(pair))
-    local = offset[pair] + np.einsum("nij,nj->ni", turn[pair], hands.local[rows[r[pair]], sensor])
-    distance = solids.distance(rows[r[pair]], p[pair], local)
+    hand = rows[r]
+    # of a sensor among those of all hands
+    number = hand[pair] * len(hands.patch) + sensor
+    # A sensor is at most as much deeper as it is far from the patch's centre.
+    may_touch = np.flatnonzero(gap[pair] < hands.from_centre.take(number) + ROUNDING)
+    pair = pair[may_touch]
+    sensor = sensor[may_touch]
+    of_sensor = hands.local.reshape(-1, 3).take(number[may_touch], axis=0)
+    local = offset[pair] + np.einsum("nij,nj->ni", turn[pair], of_sensor)
+    distance = solids.distance(hand[pair], p[pair], local)
     inside = np.flatnonzero(distance < 0)
     by_row_and_sensor = r[pair[inside]] * len(hands.patch) + sensor[inside]
     inside = inside[np.argsort(by_row_and_sensor, kind="stable")]
     pair = pair[inside]
-    sensor = sensor[inside]
-    local = local[inside]
     r = r[pair]
     n = n[pair]
     p = p[pair]
-    axes = axes[pair]
-    normal = np.einsum("nij,nj->ni", axes, solids.gradient(rows[r], p, local))
-    point = primitive[r, p] + np.einsum("nij,nj->ni", axes, local)
     return Contacts(
-        row=r, sensor=sensor, patch=n, depth=-distance[inside], normal=normal, point=point
+        row=r,
+        sensor=sensor[inside],
+        patch=n,
+        depth=-distance[inside],
+        local=local[inside],
+        centre=primitive[r, p],
+        axes=axes[pair],
+        solids=solids,
+        solid=rows[r],
+        primitive=p,
     )
 
 
@@ -449,7 +521,7 @@ def _close_pairs(
     primitive: np.ndarray,
     rotation: np.ndarray,
     patches: int,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return the pairs of a patch and a primitive that may be in contact.
 
     The bounding spheres of a pair overlap, and the patch's sphere reaches into the primitive.
@@ -464,7 +536,8 @@ def _close_pairs(
         patches: N, number of patches that are tested.
 
     Returns:
-        Indices of hand, patch and primitive, (n,) each, and the axes (n, 3, 3) of the primitives.
+        Indices of hand, patch and primitive, (n,) each; the axes (n, 3, 3) of the primitives; and
+        their signed distances (n,) m from the patches' centres.
     """
     # centres of the bounding spheres of patches (R, N, 3)
     patch = pose.origin[:, :patches] + np.einsum(
@@ -476,5 +549,6 @@ def _close_pairs(
     r, n, p = np.nonzero(squared < np.maximum(radii, 0) ** 2)
     axes = rotation[r] @ solids.rotation[rows[r], p]
     local = np.einsum("nij,ni->nj", axes, patch[r, n] - primitive[r, p])
-    is_close = solids.distance(rows[r], p, local) < hands.bounding_radius[n]
-    return r[is_close], n[is_close], p[is_close], axes[is_close]
+    gap = solids.distance(rows[r], p, local)
+    is_close = gap < hands.bounding_radius[n]
+    return r[is_close], n[is_close], p[is_close], axes[is_close], gap[is_close]

@@ -87,6 +87,7 @@ class Hands:
         count: (N,) number of its sensors.
         centre: (B, N, 3) m in the patch's axes, of a sphere around each patch's sensors.
         bounding_radius: (N,) m, of that sphere.
+        from_centre: (B, S) m, distance of each sensor from the centre of its patch's sphere.
     """
 
     row: np.ndarray
@@ -104,12 +105,14 @@ class Hands:
         self.count = np.searchsorted(self.patch, patches, side="right") - self.start
         self.centre = np.zeros((len(self.local), len(patches), 3))
         self.bounding_radius = np.zeros(len(patches))
+        self.from_centre = np.zeros(self.area.shape)
         for patch in patches[self.count > 0]:
             first = self.start[patch]
             local = self.local[:, first : first + self.count[patch]]
             self.centre[:, patch] = local.mean(axis=1)
             from_centre = np.linalg.norm(local - self.centre[:, patch, None], axis=-1)
             self.bounding_radius[patch] = from_centre.max()
+            self.from_centre[:, first : first + self.count[patch]] = from_centre
 
     def pose(self, rows: np.ndarray, q: np.ndarray, opposition: np.ndarray) -> Pose:
         """Return the pose of some hands, by forward kinematics.

@@ -369,7 +369,7 @@ def tunnels(
     fraction = sample / (samples[path] - 1)
     time = begin[path] + fraction * (end - begin)[path]
     y = before[path] + fraction[:, None] * (after - before)[path]
-    contacts = mechanics.evaluate(rows[path], time, y, palm=mechanics.motion).contacts
+    contacts = mechanics.contacts(rows[path], time, y, palm=mechanics.motion)
     hand = path[contacts.row]
     part = part_of(contacts.patch)
     is_between = (fraction[contacts.row] > 0) & (fraction[contacts.row] < 1)

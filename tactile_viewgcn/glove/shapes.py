@@ -184,12 +184,13 @@ class Solids:
             p: (n,) indices of their primitives.
             x: (n, 3) m, points in the axes of these primitives.
         """
-        _, q, _ = self._section(b, p, x)
+        primitive = self._number(b, p)
+        _, q, _ = self._section(primitive, x)
         out = np.maximum(q, 0)
         outside = np.sqrt(np.einsum("ni,ni->n", out, out))
         nearest = np.maximum(np.maximum(q[:, 0], q[:, 1]), q[:, 2])
-        uncut = outside + np.minimum(nearest, 0) - self.round[b, p]
-        cut = self.cut[b, p]
+        uncut = outside + np.minimum(nearest, 0) - self.round.take(primitive)
+        cut = self.cut.reshape(-1, 4).take(primitive, axis=0)
         distance: np.ndarray = np.maximum(uncut, np.einsum("ni,ni->n", cut[:, :3], x) - cut[:, 3])
         return distance
 
@@ -201,7 +202,8 @@ class Solids:
             p: (n,) indices of their primitives.
             x: (n, 3) m, points in the axes of these primitives.
         """
-        folded, q, revolved = self._section(b, p, x)
+        primitive = self._number(b, p)
+        folded, q, revolved = self._section(primitive, x)
         out = np.maximum(q, 0)
         length = np.sqrt((out**2).sum(axis=1))
         face = out / np.where(length > 0, length, 1)[:, None]
@@ -212,28 +214,40 @@ class Solids:
         radial = x[:, :2] / np.where(rho > 0, rho, 1)[:, None] + (rho == 0)[:, None] * [1.0, 0.0]
         around = np.concatenate([face[:, :1] * radial, face[:, 1:2]], axis=1)
         gradient = np.where(revolved[:, None], around, face)
-        cut = self.cut[b, p]
+        cut = self.cut.reshape(-1, 4).take(primitive, axis=0)
         flat = (cut[:, :3] * x).sum(axis=1) - cut[:, 3]
-        uncut = length + np.minimum(q.max(axis=1), 0) - self.round[b, p]
+        uncut = length + np.minimum(q.max(axis=1), 0) - self.round.take(primitive)
         return np.where((flat > uncut)[:, None], cut[:, :3], gradient)
 
+    def _number(self, b: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Return the numbers (n,) of primitives p (n,) of unions b (n,) among all primitives.
+
+        Gathering by one number takes half the time of gathering by two.
+        """
+        number: np.ndarray = b * self.round.shape[1] + p
+        return number
+
     def _section(
-        self, b: np.ndarray, p: np.ndarray, x: np.ndarray
+        self, primitive: np.ndarray, x: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return points as seen by a box, into which both families of primitives are folded.
 
         A solid of revolution's point is (rho - offset, z, .), and its third face infinitely far
-        inside. Arguments are those of `distance`.
+        inside.
+
+        Args:
+            primitive: (n,) numbers of primitives, see `_number`.
+            x: (n, 3) m, points in the axes of these primitives.
 
         Returns:
             The points (n, 3), how far they are from the box's faces (n, 3), and which belong to a
             solid of revolution, bool (n,).
         """
-        revolved = self.revolved[b, p]
+        revolved = self.revolved.take(primitive)
         folded = x.copy()
         rho = np.sqrt(x[:, 0] ** 2 + x[:, 1] ** 2)
-        folded[:, 0] = np.where(revolved, rho - self.offset[b, p], x[:, 0])
-        folded[:, 1] = np.where(revolved, x[:, 2], x[:, 1])
-        q = np.abs(folded) - self.half[b, p]
-        q[revolved, 2] = -np.inf
+        np.copyto(folded[:, 0], rho - self.offset.take(primitive), where=revolved)
+        np.copyto(folded[:, 1], x[:, 2], where=revolved)
+        q = np.abs(folded) - self.half.reshape(-1, 3).take(primitive, axis=0)
+        np.copyto(q[:, 2], -np.inf, where=revolved)
         return folded, q, revolved

@@ -12,7 +12,14 @@ import h5py
 import numpy as np
 from joblib import Parallel, delayed
 
-from tactile_viewgcn.glove.contact import FINGERS, JOINT_COORDINATES, Drive, Layer, Mechanics
+from tactile_viewgcn.glove.contact import (
+    DRIVEN,
+    FINGERS,
+    JOINT_COORDINATES,
+    Drive,
+    Layer,
+    Mechanics,
+)
 from tactile_viewgcn.glove.hand import (
     COUPLING,
     LINK_PATCHES,
@@ -166,7 +173,7 @@ class Simulation:
 
         Its first knot is one frame before `start`.
         """
-        knots = {name: values[:, start : stop + 1] for name, values in vars(self.drive).items()}
+        knots = {name: getattr(self.drive, name)[:, start : stop + 1] for name in DRIVEN}
         drive = Drive(**knots)
         return Mechanics(
             self.hands,
