@@ -413,7 +413,9 @@ def _sums_by_part(
     outer = np.zeros((count * PARTS, 5, 5))
     if len(force):
         group = contacts.row * PARTS + part_of(contacts.patch)
-        starts = np.flatnonzero(np.diff(group, prepend=-1))
+        is_first = np.ones(len(group), dtype=bool)
+        is_first[1:] = group[1:] != group[:-1]
+        starts = np.flatnonzero(is_first)
         present = group[starts]
         sums[present] = np.add.reduceat(force[:, None] * slope, starts)
         weighted = (stiffness[:, None] * slope)[:, :, None]
@@ -437,9 +439,12 @@ def _inverse_2x2(block: np.ndarray) -> np.ndarray:
     b = block[..., 0, 1]
     c = block[..., 1, 0]
     d = block[..., 1, 1]
-    adjugate = np.stack([d, -b, -c, a], axis=-1).reshape(block.shape)
-    determinant = (a * d - b * c)[..., None, None]
-    inverse: np.ndarray = adjugate / determinant
+    inverse = np.empty_like(block)
+    inverse[..., 0, 0] = d
+    inverse[..., 0, 1] = -b
+    inverse[..., 1, 0] = -c
+    inverse[..., 1, 1] = a
+    inverse /= (a * d - b * c)[..., None, None]
     return inverse
 
 

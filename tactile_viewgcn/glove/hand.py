@@ -45,8 +45,18 @@ PALM = (0.090, 0.084)  # m: length and width that the sensors cover
 PALM_CUP = 0.007  # m by which the palm's edges are higher than its middle
 TILE = 6  # a patch of the palm has TILE x TILE sensors
 LINKS_OF_FINGER = 3
+THUMB = 4  # number of the last finger
 # the first patches are the fingers' links, three each; the others belong to the palm
 LINK_PATCHES = 5 * LINKS_OF_FINGER
+# (3, 5, 3): along each straight finger, aside, and out of its skin; what turns with the thumb's
+# opposition is 0
+UNOPPOSED = np.zeros((3, 5, 3))
+UNOPPOSED[0, :THUMB, 0] = np.cos(FINGER_SPREAD)
+UNOPPOSED[0, :THUMB, 1] = np.sin(FINGER_SPREAD)
+UNOPPOSED[1, :THUMB, 0] = -np.sin(FINGER_SPREAD)
+UNOPPOSED[1, :THUMB, 1] = np.cos(FINGER_SPREAD)
+UNOPPOSED[2, :THUMB, 2] = 1
+UNOPPOSED[:2, THUMB, 0] = [np.cos(THUMB_ANGLE), -np.sin(THUMB_ANGLE)]
 #: of a hand: its size relative to the usual one, and m along and aside by which its glove is
 #: shifted
 Fit = tuple[float, tuple[float, float]]
@@ -133,10 +143,10 @@ class Hands:
         joint = self.bases[rows][:, :, None] + np.cumsum(steps, axis=2) - steps
         origin = np.zeros((count, len(self.start), 3))
         origin[:, :LINK_PATCHES] = joint.reshape(count, LINK_PATCHES, 3)
-        aside_of_link = np.broadcast_to(aside[:, :, None], ahead.shape)
-        link_axes = np.stack([ahead, aside_of_link, out], axis=-1)
-        axes = np.zeros((count, len(self.start), 3, 3))
-        axes[:, :LINK_PATCHES] = link_axes.reshape(count, LINK_PATCHES, 3, 3)
+        axes = np.empty((count, len(self.start), 3, 3))
+        axes[:, :LINK_PATCHES, :, 0] = ahead.reshape(count, LINK_PATCHES, 3)
+        axes[:, :LINK_PATCHES, :, 1] = np.repeat(aside, LINKS_OF_FINGER, axis=1)
+        axes[:, :LINK_PATCHES, :, 2] = out.reshape(count, LINK_PATCHES, 3)
         axes[:, LINK_PATCHES:] = np.eye(3)
         return Pose(origin, axes, -aside)
 
@@ -233,20 +243,13 @@ def _finger_axes(opposition: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
     Args:
         opposition: (R,) rad of the thumbs.
     """
-    count = len(opposition)
-    along = np.zeros((count, 5, 3))
-    aside = np.zeros((count, 5, 3))
-    skin = np.zeros((count, 5, 3))
-    along[:, :4, 0] = np.cos(FINGER_SPREAD)
-    along[:, :4, 1] = np.sin(FINGER_SPREAD)
-    aside[:, :4, 0] = -np.sin(FINGER_SPREAD)
-    aside[:, :4, 1] = np.cos(FINGER_SPREAD)
-    skin[:, :4, 2] = 1
+    along, aside, skin = np.repeat(UNOPPOSED[:, None], len(opposition), axis=1)
     cos = np.cos(opposition)
     sin = np.sin(opposition)
-    lean_cos = np.cos(THUMB_ANGLE)
-    lean_sin = np.sin(THUMB_ANGLE)
-    along[:, 4] = np.stack([np.full(count, lean_cos), lean_sin * cos, lean_sin * sin], axis=1)
-    aside[:, 4] = np.stack([np.full(count, -lean_sin), lean_cos * cos, lean_cos * sin], axis=1)
-    skin[:, 4] = np.stack([np.zeros(count), -sin, cos], axis=1)
+    along[:, THUMB, 1] = np.sin(THUMB_ANGLE) * cos
+    along[:, THUMB, 2] = np.sin(THUMB_ANGLE) * sin
+    aside[:, THUMB, 1] = np.cos(THUMB_ANGLE) * cos
+    aside[:, THUMB, 2] = np.cos(THUMB_ANGLE) * sin
+    skin[:, THUMB, 1] = -sin
+    skin[:, THUMB, 2] = cos
     return along, aside, skin
