@@ -29,6 +29,7 @@ JOINT = np.array([0.25, 0.16])  # N m / rad: springs towards the posture
 LIMIT = 6.0  # N m / rad: spring beyond LIMITS
 TENDON = np.array([1.0, 0.5])  # share of a finger's squeeze that acts on each of its coordinates
 HOLDING = 1500.0  # N/m: spring between the object and its prescribed position
+HOLDING_HESSIAN = HOLDING * np.eye(3)
 GRAVITY = 9.81  # m/s^2
 LEVER = 0.05  # m: converts between forces and torques of comparable size
 FINGERS = 5
@@ -124,9 +125,11 @@ class Contacts:
         local: (C, 3) m, position of the sensor in the primitive's axes.
         centre: (C, 3) m, of the primitive.
         axes: (C, 3, 3) of the primitive.
-        solids: the objects.
-        solid: (C,) index of the object.
-        primitive: (C,) index of its primitive.
+        primitive: (C,) index of the primitive in its object.
+        hand: (C,) index of the hand among all hands, and of its object.
+        hands: all hands.
+        solids: all objects.
+        pose: pose of the hands of the search.
     """
 
     row: np.ndarray
@@ -136,14 +139,16 @@ class Contacts:
     local: np.ndarray
     centre: np.ndarray
     axes: np.ndarray
-    solids: Solids
-    solid: np.ndarray
     primitive: np.ndarray
+    hand: np.ndarray
+    hands: Hands
+    solids: Solids
+    pose: Pose
 
     @cached_property
     def normal(self) -> np.ndarray:
         """Return the unit vectors (C, 3) out of the object. A search for tunnels needs none."""
-        gradient = self.solids.gradient(self.solid, self.primitive, self.local)
+        gradient = self.solids.gradient(self.hand, self.primitive, self.local)
         normal: np.ndarray = np.einsum("nij,nj->ni", self.axes, gradient)
         return normal
 
@@ -152,6 +157,14 @@ class Contacts:
         """Return the positions (C, 3) m of the sensors."""
         point: np.ndarray = self.centre + np.einsum("nij,nj->ni", self.axes, self.local)
         return point
+
+    @cached_property
+    def facing(self) -> np.ndarray:
+        """Return the cosines (C,) between the sensors' normals and the pressure, at least 0."""
+        of_sensor = self.hands.normal[self.hand, self.sensor]
+        skin = np.einsum("nij,nj->ni", self.pose.axes[self.row, self.patch], of_sensor)
+        facing: np.ndarray = np.maximum(-np.einsum("ni,ni->n", skin, self.normal), 0)
+        return facing
 
 
 @dataclass(frozen=True)
@@ -168,8 +181,6 @@ class Balance:
         force: (C,) N along the contact's normal.
         slope: (C, 5) derivative of the depth by the two coordinates of the sensor's finger and the
             object's three.
-        facing: (C,) cosine between the sensor's normal and the direction of the pressure, at least
-            0.
     """
 
     residual: np.ndarray
@@ -180,7 +191,6 @@ class Balance:
     contacts: Contacts
     force: np.ndarray
     slope: np.ndarray
-    facing: np.ndarray
 
 
 class Mechanics:
@@ -248,8 +258,8 @@ class Mechanics:
         count = len(rows)
         now = self.drive.at(rows, time)
         q = y[:, :JOINT_COORDINATES].reshape(-1, FINGERS, 2)
-        pose, contacts = self._touch(rows, y, now, palm=palm)
-        slope, facing = self._slopes(rows, pose, contacts)
+        contacts = self._touch(rows, y, now, palm=palm)
+        slope = _slopes(contacts)
         stiffness = self._sensor_stiffness(rows, contacts)
         force = stiffness * contacts.depth
         gradient, blocks = _sums_by_part(contacts, count, force, stiffness, slope)
@@ -266,7 +276,7 @@ class Mechanics:
         fingers[..., [0, 1], [0, 1]] += JOINT + LIMIT * (beyond != 0)
         on_object = np.empty((count, 0, 0))
         if self.motion:
-            on_object = blocks[:, :, 2:, 2:].sum(axis=1) + HOLDING * np.eye(3)
+            on_object = blocks[:, :, 2:, 2:].sum(axis=1) + HOLDING_HESSIAN
             position = y[:, JOINT_COORDINATES:]
             offset = position - now["position"]
             pressed = gradient[:, :, 2:].sum(axis=1)
@@ -282,7 +292,6 @@ class Mechanics:
             contacts=contacts,
             force=force,
             slope=slope,
-            facing=facing,
         )
 
     def _sensor_stiffness(self, rows: np.ndarray, contacts: Contacts) -> np.ndarray:
@@ -295,47 +304,19 @@ class Mechanics:
         self, rows: np.ndarray, time: np.ndarray, y: np.ndarray, *, palm: bool
     ) -> Contacts:
         """Return the contacts of some hands; arguments are those of `evaluate`."""
-        _, contacts = self._touch(rows, y, self.drive.at(rows, time), palm=palm)
-        return contacts
+        return self._touch(rows, y, self.drive.at(rows, time), palm=palm)
 
     def _touch(
         self, rows: np.ndarray, y: np.ndarray, now: dict[str, np.ndarray], *, palm: bool
-    ) -> tuple[Pose, Contacts]:
-        """Return the pose of some hands and their contacts, with the drive `now`."""
+    ) -> Contacts:
+        """Return the contacts of some hands, with the drive `now`."""
         q = y[:, :JOINT_COORDINATES].reshape(-1, FINGERS, 2)
         position = now["position"]
         if self.motion:
             position = y[:, JOINT_COORDINATES:]
         pose = self.hands.pose(rows, q, now["opposition"])
         rotation = Rotation.from_rotvec(now["rotation"]).as_matrix()
-        contacts = collisions(self.hands, self.solids, rows, pose, position, rotation, palm=palm)
-        return pose, contacts
-
-    def _slopes(
-        self, rows: np.ndarray, pose: Pose, contacts: Contacts
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return `slope` (C, 5) and `facing` (C,) of `Balance`.
-
-        The slope by a joint's angle is hinge x arm along the normal; by the object's position it is
-        the normal.
-        """
-        local = self.hands.normal[rows[contacts.row], contacts.sensor]
-        skin = np.einsum("nij,nj->ni", pose.axes[contacts.row, contacts.patch], local)
-        facing = np.maximum(-np.einsum("ni,ni->n", skin, contacts.normal), 0)
-        slope = np.zeros((len(contacts.row), 5))
-        slope[:, 2:] = contacts.normal
-        on_link = contacts.patch < LINK_PATCHES
-        row = contacts.row[on_link]
-        finger, link = np.divmod(contacts.patch[on_link], LINKS_OF_FINGER)
-        # n . (hinge x arm) = -arm . (hinge x n)
-        spin = _cross(pose.hinge[row, finger], contacts.normal[on_link])
-        joints = LINKS_OF_FINGER * finger[:, None] + np.arange(LINKS_OF_FINGER)
-        # (C, 3 joints, 3)
-        arm = contacts.point[on_link, None] - pose.origin[row[:, None], joints]
-        moves = np.arange(LINKS_OF_FINGER) <= link[:, None]
-        by_joint = np.einsum("nji,ni->nj", arm, spin) * moves
-        slope[on_link, :2] = by_joint @ COUPLING
-        return slope, facing
+        return collisions(self.hands, self.solids, rows, pose, position, rotation, palm=palm)
 
     def force_change(self, balance: Balance, rows: np.ndarray, dy: np.ndarray) -> np.ndarray:
         """Return the change (C,) N of the contacts' forces for a change of the state.
@@ -357,39 +338,91 @@ class Mechanics:
         change: np.ndarray = self._sensor_stiffness(rows, balance.contacts) * deeper
         return change
 
-    def solve(self, balance: Balance, shift: np.ndarray, residual: np.ndarray) -> np.ndarray:
-        """Return the solution x (R, n) of (Hessian + diag(shift)) x = residual.
-
-        The fingers are coupled only through the object, so a 3 x 3 Schur complement is solved, then
-        each finger.
+    def shifted_hessian(self, balance: Balance, scaled_step: np.ndarray) -> "ShiftedHessian":
+        """Return the matrix of Newton's equations of R hands in a stage: Hessian + damping / h'.
 
         Args:
-            balance: with the Hessian of R hands.
-            shift: (R, n).
-            residual: (R, n).
+            balance: with the Hessian of the hands.
+            scaled_step: (R,) s, h'.
         """
-        count = len(residual)
+        count = len(scaled_step)
+        shift = self.damping / scaled_step[:, None]
         block = balance.fingers.copy()
         block[..., [0, 1], [0, 1]] += shift[:, :JOINT_COORDINATES].reshape(count, FINGERS, 2)
         inverse = _inverse_2x2(block)
-        on_fingers = residual[:, :JOINT_COORDINATES].reshape(count, FINGERS, 2)
         if not self.motion:
-            x: np.ndarray = np.einsum("rfij,rfj->rfi", inverse, on_fingers)
-            return x.reshape(count, JOINT_COORDINATES)
-        through = np.einsum("rfji,rfjk->rfik", balance.cross, inverse)  # (R, 5, 3, 2)
+            none = np.empty((count, 0, 0))
+            return ShiftedHessian(shift, inverse, balance.cross, through=none, schur=none)
+        through = np.einsum("rfji,rfjk->rfik", balance.cross, inverse)
         schur = balance.object - np.einsum("rfij,rfjk->rik", through, balance.cross)
         schur[:, [0, 1, 2], [0, 1, 2]] += shift[:, JOINT_COORDINATES:]
-        on_object = residual[:, JOINT_COORDINATES:] - np.einsum("rfij,rfj->ri", through, on_fingers)
-        x_object = np.linalg.solve(schur, on_object[..., None])[..., 0]
-        remainder = on_fingers - np.einsum("rfij,rj->rfi", balance.cross, x_object)
-        x_fingers = np.einsum("rfij,rfj->rfi", inverse, remainder).reshape(count, JOINT_COORDINATES)
-        return np.concatenate([x_fingers, x_object], axis=1)
+        return ShiftedHessian(shift, inverse, balance.cross, through, schur)
+
+
+@dataclass(frozen=True)
+class ShiftedHessian:
+    """The matrices Hessian + diag(shift) of R hands, prepared for several right-hand sides.
+
+    The fingers are coupled only through the object, so a 3 x 3 Schur complement is solved, then
+    each finger.
+
+    Attributes:
+        shift: (R, n).
+        inverse: (R, 5, 2, 2) of the fingers' blocks.
+        cross: (R, 5, 2, 3) the blocks between fingers and object.
+        through: (R, 5, 3, 2) the blocks between object and fingers times these inverses; empty
+            without motion.
+        schur: (R, 3, 3) the Schur complement of the fingers; empty without motion.
+    """
+
+    shift: np.ndarray
+    inverse: np.ndarray
+    cross: np.ndarray
+    through: np.ndarray
+    schur: np.ndarray
+
+    def solve(self, residual: np.ndarray) -> np.ndarray:
+        """Return the solution x (R, n) of (Hessian + diag(shift)) x = residual (R, n)."""
+        count = len(residual)
+        on_fingers = residual[:, :JOINT_COORDINATES].reshape(count, FINGERS, 2)
+        if not self.schur.size:
+            x: np.ndarray = np.einsum("rfij,rfj->rfi", self.inverse, on_fingers)
+            return x.reshape(count, JOINT_COORDINATES)
+        from_fingers = np.einsum("rfij,rfj->ri", self.through, on_fingers)
+        on_object = residual[:, JOINT_COORDINATES:] - from_fingers
+        x_object = np.linalg.solve(self.schur, on_object[..., None])[..., 0]
+        remainder = on_fingers - np.einsum("rfij,rj->rfi", self.cross, x_object)
+        x_fingers = np.einsum("rfij,rfj->rfi", self.inverse, remainder)
+        return np.concatenate([x_fingers.reshape(count, JOINT_COORDINATES), x_object], axis=1)
 
 
 def part_of(patch: np.ndarray) -> np.ndarray:
     """Return the part (C,) of the hand that carries patches (C,): finger 0 to 4, or 5, the palm."""
     part: np.ndarray = np.minimum(patch // LINKS_OF_FINGER, FINGERS)
     return part
+
+
+def _slopes(contacts: Contacts) -> np.ndarray:
+    """Return `slope` (C, 5) of `Balance`.
+
+    The slope by a joint's angle is hinge x arm along the normal; by the object's position it is the
+    normal.
+    """
+    pose = contacts.pose
+    slope = np.zeros((len(contacts.row), 5))
+    slope[:, 2:] = contacts.normal
+    on_link = contacts.patch < LINK_PATCHES
+    row = contacts.row[on_link]
+    finger, link = np.divmod(contacts.patch[on_link], LINKS_OF_FINGER)
+    # n . (hinge x arm) = -arm . (hinge x n)
+    spin = _cross(pose.hinge[row, finger], contacts.normal[on_link])
+    joints = LINKS_OF_FINGER * finger[:, None] + np.arange(LINKS_OF_FINGER)
+    # (C, 3 joints, 3)
+    arm = contacts.point[on_link, None] - pose.origin[row[:, None], joints]
+    moves = np.arange(LINKS_OF_FINGER) <= link[:, None]
+    by_joint = np.einsum("nji,ni->nj", arm, spin) * moves
+    slope[on_link, :2] = by_joint @ COUPLING
+    return slope
 
 
 def _sums_by_part(
@@ -424,7 +457,7 @@ def _sums_by_part(
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the cross products (n, 3) of vectors a (n, 3) and b (n, 3), faster than numpy.cross."""
+    """Return the cross products (n, 3) of vectors a and b (n, 3), faster than numpy.cross."""
     product = np.empty_like(b)
     for axis in range(3):
         following = (axis + 1) % 3
@@ -512,9 +545,11 @@ def collisions(
         local=local[inside],
         centre=primitive[r, p],
         axes=axes[pair],
-        solids=solids,
-        solid=rows[r],
         primitive=p,
+        hand=hand[pair],
+        hands=hands,
+        solids=solids,
+        pose=pose,
     )
 
 

@@ -29,6 +29,7 @@ from tactile_viewgcn.glove.contact import (
     PARTS,
     Balance,
     Mechanics,
+    ShiftedHessian,
     part_of,
 )
 from tactile_viewgcn.glove.hand import COUPLING, RADIUS
@@ -117,7 +118,7 @@ class StageSolver:
         self.iteration[rows] = 0
 
     def iterate(
-        self, rows: np.ndarray, mechanics: Mechanics, balance: Balance
+        self, rows: np.ndarray, mechanics: Mechanics, balance: Balance, matrix: ShiftedHessian
     ) -> tuple[np.ndarray, np.ndarray]:
         """Make one Newton iteration of some hands.
 
@@ -125,16 +126,16 @@ class StageSolver:
             rows: (R,) indices of the hands.
             mechanics: the equation.
             balance: the mechanics of these hands, evaluated at `tried`.
+            matrix: of Newton's equations there.
 
         Returns:
             Which stages have ended, bool (R,), and which of them are solved, bool (R,).
         """
         tried = self.tried[rows]
-        shift = mechanics.damping / self.scaled_step[rows, None]
         moved = tried - self.base[rows]
-        energy = balance.energy + 0.5 * (shift * moved**2).sum(axis=1)
-        residual = balance.residual + shift * moved
-        newton = -mechanics.solve(balance, shift, residual)
+        energy = balance.energy + 0.5 * (matrix.shift * moved**2).sum(axis=1)
+        residual = balance.residual + matrix.shift * moved
+        newton = -matrix.solve(residual)
         torque = np.bincount(balance.contacts.row, balance.force, len(rows)) * LEVER
         size = np.abs(residual * mechanics.lever).max(axis=1)
         solved = size <= self.tolerance * np.maximum(torque, FORCE_FLOOR * LEVER)
@@ -228,14 +229,15 @@ class ImplicitIntegrator:
             # in frames
             time = self.knot[rows] + (self.elapsed[rows] + part * self.h[rows]) / self.frame
             balance = mechanics.evaluate(rows, time, tried, palm=mechanics.motion)
-            ended, solved = solver.iterate(rows, mechanics, balance)
+            matrix = mechanics.shifted_hessian(balance, solver.scaled_step[rows])
+            ended, solved = solver.iterate(rows, mechanics, balance, matrix)
             self.statistics["evaluations"] += len(rows)
             self.statistics["unsolved"] += int((ended & ~solved).sum())
             self.solved[rows[ended]] &= solved[ended]
             second = ended & self.second[rows]
             first = rows[ended & ~second]
             if second.any():
-                error = self._error(rows, balance, tried)[second]
+                error = self._error(rows, balance, matrix, tried)[second]
                 self._end_step(rows[second], error, states)
             if len(first):
                 self._begin_second(first)
@@ -314,7 +316,9 @@ class ImplicitIntegrator:
         tunnelling: np.ndarray = candidates[is_tunnelling]
         return tunnelling
 
-    def _error(self, rows: np.ndarray, balance: Balance, y: np.ndarray) -> np.ndarray:
+    def _error(
+        self, rows: np.ndarray, balance: Balance, matrix: ShiftedHessian, y: np.ndarray
+    ) -> np.ndarray:
         """Return the errors (R,), in tolerances, of steps that end at y (R, n).
 
         An error is the larger of two: the error of the sensors' forces relative to these forces,
@@ -322,9 +326,8 @@ class ImplicitIntegrator:
         """
         mechanics = self.mechanics
         scaled = self.solver.scaled_step[rows, None]
-        shift = mechanics.damping / scaled
         difference = y - self.solver.base[rows] - scaled * self.slope[rows]
-        error = mechanics.solve(balance, shift, shift * difference)
+        error = matrix.solve(matrix.shift * difference)
         change = mechanics.force_change(balance, rows, error)
         force_error = np.sqrt(np.bincount(balance.contacts.row, change**2, len(rows)))
         force = np.sqrt(np.bincount(balance.contacts.row, balance.force**2, len(rows)))

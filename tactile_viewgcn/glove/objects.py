@@ -7,7 +7,7 @@ axis; `orientation` rotates it into the palm's axes, see `hand.py`.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import pi
+from math import inf, pi
 from typing import Any
 
 import numpy as np
@@ -56,6 +56,11 @@ class GraspObject:
     parts: tuple[Primitive, ...]
     orientation: Vector = ACROSS
     pinch: bool = False
+
+    @property
+    def inradius(self) -> float:
+        """Return the inradius (m) of its thinnest part; infinite for the empty hand."""
+        return min([part.inradius for part in self.parts], default=inf)
 
     def lowest(self, rotation: np.ndarray) -> float:
         """Return the distance (m) that the object reaches below its origin, along -z.

@@ -54,6 +54,11 @@ class Primitive:
             return float(np.linalg.norm(self.half)) + self.round
         return float(np.hypot(self.offset + self.half[0], self.half[1])) + self.round
 
+    @property
+    def inradius(self) -> float:
+        """Return half of its thickness (m) where it is thinnest, uncut."""
+        return min(self.half) + self.round
+
 
 def _inner_half(size: float, round: float) -> float:
     """Return half of a size (m) without its rounding.
@@ -174,7 +179,7 @@ class Solids:
                 self.centre[b, p] = part.centre
                 self.cut[b, p] = part.cut
                 self.rotation[b, p] = Rotation.from_rotvec(part.rotation).as_matrix()
-                self.inradius[b] = min(self.inradius[b], min(part.half) + part.round)
+                self.inradius[b] = min(self.inradius[b], part.inradius)
 
     def distance(self, b: np.ndarray, p: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return the signed distance (n,) m of points.

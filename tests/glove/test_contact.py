@@ -52,12 +52,11 @@ def test_solving_by_blocks_equals_solving_the_whole(seed, motion):
     mechanics, y = gripping_hands(motion=motion, seed=seed)
     balance = balanced(mechanics, y)
     rng = np.random.default_rng(seed)
-    shift, residual = rng.uniform(0, 5, y.shape), rng.normal(size=y.shape)
-    whole = hessian(mechanics, balance) + shift[:, :, None] * np.eye(mechanics.size)
-    expected = np.linalg.solve(whole, residual[..., None])[..., 0]
-    np.testing.assert_allclose(
-        mechanics.solve(balance, shift, residual), expected, rtol=1e-7, atol=1e-10
-    )
+    matrix = mechanics.shifted_hessian(balance, scaled_step=rng.uniform(0.01, 1, len(y)))
+    whole = hessian(mechanics, balance) + matrix.shift[:, :, None] * np.eye(mechanics.size)
+    for residual in rng.normal(size=(2, *y.shape)):
+        expected = np.linalg.solve(whole, residual[..., None])[..., 0]
+        np.testing.assert_allclose(matrix.solve(residual), expected, rtol=1e-7, atol=1e-10)
 
 
 @pytest.mark.parametrize("motion", [False, True])
@@ -108,10 +107,11 @@ def test_collisions_are_those_of_a_loop_over_every_sensor_and_primitive(palm, se
 
 def test_facing_is_the_cosine_between_the_skin_and_the_pressure():
     balance = pressed(16, [(0, 0, RADIUS - DEPTH)])
-    np.testing.assert_allclose(balance.facing, -balance.contacts.normal[:, 2], rtol=1e-12)
+    np.testing.assert_allclose(balance.contacts.facing, -balance.contacts.normal[:, 2], rtol=1e-12)
     # a sphere that comes from behind presses no sensor
     under = pressed(16, [(0, 0, DEPTH - RADIUS)])
-    assert len(under.facing) == len(balance.facing) and not under.facing.any()
+    assert len(under.contacts.facing) == len(balance.contacts.facing)
+    assert not under.contacts.facing.any()
 
 
 def test_finer_beds_come_ever_closer_to_the_closed_form():

@@ -1,5 +1,6 @@
 """Simulation: invariances of the counts, the effect of each effect, and the files."""
 
+from itertools import chain
 from pathlib import Path
 
 import h5py
@@ -52,7 +53,7 @@ def test_sensor_inputs_are_force_per_area_where_the_skin_faces_it_and_the_joints
     for entry in range(len(balance.force)):
         row, sensor = balance.contacts.row[entry], balance.contacts.sensor[entry]
         naive[row, sensor] += (
-            balance.force[entry] * balance.facing[entry] / run.hands.area[row, sensor]
+            balance.force[entry] * balance.contacts.facing[entry] / run.hands.area[row, sensor]
         )
     np.testing.assert_allclose(pressure[:, frame], naive)
     assert naive[1].max() > 0
@@ -120,3 +121,14 @@ def test_a_grasp_has_a_steady_frame_at_least():
     assert (schedule(OPENING + 10, 1)[0] == HOLD).sum() == 1
     with pytest.raises(UserError, match=r"glove\.grasp_frames: .*10 \(got 9\)"):
         load(PARAMS, ("glove.grasp_frames=9",))
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_each_recording_goes_to_one_process_and_the_thinnest_objects_to_the_first(workers):
+    whole = recipe(["ball", "coin", "mug", "tea_box"], sessions=5)
+    parts = simulation.deal(whole, workers)
+    assert [len(part) for part in parts] == {1: [25], 2: [8, 17], 3: [5, 10, 10]}[workers]
+    assert sorted(chain.from_iterable(parts)) == whole.recordings
+    # coins are 5 mm thick, the walls of mugs 7 mm
+    assert {whole.objects[number].name for _, number in parts[0][:5]} == {"coin"}
+    assert whole.objects[parts[-1][-1][1]].name == "empty_hand"
