@@ -232,8 +232,9 @@ def report(run: str, out: Path) -> None:
 
     RUN is the name of a DVC experiment, or the id of an MLflow run.
     """
+    from tactile_viewgcn.evaluation.finished_run import read_run
     from tactile_viewgcn.pages.html import write
-    from tactile_viewgcn.pages.run_page import read_run, report_lines, run_page
+    from tactile_viewgcn.pages.run_page import report_lines, run_page
 
     with readable(f"{run or 'the workspace'}: a file of runs/ or results/"):
         finished = read_run(run)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
+from shlex import quote
 from shutil import rmtree
 from tempfile import TemporaryDirectory
 
@@ -14,6 +15,7 @@ from tactile_viewgcn.messages import UserError
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # on the disk, for this user, or in one file
 PART = ".unfinished"  # beginning of the name of a hidden folder in which files are written
+CLONE_FILES = ("dvc.yaml", "params.yaml")  # at the root of a clone
 LOCK = "lock"  # file in that folder, locked by the process that writes
 MOST_READ = 100_000_000  # bytes of a page or a table of ours
 _md5 = partial(hashlib.md5, usedforsecurity=False)
@@ -28,6 +30,29 @@ def root() -> Path:
     It is that root also inside the temporary workspaces of DVC's experiments.
     """
     return Path(os.environ.get("DVC_ROOT") or Path.cwd()).resolve()
+
+
+def way_to_the_clone() -> tuple[str, str]:
+    """Return what to do first where `dvc exp run` cannot work.
+
+    Returns:
+        A sentence and, where a clone is near, the command `cd`. Both are empty at the root of a
+        clone.
+    """
+    if _is_clone(Path()):
+        return "", ""
+    for folder in (root(), *Path.cwd().parents):
+        if _is_clone(folder):
+            sentence = "First go to the root of your clone of Tactile-ViewGCN."
+            return sentence, f"cd {quote(str(folder))}"
+    sentence = (
+        "First go to the root of a clone of Tactile-ViewGCN: dvc.yaml and params.yaml lie there."
+    )
+    return sentence, ""
+
+
+def _is_clone(folder: Path) -> bool:
+    return all((folder / name).exists() for name in CLONE_FILES)
 
 
 def home_path(path: str | Path) -> str:

@@ -91,3 +91,8 @@ def percent_interval(value: float, low: float | None, high: float | None) -> str
     if low is None or high is None:
         return text
     return f"{text} ({100 * low:.1f} to {100 * high:.1f})"
+
+
+def percent(share: float) -> str:
+    """Return a share in per cent, as one word: 47.3 %."""
+    return f"{100 * share:.1f}\N{NO-BREAK SPACE}%"

@@ -1,10 +1,7 @@
 """What was checked, what was found, and what no files can tell; pages never give an all-clear."""
 
 from dataclasses import dataclass
-from pathlib import Path
-from shlex import quote
 
-from tactile_viewgcn.files import root
 from tactile_viewgcn.messages import Note, several
 
 #: What each check looks for, by the topics of its warnings.
@@ -29,7 +26,6 @@ UNKNOWN = (
     "Who made a recording, and when? Only folders, columns and names could say so.",
     "Is each label right? Will new recordings be made in the same way?",
 )
-CLONE_FILES = ("dvc.yaml", "params.yaml")  # at the root of a clone
 
 
 @dataclass(frozen=True)
@@ -62,26 +58,3 @@ def outcomes(warned: list[Note], not_made: dict[str, str]) -> list[Check]:
     if others:
         checks.append(Check("all else", several(others, "warning"), warned=True))
     return checks
-
-
-def way_to_the_clone() -> tuple[str, str]:
-    """Return what to do first where `dvc exp run` cannot work.
-
-    Returns:
-        A sentence and, where a clone is near, the command `cd`. Both are empty at the root of a
-        clone.
-    """
-    if _is_clone(Path()):
-        return "", ""
-    for folder in (root(), *Path.cwd().parents):
-        if _is_clone(folder):
-            sentence = "First go to the root of your clone of Tactile-ViewGCN."
-            return sentence, f"cd {quote(str(folder))}"
-    sentence = (
-        "First go to the root of a clone of Tactile-ViewGCN: dvc.yaml and params.yaml lie there."
-    )
-    return sentence, ""
-
-
-def _is_clone(folder: Path) -> bool:
-    return all((folder / name).exists() for name in CLONE_FILES)

@@ -3,10 +3,10 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from tactile_viewgcn.evaluation.finished_run import FinishedRun, read_run
 from tactile_viewgcn.evaluation.trials import TITLES
 from tactile_viewgcn.evaluation.versus import Difference, changed_objects, differences
 from tactile_viewgcn.messages import UserError, several
-from tactile_viewgcn.pages.run_page import FinishedRun, read_run
 from tactile_viewgcn.schema import as_change
 
 HEAD = "HEAD"  # the commit of the workspace

@@ -15,6 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from tactile_viewgcn.files import write_file
+from tactile_viewgcn.intervals import percent
 from tactile_viewgcn.messages import NEW_SESSION, several, shown
 from tactile_viewgcn.schema import as_change
 
@@ -141,11 +142,6 @@ def heat_map(frame: np.ndarray, top: float) -> str:
 def _address(kind: str, content: BytesIO) -> str:
     """Return a picture as an address that holds all of it."""
     return f"data:{kind};base64,{base64.b64encode(content.getvalue()).decode()}"
-
-
-def percent(share: float) -> str:
-    """Return a share in per cent, as one word: 47.3 %."""
-    return f"{100 * share:.1f}\N{NO-BREAK SPACE}%"
 
 
 def duration(seconds: float) -> str:

@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from tactile_viewgcn.files import way_to_the_clone
 from tactile_viewgcn.frames.columns import ALIKE_RATES
 from tactile_viewgcn.frames.leak import QuickError
 from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.messages import EMPTY_HAND, NEW_SESSION, Note, listed, several, warnings_of
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.channels import Curves, channel_curves
-from tactile_viewgcn.pages.checks import NEED_FRAMES, UNKNOWN, Check, outcomes, way_to_the_clone
+from tactile_viewgcn.pages.checks import NEED_FRAMES, UNKNOWN, Check, outcomes
 from tactile_viewgcn.pages.source_inspection import MOST_FOLDS, SAMPLE, Overview
 from tactile_viewgcn.params import VIRTUAL, default_params, everywhere, unlike_the_file
 from tactile_viewgcn.schema import as_change, flatten

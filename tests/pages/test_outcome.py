@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.evaluation.evaluate import scores_of
+from tactile_viewgcn.evaluation.finished_run import FinishedRun, read_run
 from tactile_viewgcn.evaluation.trials import WHOLE, Predictions, Trials
 from tactile_viewgcn.messages import Note, UserError
-from tactile_viewgcn.pages.run_page import FinishedRun, next_steps, read_run, run_checks
+from tactile_viewgcn.pages.run_page import next_steps, run_checks, verdict
 from tests.records import RECORD
 
 NAMES = ["ball", "cup", "pen"]
@@ -68,7 +69,7 @@ def finished(answers, *, notes=(), **changes):
 def advice(run):
     """The verdict, what to do, and the commands."""
     steps = next_steps(run)
-    return run.verdict(), [what for what, _ in steps], "\n".join(command for _, command in steps)
+    return verdict(run), [what for what, _ in steps], "\n".join(command for _, command in steps)
 
 
 def test_a_line_names_what_params_yaml_now_has_otherwise(elsewhere):
@@ -187,7 +188,7 @@ def test_few_groups_a_wide_interval_and_a_new_session_above_it_are_doubts(groups
     run = finished(RIGHT)
     run.metrics["groups"], run.metrics["new_session"] = {"test": groups}, {"error": {"mean": new}}
     run.metrics[WHOLE]["error"] |= {"mean": 0.1, "low": high and 0.0, "high": high}
-    assert replace(run).verdict().kind == kind
+    assert verdict(replace(run)).kind == kind
 
 
 def test_sessions_are_left_out_in_no_more_folds_than_there_are(elsewhere):
@@ -198,7 +199,7 @@ def test_sessions_are_left_out_in_no_more_folds_than_there_are(elsewhere):
 
 def test_no_verdict_is_an_all_clear():
     for answers in (RIGHT, FEW, ALWAYS_BALL):
-        assert "Yes" not in finished(answers).verdict().answer
+        assert "Yes" not in verdict(finished(answers)).answer
 
 
 def test_a_report_says_which_checks_were_made():

@@ -9,9 +9,10 @@ import pytest
 from click.testing import CliRunner
 
 from tactile_viewgcn import cli
+from tactile_viewgcn.evaluation.finished_run import read_run
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.pages.run_page import read_run, run_page
+from tactile_viewgcn.pages.run_page import run_page
 from tests.pages.test_html import parsed, text_of
 
 ROOT = Path(__file__).parents[2]
