@@ -3,16 +3,20 @@
 Writes error rates with their intervals, run times, and which objects are taken for which.
 """
 
+import os
 from pathlib import Path
 
 from stages.command import run
 from stages.job import Job
 from tactile_viewgcn.evaluation import earlier_stages, results
 from tactile_viewgcn.evaluation.evaluate import evaluate_table, evaluated_frames, latency
+from tactile_viewgcn.evaluation.finished_run import FinishedRun
 from tactile_viewgcn.evaluation.live import answer_live
 from tactile_viewgcn.evaluation.row import figures_of, model_metadata, row_of
 from tactile_viewgcn.evaluation.trials import WHOLE
-from tactile_viewgcn.provenance import peak_mb
+from tactile_viewgcn.evaluation.versus import VERSUS, VersusHead, committed_run, versus_head
+from tactile_viewgcn.messages import Note
+from tactile_viewgcn.provenance import ROW, peak_mb
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.frames import Frames, load_table
 from tactile_viewgcn.tables.recordings import Recordings
@@ -37,14 +41,23 @@ def evaluate(
         job.note(note)
     stages = earlier_stages.simulation(earlier) | earlier
     timing = earlier_stages.costs(latency_ms, stages, job.seconds, peak_mb())
-    results.write_results(out, predictions, metrics, timing, live)
+    finished = FinishedRun("", metrics, timing, predictions, earlier | {ROW: job.record}, live)
+    head = committed_run()
+    versus = versus_head(finished, head) if head else None
+    numbers = results.summary(metrics, timing)
+    if versus:
+        numbers |= versus.numbers
+        job.note(Note(versus.text, topic=VERSUS))
+    results.write_results(out, predictions, metrics, timing, numbers, live)
     for stage in earlier:
         job.record.inputs[stage] = {"path": str(records / f"{stage}.json")}
         job.md5(stage)  # by which `report` sees that a stage ran again
     if "ingest" in earlier:
         source = earlier["ingest"].inputs["source"]
         job.run.dataset(source["path"], source["md5"][:8])
-    row = row_of(predictions, metrics, timing, earlier)
+    row = row_of(predictions, metrics, timing, numbers, earlier)
+    if versus:
+        row.tags["versus.head"] = versus.text
     job.run.batch(row.tags, row.parameters, row.metrics)
     if job.run.id:
         for name, figure in figures_of(predictions, live).items():
@@ -55,7 +68,23 @@ def evaluate(
     lines = results.summary_lines(metrics, timing, live)
     if address:
         lines.append(f"  in a program: mlflow.pyfunc.load_model({address!r})")
-    return "\n".join([*lines, "  next: tactile-viewgcn report"])
+    return "\n".join([*lines, f"  next: {_next(job, head, versus)}"])
+
+
+def _next(job: Job, head: FinishedRun | None, versus: VersusHead | None) -> str:
+    """Return the command to type after this run.
+
+    Args:
+        job: of this run.
+        head: what the workspace's commit has; None where its results are not here.
+        versus: this run beside it; None where they cannot be compared.
+    """
+    if versus:
+        name = job.record.origin.get("dvc.experiment", "")
+        return f"tactile-viewgcn compare {name}".rstrip()
+    if head or job.record.params["changed"] or "DVC_ROOT" not in os.environ:
+        return "tactile-viewgcn report"
+    return "tactile-viewgcn report; `git commit -am Results` makes later runs comparable with this"
 
 
 if __name__ == "__main__":

@@ -69,6 +69,7 @@ def write_results(
     predictions: Predictions,
     metrics: dict[str, Any],
     timing: dict[str, Any],
+    numbers: dict[str, float],
     live: list[Row],
 ) -> None:
     """Write all files of the results but for the record.
@@ -81,9 +82,10 @@ def write_results(
         predictions: all answers, for predictions.npz and the tables.
         metrics: content of metrics.json.
         timing: content of timing.json.
+        numbers: content of summary.json.
         live: rows of live.csv.
     """
-    trees = {"metrics": metrics, "timing": timing, "summary": summary(metrics, timing)}
+    trees = {"metrics": metrics, "timing": timing, "summary": numbers}
     tables: dict[str, list[Any]] = {
         "trials": _trials_table(predictions),
         "views": _views_table(metrics),

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from tactile_viewgcn.evaluation import live
 from tactile_viewgcn.evaluation.earlier_stages import Records
-from tactile_viewgcn.evaluation.results import errors_by_frames, summary
+from tactile_viewgcn.evaluation.results import errors_by_frames
 from tactile_viewgcn.evaluation.trials import WHOLE, Predictions
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tables.frames import Frames
@@ -33,7 +33,11 @@ class Row:
 
 
 def row_of(
-    predictions: Predictions, metrics: dict[str, Any], timing: dict[str, Any], records: Records
+    predictions: Predictions,
+    metrics: dict[str, Any],
+    timing: dict[str, Any],
+    numbers: dict[str, float],
+    records: Records,
 ) -> Row:
     """Return the content of the pipeline's row.
 
@@ -41,6 +45,7 @@ def row_of(
         predictions: all answers.
         metrics: content of metrics.json.
         timing: content of timing.json.
+        numbers: content of summary.json.
         records: of the earlier stages.
     """
     tags: dict[str, str] = {}
@@ -53,16 +58,18 @@ def row_of(
                 tags[name] = str(value)
             elif name.startswith("weights."):
                 parameters[name] = value
-    return Row(tags, parameters, _metrics(predictions, metrics, timing))
+    return Row(tags, parameters, _metrics(predictions, metrics, timing, numbers))
 
 
 def _metrics(
-    predictions: Predictions, metrics: dict[str, Any], timing: dict[str, Any]
+    predictions: Predictions,
+    metrics: dict[str, Any],
+    timing: dict[str, Any],
+    numbers: dict[str, float],
 ) -> list[tuple[str, float, int]]:
     """Return name, value and step of each number."""
     costs = flatten({name: timing[name] for name in ("seconds", "peak_mb")})
-    numbers = summary(metrics, timing) | costs
-    values = [(name, value, 0) for name, value in numbers.items()]
+    values = [(name, value, 0) for name, value in (numbers | costs).items()]
     for protocol, trials in predictions.trials.items():
         for trial, error in enumerate(trials.errors.tolist(), start=1):
             values.append((f"trials.error.{protocol}", error, trial))

@@ -6,15 +6,23 @@ runs: each run has one seed.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from tactile_viewgcn.evaluation.finished_run import FinishedRun, read_run
 from tactile_viewgcn.evaluation.trials import TITLES, WHOLE, Predictions, Trials
 from tactile_viewgcn.intervals import group_interval
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.provenance import ROW
 from tactile_viewgcn.randomness import stream
+from tactile_viewgcn.schema import as_change
 
+# parameters that decide which recordings are tested, and how they are held out
+SPLIT = ("split.by", "split.folds", "split.fold", "split.deal", "evaluate.side")
+HEAD = "HEAD"  # the commit of the workspace
+VERSUS = "versus the commit"  # topic of the note on a run beside that of its commit
 ANSWER = ["group", "recording", "object"]  # what names the answers that are paired
 
 
@@ -44,6 +52,14 @@ class Difference:
     def more(self) -> float:
         """The second error rate minus the first one."""
         return self.second - self.first
+
+    @property
+    def points(self) -> str:
+        """Return `more` in percentage points, with its interval: `+1.5 points (-2.0 to 4.9)`."""
+        text = f"{100 * self.more:+.1f} points"
+        if self.low is None or self.high is None:
+            return text
+        return f"{text} ({100 * self.low:.1f} to {100 * self.high:.1f})"
 
     @property
     def detects(self) -> float | None:
@@ -167,3 +183,94 @@ def changed_objects(first: Predictions, second: Predictions) -> pd.DataFrame:
     change = (counted["second"] - counted["first"]).abs()
     order = change.sort_values(ascending=False, kind="stable").index
     return counted.loc[order[change[order] > 0]].reset_index(drop=True)
+
+
+def require_same_recordings(first: FinishedRun, second: FinishedRun) -> None:
+    """Raise a UserError if the runs tested other recordings, or held out others.
+
+    The message names what differs.
+    """
+    names = f"{called(first)} and {called(second)}"
+    differing = changed_params(first, second)
+    read = [run.records["ingest"].inputs["source"]["md5"] for run in (first, second)]
+    if read[0] != read[1]:
+        of_source = [key for key in differing if key.partition(".")[0] in ("data", "glove")]
+        what = _listed(differing, of_source) or "the files of data.source have changed"
+        raise UserError(f"{names} have other recordings, so they cannot be compared: {what}")
+    of_split = [key for key in differing if key in SPLIT]
+    if of_split:
+        what = _listed(differing, of_split)
+        raise UserError(f"{names} tested other parts of the recordings: {what}")
+
+
+def changed_params(first: FinishedRun, second: FinishedRun) -> dict[str, tuple[Any, Any]]:
+    """Return the values of both runs of every parameter that differs, by dotted key."""
+    keys = dict.fromkeys([*first.params, *second.params])
+    values = {key: (first.params.get(key), second.params.get(key)) for key in keys}
+    return {key: pair for key, pair in values.items() if pair[0] != pair[1]}
+
+
+def called(run: FinishedRun) -> str:
+    """Return what a run is called in a sentence."""
+    return run.name or "the workspace"
+
+
+def _listed(changed: dict[str, tuple[Any, Any]], keys: list[str]) -> str:
+    """Return changed parameters in words."""
+    return ", ".join(f"{as_change(key, changed[key][0])} and {changed[key][1]}" for key in keys)
+
+
+@dataclass(frozen=True)
+class VersusHead:
+    """A run and the run of the workspace's commit.
+
+    Attributes:
+        difference: of whole recordings.
+        text: the difference and what it is worth, in words.
+    """
+
+    difference: Difference
+    text: str
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Return the difference and the ends of its interval, by their names in summary.json."""
+        name = f"versus.head.error.{self.difference.protocol}"
+        numbers = {name: self.difference.more}
+        if self.difference.low is not None and self.difference.high is not None:
+            numbers[f"{name}.low"] = self.difference.low
+            numbers[f"{name}.high"] = self.difference.high
+        return numbers
+
+
+def committed_run() -> FinishedRun | None:
+    """Return what the workspace's commit has; None where its results are not here."""
+    try:
+        return read_run(HEAD)
+    except Exception:  # no repository of DVC, no results in its cache, or an earlier version's
+        return None
+
+
+def versus_head(run: FinishedRun, head: FinishedRun) -> VersusHead | None:
+    """Return a run beside the run of the workspace's commit.
+
+    Args:
+        run: a run of the workspace.
+        head: what the workspace's commit has.
+
+    Returns:
+        None where the runs cannot be compared, or where neither a parameter nor the code differs
+        from the commit.
+    """
+    is_dirty = run.records[ROW].origin.get("git.dirty") == "true"
+    if not run.changed and not is_dirty:
+        return None
+    try:
+        require_same_recordings(head, run)
+        found = differences(head.predictions, run.predictions)
+    except UserError:
+        return None
+    (difference,) = [each for each in found if each.protocol == WHOLE]
+    text = f"{TITLES[WHOLE]} wrong: {100 * difference.second:.1f} %, in the committed run "
+    text += f"{100 * difference.first:.1f} %; {difference.points}: {difference.verdict('this run')}"
+    return VersusHead(difference, text)

@@ -1,45 +1,24 @@
 """The command `compare`: two finished runs, what differs in them, and whether it can be told."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 from tactile_viewgcn.evaluation.finished_run import FinishedRun, read_run
 from tactile_viewgcn.evaluation.trials import TITLES
-from tactile_viewgcn.evaluation.versus import Difference, changed_objects, differences
+from tactile_viewgcn.evaluation.versus import (
+    HEAD,
+    Difference,
+    called,
+    changed_objects,
+    changed_params,
+    differences,
+    require_same_recordings,
+)
 from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.schema import as_change
 
-HEAD = "HEAD"  # the commit of the workspace
 WORKSPACE = "workspace"
-# parameters that decide which recordings are tested, and how they are held out
-SPLIT = ("split.by", "split.folds", "split.fold", "split.deal", "evaluate.side")
 MOST_OBJECTS = 5
 TITLE_WIDTH = max(map(len, TITLES.values()))
-
-
-def require_same_recordings(first: FinishedRun, second: FinishedRun) -> None:
-    """Raise a UserError if the runs tested other recordings, or held out others.
-
-    The message names what differs.
-    """
-    names = f"{_name(first)} and {_name(second)}"
-    differing = changed_params(first, second)
-    read = [run.records["ingest"].inputs["source"]["md5"] for run in (first, second)]
-    if read[0] != read[1]:
-        of_source = [key for key in differing if key.partition(".")[0] in ("data", "glove")]
-        what = _listed(differing, of_source) or "the files of data.source have changed"
-        raise UserError(f"{names} have other recordings, so they cannot be compared: {what}")
-    of_split = [key for key in differing if key in SPLIT]
-    if of_split:
-        what = _listed(differing, of_split)
-        raise UserError(f"{names} tested other parts of the recordings: {what}")
-
-
-def changed_params(first: FinishedRun, second: FinishedRun) -> dict[str, tuple[Any, Any]]:
-    """Return the values of both runs of every parameter that differs, by dotted key."""
-    keys = dict.fromkeys([*first.params, *second.params])
-    values = {key: (first.params.get(key), second.params.get(key)) for key in keys}
-    return {key: pair for key, pair in values.items() if pair[0] != pair[1]}
 
 
 def comparison_lines(first: FinishedRun, second: FinishedRun) -> list[str]:
@@ -55,7 +34,7 @@ def comparison_lines(first: FinishedRun, second: FinishedRun) -> list[str]:
     require_same_recordings(first, second)
     found = differences(first.predictions, second.predictions)
     groups = several(found[0].groups, "split group")
-    lines = [f"{_name(second)} against {_name(first)}, {groups} in common"]
+    lines = [f"{called(second)} against {called(first)}, {groups} in common"]
     changed = changed_params(first, second)
     for key, (before, after) in changed.items():
         lines.append(f"  {as_change(key, before)} -> {after}")
@@ -63,31 +42,18 @@ def comparison_lines(first: FinishedRun, second: FinishedRun) -> list[str]:
         lines.append("  all parameters are equal")
     lines.append("")
     for difference in found:
-        lines += _difference_lines(difference, _name(second))
+        lines += _difference_lines(difference, called(second))
     lines.append("One training run each: another seed moves these differences too.")
     lines += _object_lines(first, second)
     lines += _second_lines(first, second)
     return lines
 
 
-def _name(run: FinishedRun) -> str:
-    """Return what a run is called in a sentence."""
-    return run.name or "the workspace"
-
-
-def _listed(changed: dict[str, tuple[Any, Any]], keys: list[str]) -> str:
-    """Return changed parameters in words."""
-    return ", ".join(f"{as_change(key, changed[key][0])} and {changed[key][1]}" for key in keys)
-
-
 def _difference_lines(difference: Difference, name: str) -> Iterator[str]:
     """Yield two lines: errors and difference, and the verdict."""
     title = f"{TITLES[difference.protocol]:<{TITLE_WIDTH}}"
-    text = f"{title} {100 * difference.first:5.1f} -> {100 * difference.second:.1f} %"
-    text += f"  {100 * difference.more:+.1f} points"
-    if difference.low is not None and difference.high is not None:
-        text += f" ({100 * difference.low:.1f} to {100 * difference.high:.1f})"
-    yield text
+    errors = f"{100 * difference.first:5.1f} -> {100 * difference.second:.1f} %"
+    yield f"{title} {errors}  {difference.points}"
     yield f"  {difference.verdict(name)}"
 
 

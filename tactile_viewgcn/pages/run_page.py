@@ -10,6 +10,7 @@ from tactile_viewgcn import plots
 from tactile_viewgcn.evaluation.finished_run import FinishedRun
 from tactile_viewgcn.evaluation.results import SCORED, errors_by_frames
 from tactile_viewgcn.evaluation.trials import TITLES, WHOLE
+from tactile_viewgcn.evaluation.versus import VERSUS
 from tactile_viewgcn.intervals import percent, percent_interval
 from tactile_viewgcn.messages import NEW_SESSION, several
 from tactile_viewgcn.pages import html
@@ -231,7 +232,8 @@ def run_page(run: FinishedRun) -> str:
         live_errors=live_errors,
         confusion=plots.confusion(run.counts, run.predictions.classes.tolist()),
         without_network=on_sensors(run.params["model.system"]),
-        remarks=[note for note in run.notes("info") if note.topic != "members"],
+        versus=next((note for note in run.notes("info") if note.topic == VERSUS), None),
+        remarks=[note for note in run.notes("info") if note.topic not in ("members", VERSUS)],
         again=again(run.repeated),
         changed=list(starmap(as_change, run.changed.items())),
         versions=[f"{name} {text}" for name, text in origin.items() if name in programs],

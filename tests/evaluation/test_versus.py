@@ -3,9 +3,16 @@
 import numpy as np
 import pytest
 
+from tactile_viewgcn.evaluation.finished_run import FinishedRun
 from tactile_viewgcn.evaluation.trials import TITLES, WHOLE, Predictions, Trials
-from tactile_viewgcn.evaluation.versus import changed_objects, differences, paired_interval
+from tactile_viewgcn.evaluation.versus import (
+    changed_objects,
+    differences,
+    paired_interval,
+    versus_head,
+)
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.provenance import Record
 
 CLASSES = np.array(["cup", "mug", "pen"])
 LABELS = np.repeat([0, 1, 2], 4)
@@ -95,3 +102,33 @@ def test_the_objects_that_changed_most_come_first():
         {"object": "mug", "recordings": 4, "first": 3, "second": 0},
         {"object": "pen", "recordings": 4, "first": 0, "second": 1},
     ]
+
+
+def finished(answers, *, dirty="false", folds=3, **changed):
+    """A finished run of these answers, with parameters that differ from the commit."""
+    params = {"values": {"split.folds": folds, "views": 8} | changed, "changed": changed}
+    ingest = Record("ingest", inputs={"source": {"path": "glove", "md5": "ab"}})
+    row = Record("evaluate", params=params, origin={"git.dirty": dirty})
+    score = {"error": {"mean": 0.5, "low": None, "high": None}}
+    metrics = {WHOLE: score, "groups": {"test": 12}}
+    values = {"model.members": "auto", "data.source": "glove"}
+    row.params["values"] |= values
+    return FinishedRun("", metrics, {}, run(answers), {"ingest": ingest, "evaluate": row})
+
+
+def test_a_run_of_changed_parameters_or_code_is_put_beside_that_of_its_commit():
+    head = finished([0, 1, 2, 4, 5])
+    assert versus_head(finished([0, 8]), head) is None  # nothing was changed
+    for run_of_change in (finished([0, 8], views=12), finished([0, 8], dirty="true")):
+        versus = versus_head(run_of_change, head)
+        (by_hand,) = differences(head.predictions, run_of_change.predictions)
+        assert versus.numbers == {
+            "versus.head.error.whole": pytest.approx(-3 / 12),
+            "versus.head.error.whole.low": by_hand.low,
+            "versus.head.error.whole.high": by_hand.high,
+        }
+        assert versus.text.startswith(
+            "whole recordings wrong: 16.7 %, in the committed run 41.7 %; -25.0 points ("
+        )
+        assert "cannot be told apart" in versus.text
+    assert versus_head(finished([0], folds=4, views=12), head) is None  # another split
