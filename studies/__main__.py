@@ -38,6 +38,7 @@ from tactile_viewgcn.provenance import committed_params
 )
 @click.option(
     "--set",
+    "-S",
     "changes",
     multiple=True,
     metavar="KEY=VALUE",

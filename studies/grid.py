@@ -84,6 +84,8 @@ class Study:
         fixed: variants without a choice.
         one_seed: variants that are trained from the first seed only.
         one_deal: variants that are trained on the first deal only.
+        each: whether the report has a row for each group that was held out, or for each fold where
+            there are many groups.
         picture: error against seconds, or along numbered names of `cross`.
     """
 
@@ -102,6 +104,7 @@ class Study:
     fixed: list[StrictStr] = field(default_factory=list)
     one_seed: list[StrictStr] = field(default_factory=list)
     one_deal: list[StrictStr] = field(default_factory=list)
+    each: bool = False
     picture: Literal["seconds", "curves"] | None = None
 
     @property

@@ -47,6 +47,8 @@ PAID = """Each cost is the lowest of all training runs, since other work only ad
 are summed over folds, milliseconds are for one answer, and the memory is the peak of the stage
 that needs most."""
 
+MOST_ROWS = 40  # of the table of each part
+
 
 def write_report(
     study: Study,
@@ -83,7 +85,10 @@ def write_report(
         f"{_sizes(answers, params)} {EXPLAINED}",
         *_remarks(cells, answers, compared=bool(references)),
     ]
-    parts = [*map(_paragraph, text), *tables(rows, references, study.columns, primary)]
+    parts = [*map(_paragraph, text)]
+    if study.each:
+        parts += ["Each part that was held out, whole recordings:", each_table(answers)]
+    parts += tables(rows, references, study.columns, primary)
     if choices is not None:
         parts += [_paragraph(CHOSEN), _choice_table(choices)]
     title = f"{data}: {study.question}\nBars: 95 % interval over split groups"
@@ -211,6 +216,32 @@ def tables(
         costs = {name: once[name].map("{:.3g}".format) for name in columns}
         parts += ["Costs:", _paragraph(PAID), _markdown(costs)]
     return parts
+
+
+def each_table(answers: list[Answers]) -> str:
+    """Return the table of wrong whole recordings, a row for each split group that was held out.
+
+    With more than MOST_ROWS groups there is a row for each fold instead.
+
+    Args:
+        answers: of one training run on all folds.
+    """
+    parts = []
+    for answer in answers:
+        whole = answer.predictions.trials[WHOLE]
+        columns = {"group": whole.groups, "recording": whole.recordings, "wrong": ~whole.correct[0]}
+        parts.append(pd.DataFrame(columns).assign(fold=answer.cell.fold))
+    tested = pd.concat(parts)
+    keys = ["fold", "group"]
+    if tested["group"].nunique() > MOST_ROWS:
+        keys = ["fold"]
+    rows = tested.groupby(keys).agg(
+        recordings=("recording", "size"), wrong=("wrong", "sum"), first=("recording", "first")
+    )
+    rows["error, %"] = (100 * rows["wrong"] / rows["recordings"]).map("{:.1f}".format)
+    rows = rows.rename(columns={"first": "such as"}).reset_index()
+    text: str = rows.to_markdown(index=False, disable_numparse=True)
+    return text
 
 
 def _choice_table(choices: pd.DataFrame) -> str:

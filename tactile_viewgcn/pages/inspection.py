@@ -21,6 +21,7 @@ from tactile_viewgcn.messages import EMPTY_HAND, NEW_SESSION, Note, listed, seve
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.channels import Curves, channel_curves
 from tactile_viewgcn.pages.checks import NEED_FRAMES, UNKNOWN, Check, outcomes
+from tactile_viewgcn.pages.run_page import EACH_FOLD
 from tactile_viewgcn.pages.source_inspection import MOST_FOLDS, SAMPLE, Overview
 from tactile_viewgcn.params import VIRTUAL, default_params, everywhere, unlike_the_file
 from tactile_viewgcn.schema import as_change, flatten
@@ -92,7 +93,7 @@ def _usage_lines(overview: Overview) -> list[str]:
     of_sessions = command_lines(overview, new_sessions=True)
     if of_sessions:
         lines += ["", f"To test it on {NEW_SESSION}", *of_sessions]
-    return lines
+    return [*lines, "", "To test every part once, with a row for each", *each_fold_lines(overview)]
 
 
 def inspection_page(overview: Overview) -> str:
@@ -119,6 +120,7 @@ def inspection_page(overview: Overview) -> str:
         facts=facts(overview),
         command="\n".join(command_lines(overview)),
         of_sessions="\n".join(command_lines(overview, new_sessions=True)),
+        each_fold="\n".join(each_fold_lines(overview)) if command_lines(overview) else "",
         settings=overview.settings,
         warnings=warned,
         remarks=[note for note in overview.remarks if note.level == "info"],
@@ -353,14 +355,39 @@ def command_lines(overview: Overview, *, new_sessions: bool = False) -> list[str
         return []
     if new_sessions and not overview.session_error:
         return []
-    advised = {note.key: note.value for note in [*overview.remarks, *overview.settings]}
-    preset = advised["preset"]
+    advised = _advised(overview)
     values = _named_values(overview, advised)
     if new_sessions:
         values["split.by"] = "session"
         values["split.folds"] = min(MOST_FOLDS, len(np.unique(overview.session)))
-    lines = [f"dvc exp run $(tactile-viewgcn preset {preset})", *_option_lines(values)]
-    return " \\\n  ".join(lines).split("\n")
+    return _lines(f"dvc exp run $(tactile-viewgcn preset {advised['preset']})", values)
+
+
+def each_fold_lines(overview: Overview) -> list[str]:
+    """Return the command that tests every part of the recordings once: each session if there are.
+
+    Args:
+        overview: inspected recordings, for which `command_lines` has a command.
+    """
+    advised = _advised(overview)
+    values = _named_values(overview, advised)
+    values.pop("split.fold")
+    if values["split.by"] == "source":
+        values["split.by"] = "recording"
+    if overview.session_error:
+        values["split.by"] = "session"
+        values["split.folds"] = len(np.unique(overview.session))
+    return _lines(f"{EACH_FOLD} $(tactile-viewgcn preset {advised['preset']})", values)
+
+
+def _advised(overview: Overview) -> dict[str, Any]:
+    """Return what the inspection advises, by key of params.yaml; `preset` is one of them."""
+    return {note.key: note.value for note in [*overview.remarks, *overview.settings]}
+
+
+def _lines(command: str, values: dict[str, Any]) -> list[str]:
+    """Return a command with options, in lines of which all but the last end in a backslash."""
+    return " \\\n  ".join([command, *_option_lines(values)]).split("\n")
 
 
 def _named_values(overview: Overview, advised: dict[str, Any]) -> dict[str, Any]:

@@ -20,10 +20,8 @@ from tactile_viewgcn.params import VIRTUAL, on_sensors
 from tactile_viewgcn.provenance import PACKAGES
 from tactile_viewgcn.schema import as_change
 
-FOLDS = (
-    "The study `folds` (docs/studies.md) trains every system on each, and prints means with "
-    "intervals."
-)
+# a study of this repository: the mean error, and a row for each group that was held out
+EACH_FOLD = "python -m studies each_fold --out each_fold"
 MODEL = "models/classifier.pt"  # of the workspace
 
 
@@ -95,7 +93,7 @@ def next_steps(run: FinishedRun) -> list[tuple[str, str]]:
     if run.warnings:
         steps.append(("Mend the causes of the warnings, and run again.", _mended(run)))
     if run.uncertain:
-        what = f"Record more of each object in more sessions, and test every fold once. {FOLDS}"
+        what = "Record more of each object in more sessions, and test every part of them once."
         steps.append((what, _every_fold(run)))
     if any(note.topic == "new session" for note in run.notes("info")):
         steps.append((f"Test it on {NEW_SESSION}.", _by_session(run)))
@@ -124,13 +122,13 @@ def _mended(run: FinishedRun) -> str:
 
 
 def _every_fold(run: FinishedRun) -> str:
-    """Return the commands that test every fold; "" for a published split, which has no folds."""
+    """Return the command that tests every fold; "" for a published split, which has no folds."""
     if run.params["split.by"] == "source":
         return ""
-    changes = {key: value for key, value in run.repeated.items() if key != "split.fold"}
-    folds = ",".join(map(str, range(run.params["split.folds"])))
-    queue = again(changes, f"dvc exp run --queue -S split.fold={folds}")
-    return f"{queue}\ndvc queue start\ndvc exp show --only-changed"
+    own = ("seed", "split.deal", "split.fold")  # the study sets them
+    changes = {key: value for key, value in run.repeated.items() if key not in own}
+    changes |= {key: run.params[key] for key in ("split.by", "split.folds")}
+    return again(changes, EACH_FOLD)
 
 
 def _by_session(run: FinishedRun) -> str:

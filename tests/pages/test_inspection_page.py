@@ -2,6 +2,7 @@
 
 import base64
 import re
+import shlex
 from copy import copy
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from studies.grid import read_study
 from tactile_viewgcn.intervals import FEW
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.pages import channels as channels_module
@@ -20,6 +22,7 @@ from tactile_viewgcn.pages.inspection import (
     WIDTH,
     checks,
     command_lines,
+    each_fold_lines,
     facts,
     inspection_lines,
     inspection_page,
@@ -254,6 +257,17 @@ def test_the_line_for_a_new_session_has_five_folds_at_most(overview, sessions, f
     spread = changed(overview, session=np.arange(len(overview.session)) % sessions)
     words = set(" ".join(command_lines(spread, new_sessions=True)).split())
     assert {"split.by=session", f"split.folds={folds}"} <= words
+
+
+def test_the_line_for_every_part_is_a_study_of_all_sessions(overview):
+    spread = changed(overview, session=np.arange(len(overview.session)) % 12)
+    line = " ".join(each_fold_lines(spread)).replace(" \\", "")
+    words = shlex.split(line.partition(")")[2])
+    assert line.startswith("python -m studies each_fold --out each_fold $(tactile-viewgcn preset ")
+    assert {"split.by=session", "split.folds=12"} <= {*words}
+    changes = tuple(word for word in words if word != "-S")
+    cells = read_study("each_fold").cells(changes)
+    assert [cell.fold for cell in cells] == [*range(12)]
 
 
 def test_a_setting_that_the_user_has_fixed_is_taken_and_named_in_the_line(overview):

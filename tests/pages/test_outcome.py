@@ -99,7 +99,7 @@ def test_objects_and_chance_by_hand():
     assert outcome.chance == pytest.approx(4 / 12)
 
 
-QUEUE = "-S split.fold=0,1,2 -S views=4 -S 'data.source=\"{here}/my glove\"'\ndvc q"
+EVERY_FOLD = "each_fold -S views=4 -S 'data.source=\"{here}/my glove\"' -S split.by=recording"
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ QUEUE = "-S split.fold=0,1,2 -S views=4 -S 'data.source=\"{here}/my glove\"'\ndv
             "unsure",
             "6 recordings, 2 of each",
             "Record more",
-            QUEUE,
+            EVERY_FOLD,
         ),
         (
             ALWAYS_BALL,
@@ -143,7 +143,7 @@ QUEUE = "-S split.fold=0,1,2 -S views=4 -S 'data.source=\"{here}/my glove\"'\ndv
             "unsure",
             "",
             "Record",
-            "data/virtual/recordings\ndvc q",
+            "each_fold -S data.source=data/virtual/recordings -S split.by=recording",
         ),
     ],
 )

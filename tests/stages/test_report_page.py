@@ -36,7 +36,7 @@ def test_the_page_says_what_the_files_say(workspace):
     assert (
         "Which of 4 objects does the hand hold?" in text
         and "`" not in page
-        and "<code>folds</code>" in page
+        and "python -m studies each_fold" in page
     )
     assert (
         "It was tested on 8 recordings, 2 of each object." in text and "Little was tested" in text
@@ -83,7 +83,7 @@ def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, m
         and "chance: " in lines[0]
     )
     assert any(line.startswith("new/page.html: ") for line in lines)
-    assert lines[-1].startswith(("dvc exp run ", "dvc exp show"))
+    assert lines[-1].startswith(("dvc exp run ", "python -m studies each_fold "))
     assert 1e4 < Path("new/page.html").stat().st_size < 3e6
     for name, says in (
         ("nowhere", "nowhere: no experiment"),

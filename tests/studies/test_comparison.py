@@ -19,7 +19,7 @@ from studies.comparison import (
 )
 from studies.grid import Cell, Study
 from studies.losses import Losses
-from studies.report import write_report
+from studies.report import each_table, write_report
 from tactile_viewgcn.evaluation.trials import TITLES, Predictions, Trials
 from tactile_viewgcn.messages import UserError
 
@@ -328,3 +328,17 @@ def test_the_report_says_which_worlds_its_seeds_are(tmp_path):
     assert "A seed is a simulated world too" in two_worlds
     assert "over 16 split groups" in two_worlds
     assert "world" not in text(["", ""])
+
+
+def test_each_part_that_was_held_out_has_a_row_and_of_many_parts_each_fold():
+    first = answers("a", 3, fold=0, groups=np.repeat(np.arange(8), 10))
+    second = answers("a", 10, fold=1, groups=np.repeat(np.arange(8, 16), 10))
+    lines = each_table([first, second]).splitlines()
+    assert len(lines) == 2 + 16
+    assert lines[2].replace(" ", "") == "|0|0|10|3|0|30.0|"
+    assert lines[-1].replace(" ", "") == "|1|15|10|10|15|100.0|"
+    folds = each_table([answers("a", 3, groups=np.arange(80)), answers("a", 5, fold=1)])
+    assert [line.replace(" ", "") for line in folds.splitlines()[2:]] == [
+        "|0|80|24|0|30.0|",
+        "|1|80|40|0|50.0|",
+    ]
