@@ -14,6 +14,7 @@ import click
 
 from stages.job import Job
 from stages.pipeline import params_of, stages
+from tactile_viewgcn.evaluation.earlier_stages import read_records, simulation
 from tactile_viewgcn.files import new_outputs, readable, write_file
 from tactile_viewgcn.messages import UserError, program
 from tactile_viewgcn.params import Params, load
@@ -23,6 +24,7 @@ from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tracking import Run, stage_run
 
 SOURCE = "source"  # the input whose path is the parameter data.source, and no option
+RECORDS = "records"  # the input with the records of earlier stages
 NEEDS = "needs"  # the input that says which stages the system needs
 PATH = click.Path(path_type=Path)
 
@@ -104,7 +106,7 @@ def _run_stage(
         job = _new_job(stage, params, params_file, paths, needed)
         tracked: AbstractContextManager[Run] = nullcontext(Run())
         if needed and logged:
-            tracked = stage_run(job.record)
+            tracked = stage_run(job.record, _seconds_before(paths))
         # the files take their places before the run ends: it has the record only if they did
         with (
             job.afterwards,
@@ -129,6 +131,14 @@ def _check_inputs(paths: dict[str, Path]) -> None:
                 f"{path}: no such file or folder; data.source names what ingest reads, "
                 "and DVC's stages make the others"
             )
+
+
+def _seconds_before(paths: dict[str, Path]) -> float:
+    """Return the seconds of the stages whose records a stage reads; the row in MLflow has them."""
+    if RECORDS not in paths:
+        return 0.0
+    records = read_records(paths[RECORDS])
+    return sum(record.seconds for record in (simulation(records) | records).values())
 
 
 def _is_needed(stage: str, needs: Path) -> bool:

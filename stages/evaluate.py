@@ -12,10 +12,11 @@ from tactile_viewgcn.evaluation import earlier_stages, results
 from tactile_viewgcn.evaluation.evaluate import evaluate_table, evaluated_frames, latency
 from tactile_viewgcn.evaluation.finished_run import FinishedRun
 from tactile_viewgcn.evaluation.live import answer_live
-from tactile_viewgcn.evaluation.row import figures_of, model_metadata, row_of
+from tactile_viewgcn.evaluation.row import description, figures_of, model_metadata, row_of
 from tactile_viewgcn.evaluation.trials import WHOLE
 from tactile_viewgcn.evaluation.versus import VERSUS, VersusHead, committed_run, versus_head
 from tactile_viewgcn.messages import Note
+from tactile_viewgcn.pages.run_page import run_page
 from tactile_viewgcn.provenance import ROW, peak_mb
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.frames import Frames, load_table
@@ -55,20 +56,52 @@ def evaluate(
     if "ingest" in earlier:
         source = earlier["ingest"].inputs["source"]
         job.run.dataset(source["path"], source["md5"][:8])
-    row = row_of(predictions, metrics, timing, numbers, earlier)
-    if versus:
-        row.tags["versus.head"] = versus.text
-    job.run.batch(row.tags, row.parameters, row.metrics)
+    address = ""
     if job.run.id:
-        for name, figure in figures_of(predictions, live).items():
-            job.run.log("log_figure", figure, name)
-    job.run.log("log_artifacts", str(out))
-    job.run.log("log_artifacts", str(records))
-    address = job.run.model(classifier, model_metadata(table, model.views))
+        address = _log(job, finished, numbers, versus, classifier, table) or ""
+        job.run.log("log_artifacts", str(out))
+        job.run.log("log_artifacts", str(records))
     lines = results.summary_lines(metrics, timing, live)
     if address:
         lines.append(f"  in a program: mlflow.pyfunc.load_model({address!r})")
+    if job.run.table:
+        lines.append(f"  beside other runs: mlflow ui, then {job.run.table}")
     return "\n".join([*lines, f"  next: {_next(job, head, versus)}"])
+
+
+def _log(
+    job: Job,
+    finished: FinishedRun,
+    numbers: dict[str, float],
+    versus: VersusHead | None,
+    classifier: Path,
+    table: Frames,
+) -> str | None:
+    """Log the pipeline's row to MLflow: model, numbers, figures and the report's page.
+
+    Args:
+        job: of this run.
+        finished: its results.
+        numbers: content of summary.json.
+        versus: the run beside that of its commit.
+        classifier: file of the model.
+        table: frames that it was trained and tested on.
+
+    Returns:
+        The model's address for `mlflow.pyfunc.load_model`; None where the store has failed.
+    """
+    name = job.record.name or job.record.stage
+    metadata = model_metadata(table, finished.metrics["views"])
+    address = job.run.model(name, classifier, metadata)
+    row = row_of(finished, numbers)
+    if versus:
+        row.tags["versus.head"] = versus.text
+    job.run.batch(row.tags, row.parameters, row.metrics, model=address)
+    for file, figure in figures_of(finished.predictions, finished.live).items():
+        job.run.log("log_figure", figure, file)
+    job.run.log("log_text", run_page(finished), "report.html")
+    job.run.description = description(finished, name, versus)
+    return address
 
 
 def _next(job: Job, head: FinishedRun | None, versus: VersusHead | None) -> str:

@@ -8,6 +8,7 @@ MLFLOW_TRACKING_URI=disabled nothing is logged. If the store fails, that costs t
 warning, never the stage.
 """
 
+import json
 import os
 import re
 import sys
@@ -17,6 +18,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from getpass import getuser
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -36,10 +38,30 @@ NEEDS = ("torch", "numpy", "scipy", "h5py", "pyyaml", "filelock", "pydantic", "t
 # seconds to wait for other processes that make tables: a minute each on a busy machine
 LOCKED = 300
 SHOWN = 400  # letters of a warning, since a server may answer with a whole page
+FORBIDDEN = r"""[/:.%"']"""  # letters in the name of a model
 LONGEST = 5000  # letters of a tag
 MOST_METRICS = 1000  # values in one call of MLflow's `log_batch`
 # MLflow's pages then show training runs, not chats
 KIND = {"mlflow.experimentKind": "custom_model_development"}
+NOTE = "mlflow.note.content"  # tag with the description of a run or an experiment
+VIEW = "results"  # name of the saved view, which the address of the table ends with
+VIEW_TAG = f"mlflow.sharedViewState.{VIEW}"
+# columns of the saved view, and their widths
+COLUMNS = {
+    "attributes.`Run Name`": 380,
+    "metrics.`error.whole`": 95,
+    "metrics.`error.whole.low`": 120,
+    "metrics.`error.whole.high`": 125,
+    "metrics.`seconds.total`": 110,
+    "metrics.`versus.head.error.whole`": 205,
+}
+ABOUT_ROWS = (
+    "A row is an experiment: the whole pipeline from recordings to errors. `error.whole` is the "
+    "share of whole test recordings that were answered wrongly, `low` and `high` are its 95 % "
+    "interval, and `versus.head.error.whole` is the difference from the run of the commit."
+)
+ABOUT_STAGES = "A run is a stage. The rows of `{rows}` name the runs of their stages."
+LOCAL = "http://127.0.0.1:5000"  # address of `mlflow ui`
 SETTINGS = {  # MLflow reads them when it is imported
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",  # by default MLflow tries a dead server for minutes
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",  # seconds
@@ -58,11 +80,24 @@ class Run:
 
     Attributes:
         id: MLflow's id of the run, or None.
+        description: what its page says first, before the notes.
     """
 
-    def __init__(self, mlflow: Any = None, run_id: str | None = None):
+    def __init__(self, mlflow: Any = None, run_id: str | None = None, experiment: str = ""):
         self._mlflow = mlflow
+        self._experiment = experiment
         self.id = run_id
+        self.description = ""
+
+    @property
+    def table(self) -> str:
+        """Return the address of the experiment's table in MLflow's pages; empty without a run."""
+        if not self.id:
+            return ""
+        server = _address()
+        if not server.startswith("http"):
+            server = LOCAL
+        return f"{server}/#/experiments/{self._experiment}/runs?viewStateShareKey={VIEW}"
 
     def log(self, function: str, *values: Any) -> Any:
         """Call one of MLflow's functions for this run, and return what it returns.
@@ -96,6 +131,7 @@ class Run:
         tags: Mapping[str, str],
         parameters: Mapping[str, Any],
         metrics: Sequence[tuple[str, float, int]],
+        model: str | None = None,
     ) -> None:
         """Log tags, parameters and metrics together, in as few calls as MLflow allows.
 
@@ -103,12 +139,20 @@ class Run:
             tags: texts by name.
             parameters: values by name.
             metrics: name, value and step of each.
+            model: address of the logged model that has the metrics of step 0.
         """
 
         def log(mlflow: Any) -> None:
             entities = mlflow.entities
             now = int(time.time() * 1000)
-            values = [entities.Metric(name, value, now, step) for name, value, step in metrics]
+            values = []
+            for name, value, step in metrics:
+                of_model = None
+                if model and step == 0:
+                    of_model = model.rpartition("/")[2]
+                values.append(
+                    entities.Metric(name, value, now, step, model_id=of_model, run_id=self.id)
+                )
             client = mlflow.MlflowClient()
             client.log_batch(
                 self.id,
@@ -130,12 +174,13 @@ class Run:
 
         self.attempt(log)
 
-    def model(self, checkpoint: Path, metadata: dict[str, Any]) -> str | None:
+    def model(self, name: str, checkpoint: Path, metadata: dict[str, Any]) -> str | None:
         """Log the classifier as an MLflow model.
 
         It takes recordings of raw counts, and answers with a column for each class.
 
         Args:
+            name: of the run, which the model has too but for letters that MLflow forbids.
             checkpoint: file of the classifier.
             metadata: stored with the model; its `classes` name the columns.
 
@@ -153,7 +198,7 @@ class Run:
                 # an example would copy frames of the data set
                 warnings.filterwarnings("ignore", message=".*input example")
                 logged = mlflow.pyfunc.log_model(
-                    name="classifier",
+                    name=re.sub(FORBIDDEN, "-", name),
                     loader_module="tactile_viewgcn.recognition.mlflow_model",
                     data_path=str(checkpoint),
                     code_paths=[str(Path(__file__).parent)],
@@ -188,7 +233,7 @@ class Run:
             if "md5" in entry:
                 tags[f"md5.{name}"] = entry["md5"]
         notes = "\n".join(f"- {note}" for note in record.notes)
-        tags["mlflow.note.content"] = notes[:LONGEST]
+        tags[NOTE] = f"{self.description}\n\n{notes}".strip()[:LONGEST]
         self.log("log_params", chosen)
         self.log("log_metrics", numbers)
         self.log("set_tags", tags)
@@ -210,7 +255,7 @@ def _public_version(package: str) -> str:
 
 
 @contextmanager
-def stage_run(record: Record) -> Iterator[Run]:
+def stage_run(record: Record, before: float = 0.0) -> Iterator[Run]:
     """Yield the run of a stage.
 
     It begins with the record's name, parameters and origin, and ends with all of the record. Its
@@ -219,8 +264,9 @@ def stage_run(record: Record) -> Iterator[Run]:
 
     Args:
         record: the stage's record, which gets the id of the run.
+        before: seconds that other stages took, which MLflow counts to this run.
     """
-    run = _begin(record)
+    run = _begin(record, before)
     record.run_id = run.id
     run.log("log_params", record.params.get("values", {}))
     try:
@@ -234,7 +280,7 @@ def stage_run(record: Record) -> Iterator[Run]:
     run.end("FINISHED")
 
 
-def _begin(record: Record) -> Run:
+def _begin(record: Record, before: float) -> Run:
     """Return a new run in the experiment of rows or of stages, which are made if needed.
 
     If the store fails, a warning is printed, and the run is none.
@@ -248,17 +294,32 @@ def _begin(record: Record) -> Run:
         import mlflow
 
         mlflow.set_tracking_uri(uri)
-        _make_experiments(mlflow, (rows, stages), _database(uri))
-        mlflow.set_experiment(rows if record.stage == ROW else stages)
-        run = mlflow.start_run(run_name=record.name or record.stage, tags=record.origin)
-        return Run(mlflow, run.info.run_id)
+        descriptions = {rows: ABOUT_ROWS, stages: ABOUT_STAGES.format(rows=rows)}
+        _make_experiments(mlflow, descriptions, _database(uri))
+        experiment = mlflow.set_experiment(rows if record.stage == ROW else stages).experiment_id
+        created = mlflow.MlflowClient().create_run(
+            experiment,
+            start_time=int((time.time() - before) * 1000),
+            run_name=record.name or record.stage,
+            tags=record.origin | {"mlflow.user": getuser(), "mlflow.source.name": record.stage},
+        )
+        run = mlflow.start_run(created.info.run_id)
+        return Run(mlflow, run.info.run_id, experiment)
     except Exception as error:
         _warn(error)
         return Run()
 
 
-def _make_experiments(mlflow: Any, names: tuple[str, ...], database: Path | None) -> None:
-    """Make the experiments that the store lacks; one process of this machine makes the tables."""
+def _make_experiments(mlflow: Any, descriptions: dict[str, str], database: Path | None) -> None:
+    """Make the experiments that the store lacks; one process of this machine makes the tables.
+
+    Each has its description, and the saved view of its table: without it MLflow shows no metric.
+
+    Args:
+        mlflow: the module.
+        descriptions: by name of the experiment.
+        database: file of an SQLite store; None for a server.
+    """
     artifacts: str | None = None
     lock: AbstractContextManager[Any] = nullcontext()
     if database:
@@ -266,10 +327,27 @@ def _make_experiments(mlflow: Any, names: tuple[str, ...], database: Path | None
         lock = FileLock(database.with_name("mlflow.db.lock"), timeout=LOCKED)
     with lock:
         client = mlflow.MlflowClient()
-        for name in names:
-            if not client.get_experiment_by_name(name):
-                with suppress(Exception):  # a process on another machine may be faster
-                    client.create_experiment(name, artifacts, KIND)
+        for name, description in descriptions.items():
+            tags = {**KIND, NOTE: description, VIEW_TAG: _view()}
+            experiment = client.get_experiment_by_name(name)
+            with suppress(Exception):  # a process on another machine may be faster
+                if not experiment:
+                    client.create_experiment(name, artifacts, tags)
+                elif experiment.tags.get(VIEW_TAG) != tags[VIEW_TAG]:  # of an earlier version
+                    client.set_experiment_tag(experiment.experiment_id, VIEW_TAG, tags[VIEW_TAG])
+
+
+def _view() -> str:
+    """Return the saved view of an experiment's table, as MLflow's pages keep it."""
+    chosen = [name for name in COLUMNS if name.startswith("metrics.")]
+    state = {
+        "selectedColumns": chosen,
+        "columnOrder": list(COLUMNS),
+        "columnWidths": COLUMNS,
+        "orderByKey": "attributes.`Created`",
+        "orderByAsc": False,
+    }
+    return json.dumps(state)
 
 
 def _address() -> str:
@@ -329,11 +407,7 @@ def download_model(name: str, folder: Path) -> Path:
         UserError: there is no store, or it has no such model, or does not answer; or tracking is
             disabled.
     """
-    place = name
-    is_whole_run = name.startswith("runs:") and name.count("/") == 1
-    if is_whole_run:
-        place = f"{name}/classifier"
-    for file in _download(place, folder).rglob("*.pt"):
+    for file in _download(name, folder).rglob("*.pt"):
         return file
     raise UserError(f"{name}: a model of another kind; expected one that this project has logged")
 
@@ -350,9 +424,20 @@ def _download(name: str, folder: Path) -> Path:
 
     try:
         mlflow.set_tracking_uri(uri)
+        whole_run = re.fullmatch("runs:/([0-9a-f]{32})(/classifier)?", name)
+        if whole_run:
+            name = _model_of(mlflow, whole_run[1]) or name
         return Path(mlflow.artifacts.download_artifacts(name, dst_path=str(folder)))
     except Exception as error:
         raise UserError(f"{name}: {_reason(error)}; is MLFLOW_TRACKING_URI right?") from None
+
+
+def _model_of(mlflow: Any, run_id: str) -> str | None:
+    """Return the address of the model that a run has logged; None where it has logged none."""
+    outputs = mlflow.MlflowClient().get_run(run_id).outputs
+    for model in outputs.model_outputs if outputs else []:
+        return f"models:/{model.model_id}"
+    return None
 
 
 def bad_request(message: str) -> Exception:

@@ -4,15 +4,19 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from tactile_viewgcn.evaluation import live
-from tactile_viewgcn.evaluation.earlier_stages import Records
-from tactile_viewgcn.evaluation.results import errors_by_frames
+from tactile_viewgcn.evaluation.finished_run import FinishedRun
+from tactile_viewgcn.evaluation.results import SCORED, errors_by_frames
 from tactile_viewgcn.evaluation.trials import WHOLE, Predictions
+from tactile_viewgcn.evaluation.versus import VersusHead
+from tactile_viewgcn.intervals import percent_interval
+from tactile_viewgcn.provenance import EARLIER, ROW
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tables.frames import Frames
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+DIGITS = 4  # of the numbers that MLflow's table shows
 SIZES = ("classes", "frames", "recordings", "groups")  # of metrics.json
 
 
@@ -32,25 +36,19 @@ class Row:
     metrics: list[tuple[str, float, int]]
 
 
-def row_of(
-    predictions: Predictions,
-    metrics: dict[str, Any],
-    timing: dict[str, Any],
-    numbers: dict[str, float],
-    records: Records,
-) -> Row:
+def row_of(run: FinishedRun, numbers: dict[str, float]) -> Row:
     """Return the content of the pipeline's row.
 
     Args:
-        predictions: all answers.
-        metrics: content of metrics.json.
-        timing: content of timing.json.
+        run: the finished run.
         numbers: content of summary.json.
-        records: of the earlier stages.
     """
     tags: dict[str, str] = {}
-    parameters: dict[str, float] = flatten({name: metrics[name] for name in SIZES})
-    for stage, record in records.items():
+    parameters: dict[str, float] = flatten({name: run.metrics[name] for name in SIZES})
+    for stage in EARLIER:
+        record = run.records.get(stage)
+        if not record:
+            continue
         if record.run_id:
             tags[f"stage.{stage}"] = record.run_id
         for name, value in record.counts.items():
@@ -58,25 +56,44 @@ def row_of(
                 tags[name] = str(value)
             elif name.startswith("weights."):
                 parameters[name] = value
-    return Row(tags, parameters, _metrics(predictions, metrics, timing, numbers))
+    return Row(tags, parameters, _metrics(run, numbers))
 
 
-def _metrics(
-    predictions: Predictions,
-    metrics: dict[str, Any],
-    timing: dict[str, Any],
-    numbers: dict[str, float],
-) -> list[tuple[str, float, int]]:
+def _metrics(run: FinishedRun, numbers: dict[str, float]) -> list[tuple[str, float, int]]:
     """Return name, value and step of each number."""
-    costs = flatten({name: timing[name] for name in ("seconds", "peak_mb")})
-    values = [(name, value, 0) for name, value in (numbers | costs).items()]
-    for protocol, trials in predictions.trials.items():
+    costs = flatten({name: run.timing[name] for name in ("seconds", "peak_mb")})
+    ends = dict[str, float]()
+    for name in SCORED:
+        error = run.metrics.get(name, {}).get("error", {})
+        for end in ("low", "high"):
+            if error.get(end) is not None:
+                ends[f"error.{name}.{end}"] = error[end]
+    # MLflow's table cuts longer numbers off
+    values = [(name, round(value, DIGITS), 0) for name, value in (numbers | ends | costs).items()]
+    for protocol, trials in run.predictions.trials.items():
         for trial, error in enumerate(trials.errors.tolist(), start=1):
             values.append((f"trials.error.{protocol}", error, trial))
-    for protocol, errors in errors_by_frames(metrics).items():
+    for protocol, errors in errors_by_frames(run.metrics).items():
         for frames, interval in errors:
             values.append((f"views.error.{protocol}", interval["mean"], frames))
     return values
+
+
+def description(run: FinishedRun, name: str, versus: VersusHead | None) -> str:
+    """Return what the row's page says first: the run, its error and time, and the report's line.
+
+    Args:
+        run: the finished run.
+        name: of the row.
+        versus: the run beside that of its commit.
+    """
+    error = run.score["error"]
+    interval = percent_interval(error["mean"], error["low"], error["high"])
+    seconds = run.timing["seconds"]["total"]
+    text = f"**{name}**: {interval} % of whole recordings wrong, {seconds:,.0f} s"
+    if versus:
+        text += f"; beside the run of its commit: {versus.text}"
+    return f"{text}.\n\n`tactile-viewgcn report {run.records[ROW].run_id}`"
 
 
 def figures_of(predictions: Predictions, rows: list[live.Row]) -> dict[str, "Figure"]:

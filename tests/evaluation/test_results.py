@@ -11,11 +11,14 @@ import pytest
 
 from tactile_viewgcn.evaluation.earlier_stages import costs, new_session, read_records, simulation
 from tactile_viewgcn.evaluation.evaluate import scores_of
+from tactile_viewgcn.evaluation.finished_run import FinishedRun
 from tactile_viewgcn.evaluation.results import summary, summary_lines, write_results
-from tactile_viewgcn.evaluation.row import row_of
+from tactile_viewgcn.evaluation.row import description, row_of
 from tactile_viewgcn.evaluation.trials import Predictions, Trials
+from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import VIRTUAL
+from tactile_viewgcn.provenance import Record
 from tests.records import RECORD
 
 CLASSES = ["cup", "pen, red", "tape"]
@@ -152,7 +155,10 @@ def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation)
     assert f"object protocol: error {text} %, std over trials 17.7, top-3 error 12.5 %" in lines
     live = "live: error 75.0 (10.0 to 90.0) % after 0.25 s of contact, 50.0 (10.0 to 90.0) % when"
     assert f"  {live} the hand opens" in lines
-    row = row_of(*evaluation, TIMING, summary(evaluation[1], TIMING), RECORDS)
+    params = {"values": {"model.members": "auto", "data.source": "glove"}, "changed": {}}
+    records = RECORDS | {"evaluate": Record("evaluate", run_id="12ab", params=params)}
+    run = FinishedRun("", metrics, TIMING, evaluation[0], records, LIVE)
+    row = row_of(run, summary(metrics, TIMING))
     assert row.tags == {"resolved.model.members": "svm + trees"}
     assert row.parameters == {
         "classes": 4,
@@ -173,8 +179,16 @@ def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation)
     expected |= {f"seconds.{name}": value for name, value in seconds.items()} | {
         "ms_per_answer": 1.5
     }
+    for name in ("whole", "recording", "object"):
+        for end in ("low", "high"):
+            expected[f"error.{name}.{end}"] = round(metrics[name]["error"][end], 4)
     scores = {name: value for name, value, step in row.metrics if step == 0}
     assert scores == pytest.approx(expected | {"peak_mb": 1300.5})  # of the hungriest stage
+    whole = [metrics["whole"]["error"][name] for name in ("mean", "low", "high")]
+    assert description(run, "glove · best", None) == (
+        f"**glove · best**: {percent_interval(*whole)} % of whole recordings wrong, "
+        "1,297 s.\n\n`tactile-viewgcn report 12ab`"
+    )
     assert [metric for metric in row.metrics if metric[2] > 0] == [
         ("trials.error.object", 0.25, 1),
         ("trials.error.object", 0.5, 2),

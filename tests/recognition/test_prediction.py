@@ -261,7 +261,7 @@ def test_a_model_in_mlflow_is_found_by_its_run_or_its_name(place, monkeypatch):
     assert not (place / "mlflow.db").exists()
     fresh_store(place / "mlflow.db")
     with tracking.stage_run(Record("evaluate")) as run:
-        address = run.model(place / "classifier.pt", {"classes": list(OBJECTS)})
+        address = run.model("glove · lr=0.5", place / "classifier.pt", {"classes": list(OBJECTS)})
     import mlflow
 
     mlflow.set_tracking_uri(f"sqlite:///{place / 'mlflow.db'}")
