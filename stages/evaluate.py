@@ -112,10 +112,11 @@ def _next(job: Job, head: FinishedRun | None, versus: VersusHead | None) -> str:
         head: what the workspace's commit has; None where its results are not here.
         versus: this run beside it; None where they cannot be compared.
     """
-    if versus:
-        name = job.record.origin.get("dvc.experiment", "")
+    name = job.record.origin.get("dvc.experiment", "")
+    changed = job.record.params["changed"]
+    if versus or (changed and name):
         return f"tactile-viewgcn compare {name}".rstrip()
-    if head or job.record.params["changed"] or "DVC_ROOT" not in os.environ:
+    if head or changed or "DVC_ROOT" not in os.environ:
         return "tactile-viewgcn report"
     return "tactile-viewgcn report; `git commit -am Results` makes later runs comparable with this"
 

@@ -48,7 +48,7 @@ VIEW = "results"  # name of the saved view, which the address of the table ends 
 VIEW_TAG = f"mlflow.sharedViewState.{VIEW}"
 # columns of the saved view, and their widths
 COLUMNS = {
-    "attributes.`Run Name`": 380,
+    "attributes.`Run Name`": 340,
     "metrics.`error.whole`": 95,
     "metrics.`error.whole.low`": 120,
     "metrics.`error.whole.high`": 125,
