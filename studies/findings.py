@@ -245,6 +245,23 @@ def claims_table() -> str:
     return "\n".join(f"{line} {head} |" for line, head in zip(lines, heads, strict=True))
 
 
+def reuse_table() -> str:
+    """Return the table of the paper's recipe with `feature_reuse` 1, as in the paper, and 8."""
+    own, ours = "paper", "paper, reuse 8"
+    rows = []
+    for protocol in (CLAIMED, "recording", WHOLE):
+        cells = {"": TITLES[protocol]}
+        for variant, label in ((own, "1, the paper's"), (ours, "8, the default")):
+            found = row("claims", variant, protocol)
+            cells[label] = f"{error('claims', variant, protocol)}, std {found['std']:.1f}"
+        cells["8 less 1"] = difference("claims", ours, own, protocol)
+        rows.append(cells)
+    seconds = [row("claims", variant, CLAIMED)["finetune s"] for variant in (own, ours)]
+    cells = {"": "fine-tuning, s", "1, the paper's": f"{seconds[0]:,.0f}"}
+    rows.append(cells | {"8, the default": f"{seconds[1]:,.0f}", "8 less 1": ""})
+    return markdown(rows)
+
+
 def size_table() -> str:
     """Return the table of errors on whole recordings by the number of training frames."""
     study = SIZES
