@@ -35,6 +35,7 @@ FIRMLY = (
     "Record more of each, held firmly. "
     "Perhaps folders of sessions were read as objects: see the table of objects."
 )
+ENOUGH = 100  # split groups of a fold: the interval of its error is 20 points wide at most
 # parameters that the command always names, since params.yaml may be left from other recordings
 ALWAYS_NAMED = ("split.by", "split.folds", "split.fold", "views")
 
@@ -93,7 +94,10 @@ def _usage_lines(overview: Overview) -> list[str]:
     of_sessions = command_lines(overview, new_sessions=True)
     if of_sessions:
         lines += ["", f"To test it on {NEW_SESSION}", *of_sessions]
-    return [*lines, "", "To test every part once, with a row for each", *each_fold_lines(overview)]
+    each_fold = each_fold_lines(overview)
+    if each_fold:
+        lines += ["", "To test every part once, with a row for each", *each_fold]
+    return lines
 
 
 def inspection_page(overview: Overview) -> str:
@@ -120,7 +124,7 @@ def inspection_page(overview: Overview) -> str:
         facts=facts(overview),
         command="\n".join(command_lines(overview)),
         of_sessions="\n".join(command_lines(overview, new_sessions=True)),
-        each_fold="\n".join(each_fold_lines(overview)) if command_lines(overview) else "",
+        each_fold="\n".join(each_fold_lines(overview)),
         settings=overview.settings,
         warnings=warned,
         remarks=[note for note in overview.remarks if note.level == "info"],
@@ -367,10 +371,20 @@ def each_fold_lines(overview: Overview) -> list[str]:
     """Return the command that tests every part of the recordings once: each session if there are.
 
     Args:
-        overview: inspected recordings, for which `command_lines` has a command.
+        overview: the inspected recordings.
+
+    Returns:
+        The lines of the command; none where `command_lines` has none, and where there are no
+        sessions and one fold tests so many split groups that it says enough.
     """
+    if not command_lines(overview):
+        return []
     advised = _advised(overview)
     values = _named_values(overview, advised)
+    by = values["split.by"]
+    is_divided = not overview.session_error and by != "source"
+    if is_divided and overview.groups[by].sum() / values["split.folds"] >= ENOUGH:
+        return []
     values.pop("split.fold")
     if values["split.by"] == "source":
         values["split.by"] = "recording"
