@@ -231,7 +231,7 @@ class Evaluate:
 class Glove:
     """What the virtual glove simulates, see `glove/simulation.py`."""
 
-    sessions: Annotated[StrictInt, Interval(ge=2, le=MOST)] = 3
+    sessions: Annotated[StrictInt, Interval(ge=2, le=MOST)] = 5
     grasps: Count = 10
     # more than the nine that are not steady
     grasp_frames: Annotated[StrictInt, Interval(ge=10, le=MOST)] = 10

@@ -92,7 +92,7 @@ def description(run: FinishedRun, name: str, versus: VersusHead | None) -> str:
     seconds = run.timing["seconds"]["total"]
     text = f"**{name}**: {interval} % of whole recordings wrong, {seconds:,.0f} s"
     if versus:
-        text += f"; beside the run of its commit: {versus.text}"
+        text += f"; {versus.text}"
     return f"{text}.\n\n`tactile-viewgcn report {run.records[ROW].run_id}`"
 
 

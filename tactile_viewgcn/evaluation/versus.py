@@ -271,6 +271,6 @@ def versus_head(run: FinishedRun, head: FinishedRun) -> VersusHead | None:
     except UserError:
         return None
     (difference,) = [each for each in found if each.protocol == WHOLE]
-    text = f"{TITLES[WHOLE]} wrong: {100 * difference.second:.1f} %, in the committed run "
+    text = f"{100 * difference.second:.1f} % of whole recordings are wrong, in the committed run "
     text += f"{100 * difference.first:.1f} %; {difference.points}: {difference.verdict('this run')}"
     return VersusHead(difference, text)

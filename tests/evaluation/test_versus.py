@@ -128,7 +128,7 @@ def test_a_run_of_changed_parameters_or_code_is_put_beside_that_of_its_commit():
             "versus.head.error.whole.high": by_hand.high,
         }
         assert versus.text.startswith(
-            "whole recordings wrong: 16.7 %, in the committed run 41.7 %; -25.0 points ("
+            "16.7 % of whole recordings are wrong, in the committed run 41.7 %; -25.0 points ("
         )
         assert "cannot be told apart" in versus.text
     assert versus_head(finished([0], folds=4, views=12), head) is None  # another split

@@ -51,7 +51,7 @@ def test_the_logged_model_gives_the_recogniser_s_answers_in_a_column_for_each_cl
     checkpoint, store, client
 ):
     with tracking.stage_run(Record("evaluate")) as run:
-        address = run.model(checkpoint, METADATA)
+        address = run.model("classifier", checkpoint, METADATA)
         assert runs_of(client, tracking.EXPERIMENT)[0].info.status == "RUNNING"  # the stage goes on
     assert runs_of(client, tracking.EXPERIMENT)[0].info.status == "FINISHED"
     import mlflow
@@ -93,7 +93,7 @@ def test_the_request_that_the_manual_posts_is_answered_as_it_shows(
     np.save("recording.npy", RECORDINGS[0])
     exec(program, {})
     with tracking.stage_run(Record("evaluate")) as run:
-        address = run.model(checkpoint, METADATA)
+        address = run.model("classifier", checkpoint, METADATA)
     import mlflow
     from mlflow.pyfunc import scoring_server
 
@@ -139,7 +139,7 @@ def test_a_registered_model_answers_in_a_process_of_its_own(checkpoint, store, c
     request's body.
     """
     with tracking.stage_run(Record("evaluate")) as run:
-        address = run.model(checkpoint, METADATA)
+        address = run.model("classifier", checkpoint, METADATA)
     client.create_registered_model("glove")
     entry = client.create_model_version("glove", address, run.id)
     client.set_registered_model_alias("glove", "best", entry.version)
