@@ -3,8 +3,10 @@
 Writes error rates with their intervals, run times, and which objects are taken for which.
 """
 
-import os
+import shlex
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from stages.command import run
 from stages.job import Job
@@ -14,10 +16,10 @@ from tactile_viewgcn.evaluation.finished_run import FinishedRun
 from tactile_viewgcn.evaluation.live import answer_live
 from tactile_viewgcn.evaluation.row import description, figures_of, model_metadata, row_of
 from tactile_viewgcn.evaluation.trials import WHOLE
-from tactile_viewgcn.evaluation.versus import VERSUS, VersusHead, committed_run, versus_head
+from tactile_viewgcn.evaluation.versus import VERSUS, VersusHead, versus_head
 from tactile_viewgcn.messages import Note
 from tactile_viewgcn.pages.run_page import run_page
-from tactile_viewgcn.provenance import ROW, peak_mb
+from tactile_viewgcn.provenance import ROW, Record, peak_mb
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.frames import Frames, load_table
 from tactile_viewgcn.tables.recordings import Recordings
@@ -43,8 +45,7 @@ def evaluate(
     stages = earlier_stages.simulation(earlier) | earlier
     timing = earlier_stages.costs(latency_ms, stages, job.seconds, peak_mb())
     finished = FinishedRun("", metrics, timing, predictions, earlier | {ROW: job.record}, live)
-    head = committed_run()
-    versus = versus_head(finished, head) if head else None
+    versus = versus_head(finished)
     numbers = results.summary(metrics, timing)
     if versus:
         numbers |= versus.numbers
@@ -65,8 +66,8 @@ def evaluate(
     if address:
         lines.append(f"  in a program: mlflow.pyfunc.load_model({address!r})")
     if job.run.table:
-        lines.append(f"  beside other runs: mlflow ui, then {job.run.table}")
-    return "\n".join([*lines, f"  next: {_next(job, head, versus)}"])
+        lines.append(f"  beside other runs: {job.run.table}")
+    return "\n".join([*lines, f"  next: {next_line(job.record, versus)}"])
 
 
 def _log(
@@ -93,32 +94,31 @@ def _log(
     name = job.record.name or job.record.stage
     metadata = model_metadata(table, finished.metrics["views"])
     address = job.run.model(name, classifier, metadata)
-    row = row_of(finished, numbers)
-    if versus:
-        row.tags["versus.head"] = versus.text
+    row = row_of(finished, numbers, versus)
     job.run.batch(row.tags, row.parameters, row.metrics, model=address)
-    for file, figure in figures_of(finished.predictions, finished.live).items():
-        job.run.log("log_figure", figure, file)
-    job.run.log("log_text", run_page(finished), "report.html")
-    job.run.description = description(finished, name, versus)
+
+    def log_pages(mlflow: Any) -> None:
+        for file, figure in figures_of(finished.predictions, finished.live).items():
+            mlflow.log_figure(figure, file)
+        page = run_page(replace(finished, name=job.run.id or ""))
+        mlflow.log_text(page, "report.html")
+
+    job.run.attempt(log_pages)
+    job.run.description = description(finished, name)
     return address
 
 
-def _next(job: Job, head: FinishedRun | None, versus: VersusHead | None) -> str:
-    """Return the command to type after this run.
+def next_line(record: Record, versus: VersusHead | None) -> str:
+    """Return what to type after a run.
 
     Args:
-        job: of this run.
-        head: what the workspace's commit has; None where its results are not here.
-        versus: this run beside it; None where they cannot be compared.
+        record: of the run.
+        versus: the run beside that of its commit; None where they cannot be compared.
     """
-    name = job.record.origin.get("dvc.experiment", "")
-    changed = job.record.params["changed"]
-    if versus or (changed and name):
-        return f"tactile-viewgcn compare {name}".rstrip()
-    if head or changed or "DVC_ROOT" not in os.environ:
-        return "tactile-viewgcn report"
-    return "tactile-viewgcn report; `git commit -am Results` makes later runs comparable with this"
+    if versus:
+        name = shlex.quote(record.origin.get("dvc.experiment", ""))
+        return f"tactile-viewgcn compare {name}".removesuffix(" ''")
+    return "tactile-viewgcn report"
 
 
 if __name__ == "__main__":

@@ -236,6 +236,8 @@ def read_study(name: str) -> Study:
     _check_names(path, "fixed", study.fixed, variants)
     if study.choice and study.cross:
         raise UserError(f"{path}: choice and cross; expected one of them")
+    if study.each and len(variants) * len(study.seeds) * len(study.deals) > 1:
+        raise UserError(f"{path}: each; expected one variant, one seed and one deal")
     _check_names(path, "one_deal", study.one_deal, variants)
     return study
 

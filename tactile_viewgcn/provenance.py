@@ -128,7 +128,7 @@ def run_name(stage: str, values: dict[str, Any], changed: dict[str, Any]) -> str
         parts.append(stage)
     named = set[str]()
     if "data.source" in values:
-        parts.append(_data(values["data.source"]))
+        parts.append(data_name(values["data.source"]))
         named |= {"data.source"}
     if "model.system" in values:
         method, keys = _method(values)
@@ -143,8 +143,8 @@ def run_name(stage: str, values: dict[str, Any], changed: dict[str, Any]) -> str
     return SEPARATOR.join(parts)
 
 
-def _data(source: str) -> str:
-    """Return what a data source is called in the name of a run."""
+def data_name(source: str) -> str:
+    """Return what a data source is called in names of runs and folders."""
     if source == VIRTUAL:
         return "simulated"
     path = Path(source)

@@ -1,11 +1,11 @@
 """The one module that knows MLflow; only functions import it, since it loads slowly.
 
 The run of `evaluate` is the pipeline's row in the experiment `tactile-viewgcn`; the runs of the
-other stages are in `tactile-viewgcn/stages`. A run begins with its stage and ends with it. The
-store is `mlflow.db` at the root of the repository, with `mlruns/` in the same folder; MLflow's own
-variables override it, and a relative `sqlite:///my.db` counts from the same root. With
-MLFLOW_TRACKING_URI=disabled nothing is logged. If the store fails, that costs the run, with one
-warning, never the stage.
+other stages are in `tactile-viewgcn/stages`. A run begins and ends with its stage, but for the row,
+which begins so much earlier as the stages before took. The store is `mlflow.db` at the root of the
+repository, with `mlruns/` in the same folder; MLflow's own variables override it, and a relative
+`sqlite:///my.db` counts from the same root. With MLFLOW_TRACKING_URI=disabled nothing is logged. If
+the store fails, that costs the run, with one warning, never the stage.
 """
 
 import json
@@ -91,13 +91,16 @@ class Run:
 
     @property
     def table(self) -> str:
-        """Return the address of the experiment's table in MLflow's pages; empty without a run."""
+        """Return where MLflow shows the experiment's table; empty where that is unknown."""
         if not self.id:
             return ""
-        server = _address()
-        if not server.startswith("http"):
-            server = LOCAL
-        return f"{server}/#/experiments/{self._experiment}/runs?viewStateShareKey={VIEW}"
+        place = f"/#/experiments/{self._experiment}/runs?viewStateShareKey={VIEW}"
+        store = _address()
+        if store.startswith(SQLITE):
+            return f"mlflow ui, then {LOCAL}{place}"
+        if store.startswith(("http://", "https://")):
+            return re.sub("://.*@", "://", store).rstrip("/") + place
+        return ""
 
     def log(self, function: str, *values: Any) -> Any:
         """Call one of MLflow's functions for this run, and return what it returns.
@@ -301,13 +304,21 @@ def _begin(record: Record, before: float) -> Run:
             experiment,
             start_time=int((time.time() - before) * 1000),
             run_name=record.name or record.stage,
-            tags=record.origin | {"mlflow.user": getuser(), "mlflow.source.name": record.stage},
+            tags=record.origin | {"mlflow.user": _user(), "mlflow.source.name": record.stage},
         )
         run = mlflow.start_run(created.info.run_id)
         return Run(mlflow, run.info.run_id, experiment)
     except Exception as error:
         _warn(error)
         return Run()
+
+
+def _user() -> str:
+    """Return the name of the user; empty where it has none, as in some containers."""
+    try:
+        return getuser()
+    except (KeyError, OSError):
+        return ""
 
 
 def _make_experiments(mlflow: Any, descriptions: dict[str, str], database: Path | None) -> None:
@@ -333,8 +344,9 @@ def _make_experiments(mlflow: Any, descriptions: dict[str, str], database: Path 
             with suppress(Exception):  # a process on another machine may be faster
                 if not experiment:
                     client.create_experiment(name, artifacts, tags)
-                elif experiment.tags.get(VIEW_TAG) != tags[VIEW_TAG]:  # of an earlier version
-                    client.set_experiment_tag(experiment.experiment_id, VIEW_TAG, tags[VIEW_TAG])
+                elif VIEW_TAG not in experiment.tags:  # of an earlier version
+                    for tag in (NOTE, VIEW_TAG):
+                        client.set_experiment_tag(experiment.experiment_id, tag, tags[tag])
 
 
 def _view() -> str:
@@ -344,7 +356,7 @@ def _view() -> str:
         "selectedColumns": chosen,
         "columnOrder": list(COLUMNS),
         "columnWidths": COLUMNS,
-        "orderByKey": "attributes.`Created`",
+        "orderByKey": "attributes.end_time",
         "orderByAsc": False,
     }
     return json.dumps(state)

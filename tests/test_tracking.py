@@ -2,6 +2,7 @@
 that fail.
 """
 
+import json
 import socket
 import sqlite3
 import subprocess
@@ -244,3 +245,49 @@ def test_processes_that_open_a_fresh_store_at_once_do_not_race(store):
     assert [process.returncode for process in started] == [0, 0, 0], errors
     runs = runs_of(MlflowClient(f"sqlite:///{store / 'mlflow.db'}"))
     assert [run.info.status for run in runs] == ["FINISHED"] * 3
+
+
+@pytest.mark.parametrize(
+    ("store", "address"),
+    [
+        ("", "mlflow ui, then http://127.0.0.1:5000"),
+        ("sqlite:///my.db", "mlflow ui, then http://127.0.0.1:5000"),
+        ("http://lab:5000/", "http://lab:5000"),
+        ("https://me:secret@lab.example/mlflow/", "https://lab.example/mlflow"),
+        ("databricks", None),
+        ("postgresql://me:secret@lab/runs", None),
+    ],
+)
+def test_the_address_of_the_table_names_no_password(monkeypatch, store, address):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", store)
+    table = tracking.Run(None, "12ab", "7").table
+    if address is None:
+        assert table == ""
+    else:
+        assert table == f"{address}/#/experiments/7/runs?viewStateShareKey=results"
+    assert tracking.Run().table == ""
+
+
+def test_the_row_begins_before_its_stage_and_the_table_has_a_saved_view(store, client):
+    with tracking.stage_run(Record(ROW), before=3600.0):
+        pass
+    (row,) = runs_of(client, tracking.EXPERIMENT)
+    assert 3600 <= (row.info.end_time - row.info.start_time) / 1000 < 3660
+    for name in (tracking.EXPERIMENT, f"{tracking.EXPERIMENT}/stages"):
+        tags = client.get_experiment_by_name(name).tags
+        assert "metrics.`error.whole.low`" in json.loads(tags[tracking.VIEW_TAG])["selectedColumns"]
+        assert tags[tracking.NOTE].startswith("A r")
+    own = client.get_experiment_by_name(tracking.EXPERIMENT).experiment_id
+    client.set_experiment_tag(own, tracking.VIEW_TAG, "of the user")
+    with tracking.stage_run(Record(ROW)):
+        pass
+    assert client.get_experiment(own).tags[tracking.VIEW_TAG] == "of the user"
+
+
+def test_a_user_without_a_name_has_runs_too(store, client, monkeypatch):
+    def nobody():
+        raise KeyError("getpwuid(): uid not found: 1234")
+
+    monkeypatch.setattr(tracking, "getuser", nobody)
+    with tracking.stage_run(Record(ROW)) as run:
+        assert run.id

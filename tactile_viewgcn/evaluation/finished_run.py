@@ -136,18 +136,19 @@ def _recordings_in_words(recordings: list[int]) -> str:
     return f"{several(sum(recordings), 'recording')}, {of_each} of each object"
 
 
-def read_run(name: str = "") -> FinishedRun:
+def read_run(name: str = "", *, fetch: bool = True) -> FinishedRun:
     """Return the run of a name, from its files.
 
     Args:
         name: of a DVC experiment, or another revision that DVC knows; the id of an MLflow run of
             `evaluate`; a folder with the `runs` and `results` of a run; empty for the workspace.
+        fetch: whether files that are not in DVC's cache are taken from its remote, if there is one.
 
     Raises:
         UserError: no such run; its files are missing, or do not belong together.
         Exception: any, of a file that is damaged or of an earlier version.
     """
-    read = _reader(name)
+    read = _reader(name, fetch=fetch)
     contents = {stage: _content(read, f"runs/{stage}.json", name) for stage in EARLIER}
     contents[ROW] = _content(read, f"results/{ROW}.json", name)
     metrics = _content(read, "results/metrics.json", name)
@@ -208,7 +209,7 @@ def _read_from_workspace(path: str) -> bytes:
     return Path(path).read_bytes()
 
 
-def _reader(name: str) -> Callable[[str], bytes]:
+def _reader(name: str, *, fetch: bool) -> Callable[[str], bytes]:
     """Return a function that reads a file of a run by its path in the workspace.
 
     The function raises FileNotFoundError where the run has no such file.
@@ -223,7 +224,8 @@ def _reader(name: str) -> Callable[[str], bytes]:
         return lambda path: read_artifact(name, Path(path).name)
     from dvc.api import DVCFileSystem
 
-    files = DVCFileSystem(rev=name)
+    config = None if fetch else {"core": {"remote": ""}}
+    files = DVCFileSystem(rev=name, config=config)
     if not files.exists("dvc.yaml"):
         raise UserError(
             f"{name}: no experiment of DVC here, and no id of an MLflow run, which has 32 digits; "

@@ -25,7 +25,7 @@ class Row:
     """Content of the pipeline's row.
 
     Attributes:
-        tags: the ids of the stages' runs, and what `auto` chose.
+        tags: the ids of the stages' runs, what `auto` chose, and the run beside that of its commit.
         parameters: numbers of classes, of frames, recordings and split groups, and of weights.
         metrics: name, value and step: the summary, the seconds of each stage and the peak memory
             at step 0; the error of each trial, numbered from 1; the error by number of frames.
@@ -36,14 +36,17 @@ class Row:
     metrics: list[tuple[str, float, int]]
 
 
-def row_of(run: FinishedRun, numbers: dict[str, float]) -> Row:
+def row_of(run: FinishedRun, numbers: dict[str, float], versus: VersusHead | None) -> Row:
     """Return the content of the pipeline's row.
 
     Args:
         run: the finished run.
         numbers: content of summary.json.
+        versus: the run beside that of its commit.
     """
     tags: dict[str, str] = {}
+    if versus:
+        tags["versus.head"] = versus.text
     parameters: dict[str, float] = flatten({name: run.metrics[name] for name in SIZES})
     for stage in EARLIER:
         record = run.records.get(stage)
@@ -79,20 +82,17 @@ def _metrics(run: FinishedRun, numbers: dict[str, float]) -> list[tuple[str, flo
     return values
 
 
-def description(run: FinishedRun, name: str, versus: VersusHead | None) -> str:
+def description(run: FinishedRun, name: str) -> str:
     """Return what the row's page says first: the run, its error and time, and the report's line.
 
     Args:
         run: the finished run.
         name: of the row.
-        versus: the run beside that of its commit.
     """
     error = run.score["error"]
     interval = percent_interval(error["mean"], error["low"], error["high"])
     seconds = run.timing["seconds"]["total"]
     text = f"**{name}**: {interval} % of whole recordings wrong, {seconds:,.0f} s"
-    if versus:
-        text += f"; {versus.text}"
     return f"{text}.\n\n`tactile-viewgcn report {run.records[ROW].run_id}`"
 
 

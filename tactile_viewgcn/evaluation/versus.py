@@ -78,6 +78,8 @@ class Difference:
             return "both give the same answers"
         if self.low is None or self.high is None:
             return "one split group was tested, which says nothing about others"
+        if self.low == self.high == 0:
+            return "both are wrong as often on every recording"
         if self.low > 0:
             return f"{name} has the higher error"
         if self.high < 0:
@@ -243,34 +245,31 @@ class VersusHead:
         return numbers
 
 
-def committed_run() -> FinishedRun | None:
-    """Return what the workspace's commit has; None where its results are not here."""
-    try:
-        return read_run(HEAD)
-    except Exception:  # no repository of DVC, no results in its cache, or an earlier version's
-        return None
-
-
-def versus_head(run: FinishedRun, head: FinishedRun) -> VersusHead | None:
-    """Return a run beside the run of the workspace's commit.
+def versus_head(run: FinishedRun) -> VersusHead | None:
+    """Return a run of the workspace beside what the workspace's commit has.
 
     Args:
-        run: a run of the workspace.
-        head: what the workspace's commit has.
+        run: its records name the commit of its code.
 
     Returns:
-        None where the runs cannot be compared, or where neither a parameter nor the code differs
-        from the commit.
+        None where the commit's results are not in DVC's cache here; where the two runs were tested
+        on other recordings; or where all parameters and all answers are equal.
     """
-    is_dirty = run.records[ROW].origin.get("git.dirty") == "true"
-    if not run.changed and not is_dirty:
-        return None
     try:
+        head = read_run(HEAD, fetch=False)
         require_same_recordings(head, run)
         found = differences(head.predictions, run.predictions)
-    except UserError:
+    except Exception:  # no repository of DVC, no results, those of another version or other data
         return None
     (difference,) = [each for each in found if each.protocol == WHOLE]
-    text = f"{100 * difference.second:.1f} % of whole recordings are wrong, in the committed run "
-    text += f"{100 * difference.first:.1f} %; {difference.points}: {difference.verdict('this run')}"
-    return VersusHead(difference, text)
+    own = [each.score["error"]["mean"] for each in (head, run)]
+    are_all_common = np.allclose(own, (difference.first, difference.second))
+    changed = changed_params(head, run)
+    if not are_all_common or (difference.same and not changed):
+        return None
+    changes = [f"{as_change(key, before)} -> {after}" for key, (before, after) in changed.items()]
+    commit = run.records[ROW].origin.get("mlflow.source.git.commit", HEAD)[:7]
+    text = f"{', '.join(changes) or 'equal parameters'}: "
+    text += f"{100 * difference.second:.1f} % of whole recordings are wrong, in the run of commit "
+    text += f"{commit} {100 * difference.first:.1f} %; {difference.points}: "
+    return VersusHead(difference, text + difference.verdict("this run"))

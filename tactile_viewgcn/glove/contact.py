@@ -385,7 +385,7 @@ class ShiftedHessian:
         """Return the solution x (R, n) of (Hessian + diag(shift)) x = residual (R, n)."""
         count = len(residual)
         on_fingers = residual[:, :JOINT_COORDINATES].reshape(count, FINGERS, 2)
-        if not self.schur.size:
+        if self.shift.shape[1] == JOINT_COORDINATES:  # without motion
             x: np.ndarray = np.einsum("rfij,rfj->rfi", self.inverse, on_fingers)
             return x.reshape(count, JOINT_COORDINATES)
         from_fingers = np.einsum("rfij,rfj->ri", self.through, on_fingers)

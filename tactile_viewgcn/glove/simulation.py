@@ -47,7 +47,8 @@ TOLERANCE = 0.02  # relative error of the sensors' forces in a step of the solve
 EFFECTS = get_args(Effect)
 TRAINING_SESSIONS = 2  # as in STAG; the others are the test set
 BLOCK = 96  # frames that are solved and read together
-MIN_RECORDINGS_PER_WORKER = 20  # with fewer, starting a process takes longer than it saves
+# in the mean; with fewer, starting a process takes longer than it saves
+MIN_RECORDINGS_PER_WORKER = 20
 SLIP_STD = 0.002  # m: the glove's shift from session to session
 SCALE_STD = 0.02  # share: the hand's size from session to session
 

@@ -86,9 +86,9 @@ def read_both(names: Sequence[str]) -> tuple[FinishedRun, FinishedRun]:
     """Return the runs A and B.
 
     Args:
-        names: none, B, or A and B; see `run_page.read_run`, and `workspace`. B is by default the
-            workspace. A is by default what the workspace's commit has, or where its results are not
-            here, as after the first `dvc repro`, the workspace.
+        names: none, B, or A and B; each is `workspace` or a name that `read_run` takes. B is by
+            default the workspace. A is by default what the workspace's commit has, or where its
+            results are not here, as after the first `dvc repro`, the workspace.
 
     Raises:
         UserError: there is no such run, or its results are not here; more than two names.

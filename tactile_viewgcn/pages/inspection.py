@@ -21,7 +21,7 @@ from tactile_viewgcn.messages import EMPTY_HAND, NEW_SESSION, Note, listed, seve
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.channels import Curves, channel_curves
 from tactile_viewgcn.pages.checks import NEED_FRAMES, UNKNOWN, Check, outcomes
-from tactile_viewgcn.pages.run_page import EACH_FOLD
+from tactile_viewgcn.pages.run_page import each_fold, each_fold_changes
 from tactile_viewgcn.pages.source_inspection import MOST_FOLDS, SAMPLE, Overview
 from tactile_viewgcn.params import VIRTUAL, default_params, everywhere, unlike_the_file
 from tactile_viewgcn.schema import as_change, flatten
@@ -385,13 +385,13 @@ def each_fold_lines(overview: Overview) -> list[str]:
     is_divided = not overview.session_error and by != "source"
     if is_divided and overview.groups[by].sum() / values["split.folds"] >= ENOUGH:
         return []
-    values.pop("split.fold")
     if values["split.by"] == "source":
         values["split.by"] = "recording"
     if overview.session_error:
         values["split.by"] = "session"
         values["split.folds"] = len(np.unique(overview.session))
-    return _lines(f"{EACH_FOLD} $(tactile-viewgcn preset {advised['preset']})", values)
+    command = f"{each_fold(values['data.source'])} $(tactile-viewgcn preset {advised['preset']})"
+    return _lines(command, each_fold_changes(values))
 
 
 def _advised(overview: Overview) -> dict[str, Any]:

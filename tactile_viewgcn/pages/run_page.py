@@ -17,11 +17,9 @@ from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.checks import CHECKS, UNKNOWN, Check, outcomes
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.params import VIRTUAL, on_sensors
-from tactile_viewgcn.provenance import PACKAGES
+from tactile_viewgcn.provenance import PACKAGES, data_name
 from tactile_viewgcn.schema import as_change
 
-# a study of this repository: the mean error, and a row for each group that was held out
-EACH_FOLD = "python -m studies each_fold --out each_fold"
 MODEL = "models/classifier.pt"  # of the workspace
 
 
@@ -93,8 +91,10 @@ def next_steps(run: FinishedRun) -> list[tuple[str, str]]:
     if run.warnings:
         steps.append(("Mend the causes of the warnings, and run again.", _mended(run)))
     if run.uncertain:
-        what = "Record more of each object in more sessions, and test every part of them once."
-        steps.append((what, _every_fold(run)))
+        command = _every_fold(run)
+        if command:
+            steps.append(("Test every part of the recordings once.", command))
+        steps.append(("Record more of each object in more sessions.", ""))
     if any(note.topic == "new session" for note in run.notes("info")):
         steps.append((f"Test it on {NEW_SESSION}.", _by_session(run)))
     if run.at_chance:
@@ -125,10 +125,30 @@ def _every_fold(run: FinishedRun) -> str:
     """Return the command that tests every fold; "" for a published split, which has no folds."""
     if run.params["split.by"] == "source":
         return ""
-    own = ("seed", "split.deal", "split.fold")  # the study sets them
-    changes = {key: value for key, value in run.repeated.items() if key not in own}
-    changes |= {key: run.params[key] for key in ("split.by", "split.folds")}
-    return again(changes, EACH_FOLD)
+    split = {key: run.params[key] for key in ("split.by", "split.folds")}
+    changes = each_fold_changes(run.repeated | split)
+    return again(changes, each_fold(run.params["data.source"]))
+
+
+def each_fold(source: str) -> str:
+    """Return the beginning of the command that tests every part of recordings once.
+
+    It runs a study of this repository: the mean error, and a row for each part.
+
+    Args:
+        source: value of `data.source`; each has a folder of results.
+    """
+    folder = f"each_fold/{data_name(source)}"
+    return f"python -m studies each_fold --out {shlex.quote(folder)}"
+
+
+def each_fold_changes(values: dict[str, Any]) -> dict[str, Any]:
+    """Return the parameters that this command names: all but those that the study itself sets."""
+    return {
+        key: value
+        for key, value in values.items()
+        if key not in ("seed", "split.deal", "split.fold")
+    }
 
 
 def _by_session(run: FinishedRun) -> str:

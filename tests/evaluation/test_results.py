@@ -158,7 +158,7 @@ def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation)
     params = {"values": {"model.members": "auto", "data.source": "glove"}, "changed": {}}
     records = RECORDS | {"evaluate": Record("evaluate", run_id="12ab", params=params)}
     run = FinishedRun("", metrics, TIMING, evaluation[0], records, LIVE)
-    row = row_of(run, summary(metrics, TIMING))
+    row = row_of(run, summary(metrics, TIMING), None)
     assert row.tags == {"resolved.model.members": "svm + trees"}
     assert row.parameters == {
         "classes": 4,
@@ -185,7 +185,7 @@ def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation)
     scores = {name: value for name, value, step in row.metrics if step == 0}
     assert scores == pytest.approx(expected | {"peak_mb": 1300.5})  # of the hungriest stage
     whole = [metrics["whole"]["error"][name] for name in ("mean", "low", "high")]
-    assert description(run, "glove · best", None) == (
+    assert description(run, "glove · best") == (
         f"**glove · best**: {percent_interval(*whole)} % of whole recordings wrong, "
         "1,297 s.\n\n`tactile-viewgcn report 12ab`"
     )

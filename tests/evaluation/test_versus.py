@@ -3,14 +3,10 @@
 import numpy as np
 import pytest
 
+from tactile_viewgcn.evaluation import versus
 from tactile_viewgcn.evaluation.finished_run import FinishedRun
 from tactile_viewgcn.evaluation.trials import TITLES, WHOLE, Predictions, Trials
-from tactile_viewgcn.evaluation.versus import (
-    changed_objects,
-    differences,
-    paired_interval,
-    versus_head,
-)
+from tactile_viewgcn.evaluation.versus import changed_objects, differences, paired_interval
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.provenance import Record
 
@@ -70,6 +66,14 @@ def test_the_verdict_in_words(first, second, words):
     assert found.verdict("B").startswith(words)
 
 
+def test_other_answers_that_are_wrong_on_the_same_recordings_have_no_threshold():
+    first, second = run([0, 4]), run([0, 4])
+    second.trials[WHOLE].best[0, 4, 0] = 0  # pen for mug becomes cup for mug
+    (found,) = differences(first, second)
+    assert not found.same and (found.low, found.high) == (0, 0)
+    assert found.verdict("B") == "both are wrong as often on every recording"
+
+
 def test_equal_errors_on_other_recordings_are_not_the_same_answers():
     (found,) = differences(run([0]), run([1]))
     assert (found.more, found.same) == (0, False)
@@ -104,31 +108,62 @@ def test_the_objects_that_changed_most_come_first():
     ]
 
 
-def finished(answers, *, dirty="false", folds=3, **changed):
+def finished(answers, *, folds=3, md5="ab", chosen=slice(None), **changed):
     """A finished run of these answers, with parameters that differ from the commit."""
     params = {"values": {"split.folds": folds, "views": 8} | changed, "changed": changed}
-    ingest = Record("ingest", inputs={"source": {"path": "glove", "md5": "ab"}})
-    row = Record("evaluate", params=params, origin={"git.dirty": dirty})
-    score = {"error": {"mean": 0.5, "low": None, "high": None}}
+    ingest = Record("ingest", inputs={"source": {"path": "glove", "md5": md5}})
+    commit = {"mlflow.source.git.commit": "1234567890"}
+    row = Record("evaluate", params=params, origin=commit)
+    predictions = run(answers, chosen=chosen)
+    score = {"error": {"mean": predictions.trials[WHOLE].errors[0], "low": None, "high": None}}
     metrics = {WHOLE: score, "groups": {"test": 12}}
     values = {"model.members": "auto", "data.source": "glove"}
     row.params["values"] |= values
-    return FinishedRun("", metrics, {}, run(answers), {"ingest": ingest, "evaluate": row})
+    return FinishedRun("", metrics, {}, predictions, {"ingest": ingest, "evaluate": row})
 
 
-def test_a_run_of_changed_parameters_or_code_is_put_beside_that_of_its_commit():
-    head = finished([0, 1, 2, 4, 5])
-    assert versus_head(finished([0, 8]), head) is None  # nothing was changed
-    for run_of_change in (finished([0, 8], views=12), finished([0, 8], dirty="true")):
-        versus = versus_head(run_of_change, head)
-        (by_hand,) = differences(head.predictions, run_of_change.predictions)
-        assert versus.numbers == {
-            "versus.head.error.whole": pytest.approx(-3 / 12),
-            "versus.head.error.whole.low": by_hand.low,
-            "versus.head.error.whole.high": by_hand.high,
-        }
-        assert versus.text.startswith(
-            "16.7 % of whole recordings are wrong, in the committed run 41.7 %; -25.0 points ("
-        )
-        assert "cannot be told apart" in versus.text
-    assert versus_head(finished([0], folds=4, views=12), head) is None  # another split
+@pytest.fixture
+def head(monkeypatch):
+    """What the workspace's commit has: five wrong answers to twelve recordings."""
+    made = finished([0, 1, 2, 4, 5])
+    monkeypatch.setattr(versus, "read_run", lambda name, fetch: made)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [({"views": 12}, "views=8 -> 12: 16.7 % of"), ({}, "equal parameters: 16.7 % of")],
+)
+def test_a_run_is_put_beside_that_of_its_commit(head, changed, words):
+    beside = versus.versus_head(finished([0, 8], **changed))
+    low, high = beside.difference.low, beside.difference.high
+    name = "versus.head.error.whole"
+    assert beside.numbers == {name: -3 / 12, f"{name}.low": low, f"{name}.high": high}
+    assert low < -3 / 12 < high
+    assert beside.text.startswith(
+        f"{words} whole recordings are wrong, in the run of commit 1234567 41.7 %; -25.0 points ("
+    )
+    assert "cannot be told apart" in beside.text
+
+
+@pytest.mark.parametrize(
+    "run_of_others",
+    [
+        lambda: finished([0, 1, 2, 4, 5]),  # nothing differs
+        lambda: finished([0], folds=4, views=12),  # another split
+        lambda: finished([0], md5="cd", views=12),  # other recordings
+        lambda: finished([0], chosen=slice(0, 8), views=12),  # fewer of them
+    ],
+)
+def test_runs_that_cannot_be_compared_or_are_equal_are_not(head, run_of_others):
+    assert versus.versus_head(run_of_others()) is None
+
+
+@pytest.mark.parametrize("error", [UserError("no such run"), KeyError("md5"), OSError("disk")])
+def test_a_commit_without_results_costs_nothing_but_the_comparison(monkeypatch, error):
+    def read(name, fetch):
+        assert not fetch  # DVC's remote may be slow, or ask for a password
+        raise error
+
+    monkeypatch.setattr(versus, "read_run", read)
+    assert versus.versus_head(finished([0], views=12)) is None

@@ -263,7 +263,9 @@ def test_the_line_for_every_part_is_a_study_of_all_sessions(overview):
     spread = changed(overview, session=np.arange(len(overview.session)) % 12)
     line = " ".join(each_fold_lines(spread)).replace(" \\", "")
     words = shlex.split(line.partition(")")[2])
-    assert line.startswith("python -m studies each_fold --out each_fold $(tactile-viewgcn preset ")
+    assert line.startswith(
+        "python -m studies each_fold --out 'each_fold/my glove' $(tactile-viewgcn preset "
+    )
     assert {"split.by=session", "split.folds=12"} <= {*words}
     changes = tuple(word for word in words if word != "-S")
     cells = read_study("each_fold").cells(changes)

@@ -99,7 +99,7 @@ def test_objects_and_chance_by_hand():
     assert outcome.chance == pytest.approx(4 / 12)
 
 
-EVERY_FOLD = "each_fold -S views=4 -S 'data.source=\"{here}/my glove\"' -S split.by=recording"
+EVERY_FOLD = "-S views=4 -S 'data.source=\"{here}/my glove\"' -S split.by=recording"
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ EVERY_FOLD = "each_fold -S views=4 -S 'data.source=\"{here}/my glove\"' -S split
             {"views": 4, "split_fold": 2},
             "unsure",
             "6 recordings, 2 of each",
-            "Record more",
+            "Test every part",
             EVERY_FOLD,
         ),
         (
@@ -126,7 +126,7 @@ EVERY_FOLD = "each_fold -S views=4 -S 'data.source=\"{here}/my glove\"' -S split
             {},
             "bad",
             "reaches the error of chance",
-            "Record more",
+            "Test every part",
             "inspect 'my glove' --html insp",
         ),
         (
@@ -134,7 +134,7 @@ EVERY_FOLD = "each_fold -S views=4 -S 'data.source=\"{here}/my glove\"' -S split
             {"data_shape": [4, 8]},
             "bad",
             "",
-            "Record",
+            "Test every part",
             "my glove' --set 'data.shape=[4,8]' --html",
         ),
         (
@@ -142,8 +142,8 @@ EVERY_FOLD = "each_fold -S views=4 -S 'data.source=\"{here}/my glove\"' -S split
             {"data_source": "data/virtual/recordings"},
             "unsure",
             "",
-            "Record",
-            "each_fold -S data.source=data/virtual/recordings -S split.by=recording",
+            "Test every part",
+            "each_fold/simulated -S data.source=data/virtual/recordings -S split.by=recording",
         ),
     ],
 )
