@@ -356,7 +356,7 @@ def _view() -> str:
         "selectedColumns": chosen,
         "columnOrder": list(COLUMNS),
         "columnWidths": COLUMNS,
-        "orderByKey": "attributes.end_time",
+        "orderByKey": "attributes.`Created`",
         "orderByAsc": False,
     }
     return json.dumps(state)
