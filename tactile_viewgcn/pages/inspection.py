@@ -364,7 +364,7 @@ def command_lines(overview: Overview, *, new_sessions: bool = False) -> list[str
     if new_sessions:
         values["split.by"] = "session"
         values["split.folds"] = min(MOST_FOLDS, len(np.unique(overview.session)))
-    return _lines(f"dvc exp run $(tactile-viewgcn preset {advised['preset']})", values)
+    return _lines([f"dvc exp run $(tactile-viewgcn preset {advised['preset']})"], values)
 
 
 def each_fold_lines(overview: Overview) -> list[str]:
@@ -390,8 +390,8 @@ def each_fold_lines(overview: Overview) -> list[str]:
     if overview.session_error:
         values["split.by"] = "session"
         values["split.folds"] = len(np.unique(overview.session))
-    command = f"{each_fold(values['data.source'])} $(tactile-viewgcn preset {advised['preset']})"
-    return _lines(command, each_fold_changes(values))
+    preset = f"$(tactile-viewgcn preset {advised['preset']})"
+    return _lines([each_fold(values["data.source"]), preset], each_fold_changes(values))
 
 
 def _advised(overview: Overview) -> dict[str, Any]:
@@ -399,9 +399,14 @@ def _advised(overview: Overview) -> dict[str, Any]:
     return {note.key: note.value for note in [*overview.remarks, *overview.settings]}
 
 
-def _lines(command: str, values: dict[str, Any]) -> list[str]:
-    """Return a command with options, in lines of which all but the last end in a backslash."""
-    return " \\\n  ".join([command, *_option_lines(values)]).split("\n")
+def _lines(command: list[str], values: dict[str, Any]) -> list[str]:
+    """Return a command with options, in lines of which all but the last end in a backslash.
+
+    Args:
+        command: lines that stand before the options.
+        values: of the options, by dotted key.
+    """
+    return " \\\n  ".join([*command, *_option_lines(values)]).split("\n")
 
 
 def _named_values(overview: Overview, advised: dict[str, Any]) -> dict[str, Any]:

@@ -261,7 +261,7 @@ def test_the_line_for_a_new_session_has_five_folds_at_most(overview, sessions, f
 
 def test_the_line_for_every_part_is_a_study_of_all_sessions(overview):
     spread = changed(overview, session=np.arange(len(overview.session)) % 12)
-    line = " ".join(each_fold_lines(spread)).replace(" \\", "")
+    line = " ".join(" ".join(each_fold_lines(spread)).replace("\\", "").split())
     words = shlex.split(line.partition(")")[2])
     assert line.startswith(
         "python -m studies each_fold --out 'each_fold/my glove' $(tactile-viewgcn preset "
