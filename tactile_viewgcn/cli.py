@@ -242,7 +242,7 @@ def report(run: str, out: Path) -> None:
 
 
 @cli.command()
-@click.argument("names", nargs=-1, metavar="[A] B")
+@click.argument("names", nargs=-1, metavar="[A] [B]")
 def compare(names: tuple[str, ...]) -> None:
     """Say whether the results of run B differ from those of run A.
 

@@ -73,7 +73,7 @@ def _second_lines(first: FinishedRun, second: FinishedRun) -> Iterator[str]:
     """Yield the seconds of each stage, of both runs."""
     before = first.timing["seconds"]
     after = second.timing["seconds"]
-    yield "seconds:"
+    yield "seconds (other work of the machine counts too):"
     for stage in dict.fromkeys([*before, *after]):
         pair = [f"{run[stage]:,.1f}" if stage in run else "-" for run in (before, after)]
         line = f"  {stage:<12} {pair[0]:>9} -> {pair[1]:>9}"
