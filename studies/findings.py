@@ -247,19 +247,20 @@ def claims_table() -> str:
 
 def reuse_table() -> str:
     """Return the table of the paper's recipe with `feature_reuse` 1, as in the paper, and 8."""
-    own, ours = "paper", "paper, reuse 8"
-    rows = []
+    labels = {"paper": "1, the paper's", "paper, reuse 8": "8, the default"}
+    lines = []
     for protocol in (CLAIMED, "recording", WHOLE):
         cells = {"": TITLES[protocol]}
-        for variant, label in ((own, "1, the paper's"), (ours, "8, the default")):
-            found = row("claims", variant, protocol)
-            cells[label] = f"{error('claims', variant, protocol)}, std {found['std']:.1f}"
-        cells["8 less 1"] = difference("claims", ours, own, protocol)
-        rows.append(cells)
-    seconds = [row("claims", variant, CLAIMED)["finetune s"] for variant in (own, ours)]
-    cells = {"": "fine-tuning, s", "1, the paper's": f"{seconds[0]:,.0f}"}
-    rows.append(cells | {"8, the default": f"{seconds[1]:,.0f}", "8 less 1": ""})
-    return markdown(rows)
+        for variant, label in labels.items():
+            std = row("claims", variant, protocol)["std"]
+            cells[label] = f"{error('claims', variant, protocol)}, std {std:.1f}"
+        cells["8 less 1"] = difference("claims", "paper, reuse 8", "paper", protocol)
+        lines.append(cells)
+    seconds = {"": "fine-tuning, s"}
+    for variant, label in labels.items():
+        seconds[label] = f"{row('claims', variant, CLAIMED)['finetune s']:,.0f}"
+    lines.append(seconds | {"8 less 1": ""})
+    return markdown(lines)
 
 
 def size_table() -> str:

@@ -277,11 +277,11 @@ def test_the_row_begins_before_its_stage_and_the_table_has_a_saved_view(store, c
         tags = client.get_experiment_by_name(name).tags
         assert "metrics.`error.whole.low`" in json.loads(tags[tracking.VIEW_TAG])["selectedColumns"]
         assert tags[tracking.NOTE].startswith("A r")
-    own = client.get_experiment_by_name(tracking.EXPERIMENT).experiment_id
-    client.set_experiment_tag(own, tracking.VIEW_TAG, "of the user")
+    rows = client.get_experiment_by_name(tracking.EXPERIMENT).experiment_id
+    client.set_experiment_tag(rows, tracking.VIEW_TAG, "of the user")
     with tracking.stage_run(Record(ROW)):
         pass
-    assert client.get_experiment(own).tags[tracking.VIEW_TAG] == "of the user"
+    assert client.get_experiment(rows).tags[tracking.VIEW_TAG] == "of the user"
 
 
 def test_a_user_without_a_name_has_runs_too(store, client, monkeypatch):

@@ -136,7 +136,8 @@ def head(monkeypatch):
 )
 def test_a_run_is_put_beside_that_of_its_commit(head, changed, words):
     beside = versus.versus_head(finished([0, 8], **changed))
-    low, high = beside.difference.low, beside.difference.high
+    low = beside.difference.low
+    high = beside.difference.high
     name = "versus.head.error.whole"
     assert beside.numbers == {name: -3 / 12, f"{name}.low": low, f"{name}.high": high}
     assert low < -3 / 12 < high
