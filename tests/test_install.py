@@ -4,6 +4,9 @@ need.
 
 import subprocess
 import sys
+import tomllib
+
+import yaml
 
 from tests.glove_data import FOREIGN_NAMES, ROOT, floats
 
@@ -47,3 +50,9 @@ def test_a_copy_outside_the_clone_trains_and_inspects_without_dvc_and_mlflow(tmp
     place, _, answers = result.stdout.splitlines()[0].partition(" ")
     assert place.startswith(str(tmp_path)) and answers == "[1 2]"
     assert all(name in (tmp_path / "page.html").read_text() for name in FOREIGN_NAMES)
+
+
+def test_the_citation_names_the_version_of_the_package():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["version"] == project["version"]
