@@ -16,8 +16,8 @@ from benchmarks.solver.other_integrators import (
     integrate_with_scipy,
 )
 from benchmarks.solver.scenes import FRAMES, SETTINGS, ball_grasp, stiffness
-from tactile_viewgcn.glove.contact import Mechanics
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
+from tactile_viewgcn.glove.mechanics import Mechanics
 from tactile_viewgcn.glove.objects import select_objects
 from tactile_viewgcn.glove.simulation import RATE, TOLERANCE, Simulation, recipe_from_params
 from tactile_viewgcn.params import Params

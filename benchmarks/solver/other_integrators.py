@@ -6,7 +6,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from benchmarks.solver.scenes import hessian
-from tactile_viewgcn.glove.contact import Balance, Mechanics
+from tactile_viewgcn.glove.mechanics import Balance, Mechanics
 
 
 class IntegrationFailed(RuntimeError):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactile_viewgcn.glove.contact import Balance, Layer, Mechanics
+from tactile_viewgcn.glove.mechanics import Balance, Layer, Mechanics
 from tactile_viewgcn.glove.objects import select_objects
 from tactile_viewgcn.glove.simulation import Recipe, Simulation
 

@@ -44,10 +44,12 @@ SIDE_TILT = 0.45  # rad by which a finger's outer rows of sensors are tilted asi
 PALM = (0.090, 0.084)  # m: length and width that the sensors cover
 PALM_CUP = 0.007  # m by which the palm's edges are higher than its middle
 TILE = 6  # a patch of the palm has TILE x TILE sensors
+FINGERS = 5
 LINKS_OF_FINGER = 3
 THUMB = 4  # number of the last finger
+PARTS = FINGERS + 1  # of a hand: its fingers and the palm
 # the first patches are the fingers' links, three each; the others belong to the palm
-LINK_PATCHES = 5 * LINKS_OF_FINGER
+LINK_PATCHES = FINGERS * LINKS_OF_FINGER
 # (3, 5, 3): along each straight finger, aside, and out of its skin; what turns with the thumb's
 # opposition is 0
 UNOPPOSED = np.zeros((3, 5, 3))
@@ -149,6 +151,12 @@ class Hands:
         axes[:, :LINK_PATCHES, :, 2] = out.reshape(count, LINK_PATCHES, 3)
         axes[:, LINK_PATCHES:] = np.eye(3)
         return Pose(origin, axes, -aside)
+
+
+def part_of(patch: np.ndarray) -> np.ndarray:
+    """Return the part (C,) of the hand that carries patches (C,): finger 0 to 4, or 5, the palm."""
+    part: np.ndarray = np.minimum(patch // LINKS_OF_FINGER, FINGERS)
+    return part
 
 
 def stag_hands(*fits: Fit) -> Hands:

@@ -22,17 +22,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tactile_viewgcn.glove.contact import (
-    FINGERS,
+from tactile_viewgcn.glove.hand import COUPLING, FINGERS, PARTS, RADIUS, part_of
+from tactile_viewgcn.glove.mechanics import (
     JOINT_COORDINATES,
     LEVER,
-    PARTS,
     Balance,
     Mechanics,
     ShiftedHessian,
-    part_of,
 )
-from tactile_viewgcn.glove.hand import COUPLING, RADIUS
 
 GAMMA = 1 - np.sqrt(0.5)
 NEWTON = 16  # iterations of a stage

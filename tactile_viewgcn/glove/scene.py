@@ -10,11 +10,13 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.glove.contact import FINGERS, GRAVITY, Drive, collisions, part_of
-from tactile_viewgcn.glove.hand import Hands
+from tactile_viewgcn.glove.contact import collisions
+from tactile_viewgcn.glove.hand import FINGERS, Hands, part_of
+from tactile_viewgcn.glove.mechanics import Drive
 from tactile_viewgcn.glove.objects import GraspObject
 from tactile_viewgcn.glove.shapes import Solids
 
+GRAVITY = 9.81  # m/s^2
 OPEN = np.array([0.15, 0.15])  # rad: posture of an open finger
 CLOSED = np.array([1.35, 1.45])  # rad: posture of a closed finger
 RELAXED = 0.4  # closure, 0 open to 1 closed, of a finger that touches nothing

@@ -12,16 +12,9 @@ import h5py
 import numpy as np
 from joblib import Parallel, delayed
 
-from tactile_viewgcn.glove.contact import (
-    DRIVEN,
-    FINGERS,
-    JOINT_COORDINATES,
-    Drive,
-    Layer,
-    Mechanics,
-)
 from tactile_viewgcn.glove.hand import (
     COUPLING,
+    FINGERS,
     LINK_PATCHES,
     LINKS_OF_FINGER,
     USUAL,
@@ -29,6 +22,7 @@ from tactile_viewgcn.glove.hand import (
     stag_hands,
 )
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
+from tactile_viewgcn.glove.mechanics import DRIVEN, JOINT_COORDINATES, Drive, Layer, Mechanics
 from tactile_viewgcn.glove.objects import GraspObject, select_objects
 from tactile_viewgcn.glove.scene import HOLD, OPEN, OPENING, plan, schedule
 from tactile_viewgcn.glove.sensor import Sensors

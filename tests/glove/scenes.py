@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.solver.other_integrators import integrate_with_scipy
 from benchmarks.solver.scenes import THICKNESS, ball_grasp, stiffness
-from tactile_viewgcn.glove.contact import HOLDING, Drive, Layer, Mechanics
 from tactile_viewgcn.glove.hand import BASES, LINK_PATCHES, LINKS, USUAL, Hands, Pose, stag_hands
+from tactile_viewgcn.glove.mechanics import HOLDING, Drive, Layer, Mechanics
 from tactile_viewgcn.glove.objects import OBJECTS, select_objects
 from tactile_viewgcn.glove.scene import OPEN
 from tactile_viewgcn.glove.shapes import Primitive, Solids, box, capsule, sphere

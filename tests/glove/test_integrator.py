@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.glove import integrator
-from tactile_viewgcn.glove.contact import HOLDING, JOINT, TENDON
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
+from tactile_viewgcn.glove.mechanics import HOLDING, JOINT, TENDON
 from tests.glove.scenes import LAYER, free_finger, radau, sphere_on_bed
 
 FRAME = 0.1  # s

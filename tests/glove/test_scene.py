@@ -4,9 +4,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tactile_viewgcn.glove import scene
-from tactile_viewgcn.glove.contact import GRAVITY, collisions
+from tactile_viewgcn.glove.contact import collisions
 from tactile_viewgcn.glove.hand import LINK_PATCHES, USUAL, stag_hands
-from tactile_viewgcn.glove.scene import closure, plan, schedule
+from tactile_viewgcn.glove.scene import GRAVITY, closure, plan, schedule
 from tactile_viewgcn.glove.shapes import Solids
 from tactile_viewgcn.randomness import stream
 from tests.glove.scenes import OBJECTS_BY_NAME

@@ -9,9 +9,9 @@ import pytest
 
 from tactile_viewgcn.files import md5
 from tactile_viewgcn.glove import simulation
-from tactile_viewgcn.glove.contact import Mechanics
 from tactile_viewgcn.glove.hand import stag_hands
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
+from tactile_viewgcn.glove.mechanics import Mechanics
 from tactile_viewgcn.glove.scene import HOLD, OPEN, OPENING, schedule
 from tactile_viewgcn.glove.simulation import (
     EFFECTS,

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from benchmarks.stability.rows import share_not_finite
-from tactile_viewgcn.glove.contact import HOLDING, JOINT, LEVER, TENDON
 from tactile_viewgcn.glove.integrator import FORCE_FLOOR, ImplicitIntegrator
+from tactile_viewgcn.glove.mechanics import HOLDING, JOINT, LEVER, TENDON
 from tactile_viewgcn.glove.scene import AWAY
 from tactile_viewgcn.glove.shapes import sphere
 from tests.glove.scenes import (
