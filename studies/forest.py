@@ -44,8 +44,8 @@ def forest_plot() -> Figure:
             _write(axes, height, "published, STAG's data")
             axes.plot(claim.published, height, "D", color="black", ms=6)
             height += 1
-        for _, design, found in (entry for entry in measured if entry[0] is claim):
-            _draw(axes, height, design, found)
+        for _, design, result in (entry for entry in measured if entry[0] is claim):
+            _draw(axes, height, design, result)
             height += 1
         height += 1
     axes.axvline(0, color="0.3", lw=0.8)
@@ -64,17 +64,17 @@ def forest_plot() -> Figure:
     return figure
 
 
-def _draw(axes: Axes, height: float, design: Design, found: "pd.Series[float]") -> None:
+def _draw(axes: Axes, height: float, design: Design, result: "pd.Series[float]") -> None:
     """Draw a row: label, interval over seeds, interval over recordings, and the difference."""
     head = f"vs {design.reference} "
     color = REAL if design.label.startswith("real") else SIMULATED
     _write(axes, height, design.label)
-    if pd.notna(found[f"{head}seeds_low"]):
-        ends = [found[f"{head}seeds_low"], found[f"{head}seeds_high"]]
+    if pd.notna(result[f"{head}seeds_low"]):
+        ends = [result[f"{head}seeds_low"], result[f"{head}seeds_high"]]
         axes.plot(ends, [height, height], color=color, lw=1.2)
-    axes.plot([found[f"{head}low"], found[f"{head}high"]], [height, height], color=color, lw=4.5)
-    fill = color if found[f"{head}verdict"] in DECIDED else "white"
-    axes.plot(found[f"{head}more"], height, "o", color=color, markerfacecolor=fill, ms=7, zorder=3)
+    axes.plot([result[f"{head}low"], result[f"{head}high"]], [height, height], color=color, lw=4.5)
+    fill = color if result[f"{head}verdict"] in DECIDED else "white"
+    axes.plot(result[f"{head}more"], height, "o", color=color, markerfacecolor=fill, ms=7, zorder=3)
 
 
 def _write(axes: Axes, height: float, text: str, weight: str = "normal") -> None:
