@@ -1,6 +1,6 @@
 """`python -m studies` lists the studies; `python -m studies NAME` runs one as DVC experiments."""
 
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
@@ -124,14 +124,14 @@ def run(
     _check_writable(folder)  # before the first cell runs
     if take:
         _take(study, take, changes)
-    how = _How(run=not take, jobs=jobs, scheduler=scheduler)
+    finish = partial(_finish, changes=changes, run_missing=not take, jobs=jobs, scheduler=scheduler)
     choices = None
     failed = 0
     if study.choice:
-        answers, failed = _finish(study.candidates(), changes, how)
+        answers, failed = finish(study.candidates())
         choices = choices_of(study, answers)
         study = study.chosen(names_of(choices))
-    answers, failed_later = _finish(study, changes, how)
+    answers, failed_later = finish(study)
     failed += failed_later
     if answers:
         print(write_report(study, answers, folder, changes, choices))
@@ -142,22 +142,22 @@ def run(
         )
 
 
-@dataclass(frozen=True)
-class _How:
-    """Whether cells that are missing are run, and where; see `run`."""
-
-    run: bool
-    jobs: int
-    scheduler: str | None
-
-
-def _finish(study: Study, changes: tuple[str, ...], how: _How) -> tuple[list[Answers], int]:
-    """Run the cells of a study that are missing.
+def _finish(
+    study: Study,
+    *,
+    changes: tuple[str, ...],
+    run_missing: bool,
+    jobs: int,
+    scheduler: str | None,
+) -> tuple[list[Answers], int]:
+    """Run the cells of a study that are missing, and return the answers of all finished cells.
 
     Args:
         study: without a choice.
         changes: changes of every cell, `key=value`.
-        how: whether cells are run, and where.
+        run_missing: whether missing cells are run; otherwise they stay missing.
+        jobs: see `run`.
+        scheduler: see `run`.
 
     Returns:
         the answers of all finished cells, and the number of cells that failed.
@@ -168,8 +168,8 @@ def _finish(study: Study, changes: tuple[str, ...], how: _How) -> tuple[list[Ans
     finished = sum(stored(key) for key in cells)
     print(f"{study.name}: {several(len(cells), 'cell')}, finished before: {finished}", flush=True)
     faults: dict[str, str] = {}
-    if how.run:
-        faults = run_cells(study.name, cells, jobs=how.jobs, scheduler=how.scheduler)
+    if run_missing:
+        faults = run_cells(study.name, cells, jobs=jobs, scheduler=scheduler)
     answers = [answers_of(cell, read_results(key)) for key, cell in cells.items() if stored(key)]
     return answers, len(faults)
 
