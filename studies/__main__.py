@@ -79,7 +79,7 @@ def main(name: str | None, changes: tuple[str, ...], pages: bool, **options: Any
 
 
 def print_studies() -> None:
-    """Print a line for each study: its name, number of cells and question."""
+    """Print a line for each study, with its name, number of cells and question, and what is next."""
     width = max(map(len, names()))
     lines = [f"{'study':<{width}} {'cells':>5}  question"]
     for name in names():
@@ -88,6 +88,7 @@ def print_studies() -> None:
         if study.choice:
             count += len(study.candidates().cells())
         lines.append(f"{study.name:<{width}} {count:>5}  {study.question}")
+    lines.append("next: `python -m studies NAME` runs the cells of a study that have not run yet")
     print(*lines, sep="\n")  # no list begins where a study is wrong
 
 

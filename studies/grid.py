@@ -26,6 +26,7 @@ COLUMNS = {  # costs, and their keys in results/timing.json
 }
 AXES = ("seed", "split.deal", "split.fold")  # keys of params.yaml that a study sets in every cell
 WORLD = "glove.seed"  # has the value of `seed`, unless the study or --set names it
+LONGEST_QUESTION = 47  # characters, so that a line of the list of studies has 80 columns
 SEEDS = (101, 102, 103, 104, 105)  # worlds on which nothing was set or chosen
 Seeds = Annotated[list[Seed], MinLen(1)]
 # names, and changes to params.yaml
@@ -90,7 +91,7 @@ class Study:
     """
 
     name: str
-    question: Annotated[StrictStr, MaxLen(41)]
+    question: Annotated[StrictStr, MaxLen(LONGEST_QUESTION)]
     variants: Variants
     reference: StrictStr | list[StrictStr] | None
     folds: Literal["all"] | Annotated[list[Natural], MinLen(1)]

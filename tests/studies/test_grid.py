@@ -212,6 +212,19 @@ def test_a_mistake_on_the_command_line_ends_in_one_line_before_any_cell(
     assert result.exit_code == 1 and expected in result.output and result.output.count("\n") == 1
 
 
+def test_the_list_has_each_question_once_in_80_columns_and_what_to_type_next():
+    result = CliRunner().invoke(main, [])
+    assert result.exit_code == 0
+    lines = result.output.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert [line.split()[0] for line in lines] == ["study", *names(), "next:"]
+    questions = [read_study(name).question for name in names()]
+    assert len(set(questions)) == len(questions)
+    for line, question in zip(lines[1:], questions, strict=False):
+        assert line.endswith(f"  {question}")
+    assert "python -m studies NAME" in lines[-1]
+
+
 @pytest.mark.parametrize("folds", ["all", [0]])
 @pytest.mark.parametrize(
     ("committed", "word"), [({}, "^no params"), ({"views": 0}, "params.yaml in git's HEAD: v")]
