@@ -1,7 +1,7 @@
-"""What README.md and docs/results.md say of the studies, from their results files.
+"""The tables of README.md and docs/results.md, made from the results files of the studies.
 
 The pages call these functions in blocks of Cog. `python -m studies --pages` writes the blocks and
-the figures anew, and a test says whether a block is out of date.
+the figures anew. A test says whether a block is out of date.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -34,12 +34,12 @@ METHODS = {
 
 @dataclass(frozen=True)
 class Design:
-    """Recordings and length of training of a comparison.
+    """A study in which the claims are compared: its recordings and the length of its training.
 
     Attributes:
-        label: at the left of the row.
+        label: text at the left of its row in the figure, and above its column in a table.
         study: name of the folder in studies/.
-        suffix: of the variants' names in that study.
+        suffix: end of the variants' names in that study.
     """
 
     label: str
@@ -54,13 +54,13 @@ class Design:
 
 @dataclass(frozen=True)
 class Claim:
-    """What the paper compares its network with.
+    """One claim of the paper: what it compares its network with.
 
     Attributes:
-        label: above the rows.
+        label: text above its rows.
         variant: its name in the studies, without a suffix.
-        published: percentage points by which its error was higher on STAG's data; None where the
-            paper only says that it was higher.
+        published: percentage points by which the variant's error was higher on STAG's data; None
+            if the paper only says that it was higher.
     """
 
     label: str
@@ -115,7 +115,7 @@ def row(study: str, variant: str, protocol: str) -> "pd.Series[float]":
 
 
 def has(study: str, variant: str, protocol: str) -> bool:
-    """Return whether a study's results file has the row, see `row`."""
+    """Return whether a study's results file exists and has the row."""
     try:
         row(study, variant, protocol)
     except UserError:
@@ -139,7 +139,7 @@ def error_or_not(study: str, variant: str) -> str:
 def difference(study: str, variant: str, reference: str, protocol: str) -> str:
     """Return a paired difference with both intervals, as in `8.6 (6.8 to 10.7; 3.5 to 13.8)`.
 
-    The second interval, over seeds, is left out where there is none.
+    The first interval is over split groups, the second over seeds. The second may be missing.
     """
     result = row(study, variant, protocol)
     head = f"vs {reference} "

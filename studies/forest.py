@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from studies.comparison import HIGHER, LOWER, OPEN
 from studies.findings import CLAIMED, CLAIMS, DESIGNS, Claim, Design, has, row
 
-DECIDED = (HIGHER, LOWER, OPEN)  # verdicts of five worlds and trained networks
+DECIDED = (HIGHER, LOWER, OPEN)  # only five worlds and trained networks have these verdicts
 REAL = "C1"
 SIMULATED = "C0"
 
@@ -25,11 +25,12 @@ def rows_of_claims() -> Iterator[tuple[Claim, Design, "pd.Series[float]"]]:
 
 
 def forest_plot() -> Figure:
-    """Return the plot: x is the error under `object` minus that of the paper's recipe.
+    """Return the plot: x is the error under `object` minus the error of the paper's recipe.
 
-    A thick bar is the 95 % interval over recordings, a thin one that over seeds. A mark is hollow
-    where the difference has no verdict, see `comparison.verdict`: fewer than five seeds, one
-    simulated world, or a network that is not trained to its end. A diamond is the published value.
+    A thick bar is the 95 % interval over recordings, and a thin bar the interval over seeds. A
+    diamond is the published value. A mark is hollow if the difference has no verdict: with fewer
+    than five seeds, in one simulated world, or for a network that is not trained to its end. See
+    `comparison.verdict`.
     """
     measured = list(rows_of_claims())
     published = [claim for claim in CLAIMS if claim.published is not None]

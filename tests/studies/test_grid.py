@@ -196,7 +196,7 @@ def test_a_cell_is_known_by_what_its_source_holds_wherever_it_lies(tmp_path):
             ["compare", "--set", "seed=4", "--out", "elsewhere"],
             "--set seed: every cell has its own",
         ),
-        (["error_time", "--set", "views=8", "--out", "elsewhere"], "the same training twice"),
+        (["error_time", "--set", "views=8", "--out", "elsewhere"], "the same training run twice"),
         (
             ["compare", "--out", "pyproject.toml/results"],
             "Not a directory; with --out name a folder",
