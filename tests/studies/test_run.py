@@ -240,7 +240,7 @@ def test_a_clone_at_another_commit_and_changed_data_are_refused_before_any_work(
     names, reasons, left = zip(*printed, strict=True)
     assert set(names) == set(map(str, on_file)) and "".join(left) == "3210"
     assert "code or data have changed" in reasons[0] and {*reasons[1:]} == {
-        f"the same as of {names[0]}"
+        f"for the same reason as {names[0]}"
     }
     assert not (tmp_path / "log").exists()
 
