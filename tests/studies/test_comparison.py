@@ -295,7 +295,7 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
         "| b †       | 30.0 (" in text
         and "| 20.0 (20.0 to 20.0) | not trained to its end |" in text
     )
-    assert "Training runs that have not been run: a 1 of 2, b 1 of 2." in text
+    assert "Missing training runs: a 1 of 2, b 1 of 2." in text
     for words in (
         "`split.by=grasp`",
         "160 view sets, 160 whole recordings, 2 classes",
