@@ -325,7 +325,7 @@ def test_the_report_says_which_worlds_its_seeds_are(tmp_path):
 
     assert "of one simulated world, `glove.seed` 16" in text(["16", "16"])
     two_worlds = text(["101", "102"])
-    assert "A seed is a simulated world too" in two_worlds
+    assert "A seed is also a simulated world" in two_worlds
     assert "over 16 split groups" in two_worlds
     assert "world" not in text(["", ""])
 
