@@ -13,22 +13,22 @@ ROUNDING = 1e-9  # m: more than the rounding errors of a distance
 
 @dataclass(frozen=True)
 class Contacts:
-    """C contacts of one sensor with one primitive, sorted by row and sensor.
+    """C contacts, each of one sensor with one primitive, sorted by row and sensor.
 
-    Where primitives of an object overlap, a sensor has a contact with each of them. So the force on
-    it changes continuously as it slides from one into the other. A sensor pressed past the middle
-    of a wall is pushed out on the far side.
+    If primitives of an object overlap, a sensor inside both has a contact with each. So the force
+    on it changes continuously as it slides from one into the other. A sensor that is pressed past
+    the middle of a wall is pushed out on the far side.
 
     Attributes:
         row: (C,) index of the hand among the rows of the search.
         sensor: (C,) index of the sensor.
-        patch: (C,) patch that carries it.
+        patch: (C,) patch that carries the sensor.
         depth: (C,) m, above 0.
         local: (C, 3) m, position of the sensor in the primitive's axes.
-        centre: (C, 3) m, of the primitive.
-        axes: (C, 3, 3) of the primitive.
+        centre: (C, 3) m, centre of the primitive.
+        axes: (C, 3, 3) axes of the primitive.
         primitive: (C,) index of the primitive in its object.
-        hand: (C,) index of the hand among all hands, and of its object.
+        hand: (C,) index of the hand among all hands, and of its object among all objects.
         hands: all hands.
         solids: all objects.
         pose: pose of the hands of the search.
@@ -49,7 +49,7 @@ class Contacts:
 
     @cached_property
     def normal(self) -> np.ndarray:
-        """Return the unit vectors (C, 3) out of the object. A search for tunnels needs none."""
+        """Return the unit vectors (C, 3) out of the object; the search for tunnels needs none."""
         gradient = self.solids.gradient(self.hand, self.primitive, self.local)
         normal: np.ndarray = np.einsum("nij,nj->ni", self.axes, gradient)
         return normal
@@ -81,15 +81,15 @@ def collisions(
 ) -> Contacts:
     """Return the contacts of some hands with their objects.
 
-    Pairs of patch and primitive whose bounding spheres do not overlap are skipped.
+    Pairs of a patch and a primitive whose bounding spheres do not overlap are skipped.
 
     Args:
         hands: B hands.
         solids: the B objects that they hold.
         rows: (R,) indices of R of these hands.
         pose: pose of the R hands.
-        position: (R, 3) m of the objects.
-        rotation: (R, 3, 3) from the object's axes to the palm's.
+        position: (R, 3) m, positions of the objects.
+        rotation: (R, 3, 3) rotations from the object's axes to the palm's.
         palm: whether the palm's sensors are tested too.
     """
     # centres of the bounding spheres of primitives (R, P, 3)
@@ -109,9 +109,9 @@ def collisions(
     pair = np.repeat(np.arange(len(r)), count)
     sensor = first + np.arange(len(pair))
     hand = rows[r]
-    # of a sensor among those of all hands
+    # index of a sensor among the sensors of all hands
     number = hand[pair] * len(hands.patch) + sensor
-    # A sensor is at most as much deeper as it is far from the patch's centre.
+    # A sensor can be deeper than its patch's centre only by its distance from the centre.
     may_touch = np.flatnonzero(gap[pair] < hands.from_centre.take(number) + ROUNDING)
     pair = pair[may_touch]
     sensor = sensor[may_touch]
@@ -150,7 +150,7 @@ def _close_pairs(
     rotation: np.ndarray,
     patches: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the pairs of a patch and a primitive that may be in contact.
+    """Return the pairs of a patch and a primitive that can be in contact.
 
     The bounding spheres of a pair overlap, and the patch's sphere reaches into the primitive.
 
@@ -160,12 +160,12 @@ def _close_pairs(
         rows: (R,) indices of R of these hands.
         pose: pose of the R hands.
         primitive: (R, P, 3) m, centres of the primitives' spheres.
-        rotation: (R, 3, 3) from the object's axes to the palm's.
+        rotation: (R, 3, 3) rotations from the object's axes to the palm's.
         patches: N, number of patches that are tested.
 
     Returns:
         Indices of hand, patch and primitive, (n,) each; the axes (n, 3, 3) of the primitives; and
-        their signed distances (n,) m from the patches' centres.
+        the signed distances (n,) m of the patches' centres from the primitives.
     """
     # centres of the bounding spheres of patches (R, N, 3)
     patch = pose.origin[:, :patches] + np.einsum(

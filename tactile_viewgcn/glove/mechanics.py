@@ -1,17 +1,17 @@
-"""Contact mechanics: an elastic skin in series with the object's surface, all overdamped.
+"""Contact mechanics of a hand: forces, energy and Hessian of an overdamped elastic contact.
 
-The unknowns y of a hand are ten joint coordinates (5, 2) in rad and, where the object moves, its
-position (3,) in m:
+The unknowns y of a hand are ten joint coordinates (5, 2) in rad. If the object moves, its position
+(3,) in m is unknown too:
 
-    D dy/dt = drive(t) - dU/dy,    U = sum_s k A_s d_s^2 / 2  +  joints  +  joint limits  +
-    holding.
+    D dy/dt = drive(t) - dU/dy,
+    U = sum_s k A_s d_s^2 / 2  +  joints  +  joint limits  +  holding.
 
-D is the damping, d_s the depth of sensor s inside the object, and A_s the sensor's area. The
-stiffness k per area is that of skin and object in series: an elastic, or Winkler, foundation
-(Johnson, "Contact Mechanics" (1985), section 4.3). The force on a sensor is k A_s d_s along the
-object's normal. There is no separate friction: a spring, `holding`, pulls the object to the
-position that the scene prescribes. The Hessian of U omits the curvature of the contact
-(Gauss-Newton) and is therefore never indefinite.
+D is the damping, d_s the depth of sensor s inside the object, and A_s the sensor's area. The skin
+and the surface of the object are springs in series, and k is the stiffness of both per area. This
+is an elastic, or Winkler, foundation (Johnson, "Contact Mechanics" (1985), section 4.3). The force
+on a sensor is k A_s d_s along the object's normal. There is no separate friction: a spring,
+`holding`, pulls the object to the position that the scene prescribes. The Hessian of U omits the
+curvature of the contact (Gauss-Newton) and is therefore never indefinite.
 """
 
 import math
@@ -33,23 +33,23 @@ from tactile_viewgcn.glove.hand import (
 )
 from tactile_viewgcn.glove.shapes import Solids
 
-LIMITS = np.array([[-0.3, 1.6], [-0.1, 1.9]])  # rad: range of the two coordinates of a finger
+LIMITS = np.array([[-0.3, 1.6], [-0.1, 1.9]])  # rad: ranges of the two coordinates of a finger
 JOINT = np.array([0.25, 0.16])  # N m / rad: springs towards the posture
-LIMIT = 6.0  # N m / rad: spring beyond LIMITS
+LIMIT = 6.0  # N m / rad: springs beyond LIMITS
 TENDON = np.array([1.0, 0.5])  # share of a finger's squeeze that acts on each of its coordinates
 HOLDING = 1500.0  # N/m: spring between the object and its prescribed position
 HOLDING_HESSIAN = HOLDING * np.eye(3)
 LEVER = 0.05  # m: converts between forces and torques of comparable size
-JOINT_COORDINATES = 2 * FINGERS  # unknowns of the joints, the first of a state y
+JOINT_COORDINATES = 2 * FINGERS  # number of joint coordinates, which begin a state y
 
 
 @dataclass(frozen=True)
 class Layer:
-    """Skin and glove as an elastic layer, and the damping, which decide how stiff the equation is.
+    """Skin and glove as an elastic layer, and the damping. They decide how stiff the equation is.
 
     Args:
-        stiffness: Pa/m of skin and glove, modulus over thickness.
-        thickness: m; the integrator counts errors of positions in it.
+        stiffness: Pa/m, stiffness of skin and glove: modulus over thickness.
+        thickness: m, unit in which the integrator measures errors of positions.
         joint_damping: N m s / rad.
         object_damping: N s / m.
     """
@@ -62,15 +62,15 @@ class Layer:
 
 @dataclass(frozen=True)
 class Drive:
-    """Prescribed motion and loads at K knots one frame apart, linear in between.
+    """Prescribed motion and loads at K knots, one frame apart, and linear between them.
 
     Attributes:
-        posture: (B, K, 5, 2) rad, zero of the joints' springs.
+        posture: (B, K, 5, 2) rad, rest position of the joints' springs.
         squeeze: (B, K, 5) N m, torque that closes each finger.
-        opposition: (B, K) rad of the thumb.
-        position: (B, K, 3) m, where a spring draws the object.
+        opposition: (B, K) rad, opposition of the thumb.
+        position: (B, K, 3) m, to which a spring pulls the object.
         rotation: (B, K, 3) rotation vector of the object, rad.
-        load: (B, K, 3) N on the object.
+        load: (B, K, 3) N, force on the object.
     """
 
     posture: np.ndarray
@@ -81,11 +81,11 @@ class Drive:
     load: np.ndarray
 
     def at(self, rows: np.ndarray, time: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the values of rows (R,) at their times, by name.
+        """Return the values of some hands at their times, by name.
 
         Args:
             rows: (R,) indices of hands.
-            time: (R,) in frames since the first knot.
+            time: (R,) frames since the first knot.
         """
         last = self.squeeze.shape[1] - 1
         knot = np.minimum(time.astype(int), last - 1)
@@ -104,13 +104,13 @@ class Drive:
 
     @cached_property
     def _joined(self) -> np.ndarray:
-        """Return all values (B, K, n) side by side: gathered at once they take a third."""
+        """Return all values (B, K, n) side by side: gathering them at once takes a third."""
         hands, knots = self.opposition.shape
         values = [getattr(self, name).reshape(hands, knots, -1) for name in DRIVEN]
         return np.concatenate(values, axis=2)
 
 
-#: names of the prescribed values
+#: Names of the prescribed values.
 DRIVEN = tuple(field.name for field in fields(Drive))
 
 
@@ -121,13 +121,13 @@ class Balance:
     Attributes:
         residual: (R, n) dU/dy - drive; 0 in equilibrium.
         energy: (R,) J, U - drive . y.
-        fingers: (R, 5, 2, 2) the Hessian's blocks of the fingers.
-        cross: (R, 5, 2, 3) its blocks between fingers and object.
-        object: (R, 3, 3) its block of the object; (R, 0, 0) without motion.
+        fingers: (R, 5, 2, 2) blocks of the Hessian, one for each finger.
+        cross: (R, 5, 2, 3) blocks of the Hessian between fingers and object.
+        object: (R, 3, 3) block of the Hessian for the object; (R, 0, 0) without motion.
         contacts: the C contacts.
         force: (C,) N along the contact's normal.
-        slope: (C, 5) derivative of the depth by the two coordinates of the sensor's finger and the
-            object's three.
+        slope: (C, 5) derivatives of the depth by the two coordinates of the sensor's finger and the
+            three of the object.
     """
 
     residual: np.ndarray
@@ -146,16 +146,16 @@ class Mechanics:
     Args:
         hands: B hands.
         solids: the B objects that they hold.
-        stiffness: (B,) Pa/m of the objects' surfaces.
+        stiffness: (B,) Pa/m, stiffness of the objects' surfaces.
         drive: prescribed motion and loads.
         layer: skin and damping.
-        motion: whether the object's position is unknown too; n is 13 then, else 10.
+        motion: whether the object's position is unknown too. If so, n is 13, else 10.
 
     Attributes:
-        stiffness: (B,) Pa/m of skin and object in series.
-        size: n.
-        damping: (n,) N m s / rad, and N s / m of the object.
-        lever: (n,) makes torques on joints and forces on the object comparable.
+        stiffness: (B,) Pa/m, stiffness of skin and object in series.
+        size: n, number of unknowns.
+        damping: (n,) N m s / rad of the joints, and N s / m of the object.
+        lever: (n,) factors that make torques on joints and forces on the object comparable.
     """
 
     def __init__(
@@ -197,10 +197,10 @@ class Mechanics:
 
         Args:
             rows: (R,) indices of the hands.
-            time: (R,) in frames since the first knot.
+            time: (R,) frames since the first knot.
             y: (R, n) states.
-            palm: whether the palm's sensors are tested for contact; their forces matter only where
-                the object moves.
+            palm: whether the palm's sensors are tested for contact. Their forces matter only if the
+                object moves.
         """
         count = len(rows)
         now = self.drive.at(rows, time)
@@ -242,7 +242,7 @@ class Mechanics:
         )
 
     def _sensor_stiffness(self, rows: np.ndarray, contacts: Contacts) -> np.ndarray:
-        """Return the stiffness (C,) N/m of contacts of the hands `rows` (R,)."""
+        """Return the stiffness (C,) N/m of each contact of the hands `rows` (R,)."""
         hand = rows[contacts.row]
         stiffness: np.ndarray = self.stiffness[hand] * self.hands.area[hand, contacts.sensor]
         return stiffness
@@ -250,13 +250,13 @@ class Mechanics:
     def contacts(
         self, rows: np.ndarray, time: np.ndarray, y: np.ndarray, *, palm: bool
     ) -> Contacts:
-        """Return the contacts of some hands; arguments are those of `evaluate`."""
+        """Return the contacts of some hands. It has the same arguments as `evaluate`."""
         return self._touch(rows, y, self.drive.at(rows, time), palm=palm)
 
     def _touch(
         self, rows: np.ndarray, y: np.ndarray, now: dict[str, np.ndarray], *, palm: bool
     ) -> Contacts:
-        """Return the contacts of some hands, with the drive `now`."""
+        """Return the contacts of some hands for the values `now` of the drive."""
         q = y[:, :JOINT_COORDINATES].reshape(-1, FINGERS, 2)
         position = now["position"]
         if self.motion:
@@ -266,17 +266,15 @@ class Mechanics:
         return collisions(self.hands, self.solids, rows, pose, position, rotation, palm=palm)
 
     def force_change(self, balance: Balance, rows: np.ndarray, dy: np.ndarray) -> np.ndarray:
-        """Return the change (C,) N of the contacts' forces for a change of the state.
-
-        It is of first order.
+        """Return the change (C,) N of the contacts' forces, to first order in a change of state.
 
         Args:
-            balance: of the hands at their state.
+            balance: forces of the hands at their state.
             rows: (R,) indices of the hands.
-            dy: (R, n) the change.
+            dy: (R, n) change of the state.
         """
         row = balance.contacts.row
-        # the palm's slope by a joint is 0, so that any finger may stand for it
+        # the palm's slope by a joint is 0, so any finger can stand for it
         finger = np.minimum(balance.contacts.patch // LINKS_OF_FINGER, FINGERS - 1)
         bend = dy[:, :JOINT_COORDINATES].reshape(-1, FINGERS, 2)[row, finger]
         deeper = np.einsum("ni,ni->n", balance.slope[:, :2], bend)
@@ -289,8 +287,8 @@ class Mechanics:
         """Return the matrix of Newton's equations of R hands in a stage: Hessian + damping / h'.
 
         Args:
-            balance: with the Hessian of the hands.
-            scaled_step: (R,) s, h'.
+            balance: Hessian of the hands at their state.
+            scaled_step: (R,) s, the stage's share h' of the step.
         """
         count = len(scaled_step)
         shift = self.damping / scaled_step[:, None]
@@ -310,16 +308,16 @@ class Mechanics:
 class ShiftedHessian:
     """The matrices Hessian + diag(shift) of R hands, prepared for several right-hand sides.
 
-    The fingers are coupled only through the object, so a 3 x 3 Schur complement is solved, then
-    each finger.
+    The fingers are coupled only through the object. So a 3 x 3 Schur complement is solved first,
+    then each finger.
 
     Attributes:
-        shift: (R, n).
-        inverse: (R, 5, 2, 2) of the fingers' blocks.
-        cross: (R, 5, 2, 3) the blocks between fingers and object.
-        through: (R, 5, 3, 2) the blocks between object and fingers times these inverses; empty
-            without motion.
-        schur: (R, 3, 3) the Schur complement of the fingers; empty without motion.
+        shift: (R, n) numbers that are added to the diagonal.
+        inverse: (R, 5, 2, 2) inverses of the fingers' blocks.
+        cross: (R, 5, 2, 3) blocks between fingers and object.
+        through: (R, 5, 3, 2) blocks between object and fingers, times `inverse`; empty without
+            motion.
+        schur: (R, 3, 3) Schur complement of the fingers; empty without motion.
     """
 
     shift: np.ndarray
@@ -346,8 +344,8 @@ class ShiftedHessian:
 def _slopes(contacts: Contacts) -> np.ndarray:
     """Return `slope` (C, 5) of `Balance`.
 
-    The slope by a joint's angle is hinge x arm along the normal; by the object's position it is the
-    normal.
+    The slope by a joint's angle is the part of hinge x arm along the normal. The slope by the
+    object's position is the normal.
     """
     pose = contacts.pose
     slope = np.zeros((len(contacts.row), 5))
@@ -369,16 +367,16 @@ def _slopes(contacts: Contacts) -> np.ndarray:
 def _sums_by_part(
     contacts: Contacts, count: int, force: np.ndarray, stiffness: np.ndarray, slope: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return sums over the contacts of each part of a hand, its five fingers and the palm.
+    """Return sums over the contacts of each part of a hand: its five fingers and the palm.
 
-    Contacts are sorted by hand and part.
+    Contacts are sorted by hand and part, so each sum is over neighbours.
 
     Args:
         contacts: C contacts of R hands.
         count: R.
-        force: (C,) N.
-        stiffness: (C,) N/m.
-        slope: (C, 5) of the depths.
+        force: (C,) N, forces of the contacts.
+        stiffness: (C,) N/m, their stiffness.
+        slope: (C, 5) slopes of their depths.
 
     Returns:
         The sums (R, 6, 5) of force * slope, and (R, 6, 5, 5) of stiffness * slope slope'.

@@ -156,5 +156,5 @@ def test_a_study_that_takes_cells_runs_none_and_reports_those_that_are_there(
     assert not Path("studies").exists() and not Path("other").exists()
     run(study, take=place, changes=changes, out=out)
     printed = capsys.readouterr().out
-    assert "1 cell taken from" in printed and "not been run: b 1 of 1." in printed
+    assert "1 cell taken from" in printed and "Missing training runs: b 1 of 1." in printed
     assert ((out or Path("studies/made")) / "results.md").read_text() in printed
