@@ -118,7 +118,7 @@ def _weights(grasp_objects: list[GraspObject]) -> np.ndarray:
 
 
 def _courses(phase: np.ndarray, progress: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return how far the object has arrived, how far the fingers have closed, and how they squeeze.
+    """Return how far the object has arrived and the fingers have closed, and how hard they squeeze.
 
     Args:
         phase: (T,) see `schedule`.
