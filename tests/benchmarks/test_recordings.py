@@ -54,7 +54,7 @@ def test_sets_have_errors_on_held_out_groups_and_a_later_run_keeps_what_an_earli
     first = run.invoke(main, [*sets, "--out", str(out), "--only", "trees,svc,logistic"])
     assert first.exit_code == 0 and "Regret" not in first.output
     second = run.invoke(main, [*sets[::-1], "--out", str(out), "--only", "ours"])
-    assert second.output.endswith("\nRegret: 50.0 points in the mean, 50.0 at most, on far.\n")
+    assert second.output.endswith("\nRegret: mean 50.0 points, largest 50.0 points (far).\n")
     # folds: four, or as many as there are groups
     assert OnlyA.asked == [(12, (2, 2))] * 4 + [(1, (1, 3))] * 2
     table = pd.read_csv(out, index_col="set")
