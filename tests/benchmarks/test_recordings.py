@@ -1,4 +1,4 @@
-"""The benchmark of recordings, on two tiny sets, with a stand-in for the slow classifier."""
+"""The benchmark of recordings, with two tiny sets and a stand-in for the slow classifier."""
 
 from typing import ClassVar
 
@@ -12,7 +12,7 @@ from benchmarks.recordings.__main__ import COLUMNS, MINIROCKET, SIMPLE, main
 
 
 def write_set(folder, shape, level, sessions):
-    """Two objects of 8 recordings whose readings differ by `level`, in some sessions, or none."""
+    """Write 16 recordings of two objects, which differ by `level`; 0 sessions: no groups."""
     rng, groups = np.random.default_rng(0), {}
     for number in range(16):
         file = folder / "ab"[number % 2] / f"{number}.npy"
@@ -27,7 +27,7 @@ def write_set(folder, shape, level, sessions):
 
 
 class OnlyA:
-    """Answers "a", and takes three axes alone; `asked` has the groups and shape of each fold."""
+    """Answers "a", and takes only three axes; `asked` has the groups and shape of each fold."""
 
     asked: ClassVar[list] = []
 
@@ -80,7 +80,7 @@ class KnowsFolds(OnlyA):
 
 
 def test_persons_of_a_source_s_folders_are_held_out_together(tmp_path, monkeypatch):
-    """Two objects of three persons, two recordings each; and the same without groups."""
+    """Write two objects of three persons, two recordings each, and the same without groups."""
     monkeypatch.setattr(recordings, "TactileClassifier", KnowsFolds)
     monkeypatch.setattr(KnowsFolds, "asked", [])
     rng = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""The search for contacts finds the same as a loop over every sensor and primitive."""
+"""The search for contacts: a loop over every sensor and primitive finds the same ones."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def test_collisions_are_those_of_a_loop_over_every_sensor_and_primitive(palm, se
 def test_facing_is_the_cosine_between_the_skin_and_the_pressure():
     balance = pressed(16, [(0, 0, RADIUS - DEPTH)])
     np.testing.assert_allclose(balance.contacts.facing, -balance.contacts.normal[:, 2], rtol=1e-12)
-    # a sphere that comes from behind presses no sensor
+    # a sphere that comes from behind does not press a sensor
     under = pressed(16, [(0, 0, DEPTH - RADIUS)])
     assert len(under.contacts.facing) == len(balance.contacts.facing)
     assert not under.contacts.facing.any()

@@ -1,5 +1,6 @@
-"""Mechanics: forces are slopes of the energy, and a sphere on a flat bed obeys the elastic
-foundation's closed form.
+"""Mechanics: forces are slopes of the energy, and a sphere on a bed has a closed form.
+
+The closed form is the one of an elastic foundation.
 """
 
 import numpy as np
@@ -12,7 +13,7 @@ from tactile_viewgcn.glove.hand import LINK_PATCHES
 from tactile_viewgcn.glove.shapes import sphere
 from tests.glove.scenes import LAYER, bed, gripping_hands, scene
 
-WIDTH, RADIUS, DEPTH = 0.04, 0.1, 0.001  # m: of the bed; of a sphere, and how deep it is in the bed
+WIDTH, RADIUS, DEPTH = 0.04, 0.1, 0.001  # m: of the bed; of a sphere; and its depth in the bed
 
 
 def balanced(mechanics, y):
@@ -20,7 +21,7 @@ def balanced(mechanics, y):
 
 
 def pressed(count, position):
-    """Contact of spheres at (B, 3) with a bed of count x count sensors that fill WIDTH."""
+    """Return the balance of spheres at (B, 3) on a bed of count x count sensors, WIDTH wide."""
     hands = bed(count, WIDTH, hands=len(position))
     mechanics = scene([[sphere(RADIUS)]], position, hands=hands, stiffness=1e9, motion=False)
     return balanced(mechanics, np.zeros((len(position), 10)))
@@ -71,12 +72,13 @@ def test_the_change_of_the_forces_is_that_of_a_small_step(motion):
 
 
 def test_finer_beds_come_ever_closer_to_the_closed_form():
-    """The exact form: depth R - s at distance s from the centre, R - d <= s <= R, so F_z = pi k (R
-    - d) d^2.
+    """At distance s from the centre the exact depth is R - s, for R - d <= s <= R.
+
+    So the force is F_z = pi k (R - d) d^2.
     """
     stiff, height = 1 / (1 / LAYER.stiffness + 1 / 1e9), RADIUS - DEPTH
     load = np.pi * stiff * height * DEPTH**2
-    # of the forces' sizes, whatever their directions
+    # sum of the sizes of the forces, whatever their directions
     total = np.pi * stiff * (RADIUS * DEPTH**2 - 2 / 3 * DEPTH**3)
     edge = np.sqrt(2 * RADIUS * DEPTH - DEPTH**2)
     errors = []
@@ -91,7 +93,7 @@ def test_finer_beds_come_ever_closer_to_the_closed_form():
         shares = np.stack([
             np.bincount(row, -balance.force * balance.contacts.normal[:, 2]) / load,
             np.bincount(row, balance.force) / total,
-            # the radius of a disc of the same area
+            # the radius of a disc with the area of the pressed sensors
             np.sqrt(np.bincount(row) / np.pi) * pitch / edge,
         ])  # fmt: skip
         errors.append(np.sqrt(((shares - 1) ** 2).mean(axis=1)))

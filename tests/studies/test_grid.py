@@ -31,7 +31,7 @@ LEAST = {
 
 @pytest.fixture
 def study(tmp_path, monkeypatch):
-    """A study of these keys, and of the least of the others."""
+    """Make a study of these keys, and of the least of the others."""
     monkeypatch.setattr(grid, "FOLDER", tmp_path)
 
     def made(**keys):
@@ -74,7 +74,7 @@ def test_every_variant_is_trained_on_each_fold_of_each_deal_deal_by_deal(study):
     assert [(cell.deal, cell.variant, cell.fold) for cell in made.cells()] == list(
         product([0, 3], "ab", [0, 1])
     )
-    changes = made.cells()[-1].changes  # those of the preset, then later ones
+    changes = made.cells()[-1].changes  # the changes of the preset, then the later ones
     assert "split.deal=3" in changes and "model.system=vote" in changes
     assert changes.index("pretrain.epochs=8") < changes.index("pretrain.epochs=2")
     grasps = made.cells(("split.folds=6", "split.by=grasp"))
@@ -243,7 +243,7 @@ def test_cells_have_the_committed_values_below_all_changes(study, monkeypatch):
         grid, "committed_params", lambda path: {"views": 5, "seed": 0, "pretrain.epochs": 7}
     )
     cells = study(variants={"a": {}, "b": {"views": 4}}).cells(("preprocess.transform=log",))
-    # whatever a run has left in params.yaml
+    # params.yaml in the working folder does not matter
     params = [default_params(cell.changes) for cell in cells]
     assert [(p.views, p.preprocess.transform, p.pretrain.epochs) for p in params] == [
         (5, "log", 7),

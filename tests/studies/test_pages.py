@@ -1,4 +1,4 @@
-"""What the pages say of the studies is what their results files have."""
+"""The numbers of the studies on the pages are those of the results files."""
 
 import re
 import subprocess
@@ -36,7 +36,7 @@ def test_no_block_of_the_pages_is_out_of_date():
 
 @pytest.mark.parametrize("page", PAGES)
 def test_the_text_around_the_blocks_has_no_measured_number(page):
-    """A number that was measured comes from a block."""
+    """Every measured number comes from a block."""
     text = (ROOT / page).read_text()
     if page == "README.md":
         text = text.partition("## What was found")[2]
@@ -57,7 +57,7 @@ def result(variant, protocol="object protocol", *, more=3.0, verdict=ONE_WORLD, 
 
 @pytest.fixture
 def results(tmp_path, monkeypatch):
-    """Writes the results file of a study."""
+    """Return a function that writes the results file of a study."""
     monkeypatch.setattr(findings, "FOLDER", tmp_path)
 
     def write(study, *rows):

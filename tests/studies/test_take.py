@@ -1,4 +1,4 @@
-"""Results of cells that ran elsewhere: taken, or refused with what differs."""
+"""Results of cells that ran elsewhere are taken, or refused with what differs."""
 
 import json
 from dataclasses import replace
@@ -30,7 +30,7 @@ ORIGIN = {"git.dirty": "false", "device": "NVIDIA H100", "processor": "Intel"}
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A repository of one stage's code with two commits, in which the test runs."""
+    """Make a repository of one stage's code with two commits, in which the test runs."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "params.yaml").write_text((ROOT / "params.yaml").read_text())
     (tmp_path / "tactile_viewgcn/nn").mkdir(parents=True)
@@ -43,8 +43,9 @@ def place(tmp_path, monkeypatch):
 
 
 def write_cell(folder, views, *, md5="ab", changes=(), only=None, **origin):
-    """What the stages write for a cell of that number of views; `only` one record has the changed
-    origin.
+    """Write the files that the stages write for a cell with this number of views.
+
+    With `only`, just this record has the changed origin.
     """
     unchanged = ORIGIN | {"mlflow.source.git.commit": git("rev-parse", "HEAD").strip()}
     values = flatten(load("params.yaml", (f"views={views}", *changes)))
