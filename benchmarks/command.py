@@ -13,7 +13,7 @@ from tactile_viewgcn.files import new_files
 from tactile_viewgcn.messages import program
 from tactile_viewgcn.params import Params, load
 
-Row = dict[str, Any]  # of a table, by column
+Row = dict[str, Any]  # a row of a table, by column
 Result = tuple[str, list[Row], Figure | None]  # text above the table, its rows, and the picture
 
 

@@ -102,7 +102,7 @@ def answers_of(cell: Cell, contents: dict[str, bytes]) -> Answers:
         contents: contents of the files `RESULTS`, by their paths.
 
     Raises:
-        Exception: a file is damaged; the exception may be of any kind.
+        Exception: a file is damaged. The exception can be of any kind.
     """
     timing = json.loads(contents["results/timing.json"])
     costs = {name: reduce(getitem, keys, timing) for name, keys in COLUMNS.items()}

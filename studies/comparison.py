@@ -25,7 +25,7 @@ OPEN = "not decided"
 UNTRAINED = "not trained to its end"
 FEW_SEEDS = f"fewer than {ENOUGH_SEEDS} seeds"
 ONE_WORLD = "one simulated world"
-TRAINING = ["seed", "deal"]  # of one training run, which has a cell for each fold
+TRAINING = ["seed", "deal"]  # they name a training run, which has a cell for each fold
 # the same seed gives errors that differ by percentage points between kinds of machines
 PAIRED = [*TRAINING, "machine"]
 
@@ -78,7 +78,7 @@ def errors_of(answers: list[Answers]) -> pd.DataFrame:
             part["protocol"] = TITLES[protocol]
             parts.append(part)
     rows = pd.concat(parts, ignore_index=True)
-    # the folds of a training run may have run on several machines
+    # the folds of a training run can come from several machines
     machines = rows.groupby(["variant", *TRAINING])["machine"]
     return rows.assign(machine=machines.transform(lambda names: ", ".join(sorted(set(names)))))
 
@@ -194,7 +194,7 @@ def percent(
     All intervals draw the same random numbers.
 
     Args:
-        names: of the mean and of the two ends.
+        names: names of the mean and of the two ends.
         by_group: a value of each split group.
         interval: function of values, groups and a generator that returns the two ends.
     """

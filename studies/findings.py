@@ -139,7 +139,7 @@ def error_or_not(study: str, variant: str) -> str:
 def difference(study: str, variant: str, reference: str, protocol: str) -> str:
     """Return a paired difference with both intervals, as in `8.6 (6.8 to 10.7; 3.5 to 13.8)`.
 
-    The first interval is over split groups, the second over seeds. The second may be missing.
+    The first interval is over split groups, the second over seeds. The second can be missing.
     """
     result = row(study, variant, protocol)
     head = f"vs {reference} "

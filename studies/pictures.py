@@ -90,7 +90,9 @@ def error_curves(rows: pd.DataFrame, title: str) -> Figure:
                 elinewidth=0.8,
                 label=name,
             )
-        axes.set(title=protocol, xlabel=rows.loc[rows["number"].idxmax(), "unit"])  # in the plural
+        axes.set(
+            title=protocol, xlabel=rows.loc[rows["number"].idxmax(), "unit"]
+        )  # the largest number has the plural
         axes.set_xscale("log")
         axes.xaxis.set(minor_locator=NullLocator())
         axes.set_xticks(numbers, numbers.astype(str))

@@ -48,7 +48,7 @@ PAID = """Each cost is the lowest of all training runs, since other work only ad
 are summed over the folds. Milliseconds are for one answer. The memory is the peak of the stage that
 needs most."""
 
-MOST_ROWS = 40  # of a table with a row for each held-out group
+MOST_ROWS = 40  # largest number of rows of a table with a row for each held-out group
 
 
 def write_report(

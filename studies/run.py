@@ -22,7 +22,7 @@ from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import VIRTUAL, default_params
 from tactile_viewgcn.schema import as_change, flatten
 
-one_reader = Lock()  # of DVC's index of the cache, which threads must not share
+one_reader = Lock()  # threads must not read DVC's index of the cache at the same time
 DVC = ("-P", "-m", "dvc", "--wait-for-lock")  # options of Python, and DVC's own
 
 
@@ -164,9 +164,8 @@ def trained(experiment: str, key: str, cell: Cell) -> str:
     with Repo(_wait_for_lock=True) as repo, repo.lock:
         if key_of(cell, code_of_stages()) != key:
             raise UserError("code or data have changed since the study began; undo the change")
-    print(
-        f"{cell} ...\n", end="", flush=True
-    )  # in one write, so that lines of two threads do not merge
+    # in one write, so that lines of two threads do not merge
+    print(f"{cell} ...\n", end="", flush=True)
     command = [sys.executable, *DVC, "exp", "run", "--temp", "--name", experiment]
     for change in settings(cell):
         command += ["--set-param", change]

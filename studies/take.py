@@ -36,7 +36,7 @@ def take_cells(folder: Path, cells: dict[str, Cell]) -> int:
     """
     recipes = {key: flatten(default_params(cell.changes)) for key, cell in cells.items()}
     known = [key for key in cells if stored(key)]
-    md5s: dict[str, str] = {}  # of the frames, by the parameters that they depend on
+    md5s: dict[str, str] = {}  # md5 of frames, by the parameters that they depend on
     for key in known:
         md5s[_of_frames(recipes[key])] = answers_of(cells[key], read_results(key)).frames
     ready: dict[str, dict[str, bytes]] = {}

@@ -25,9 +25,9 @@ from tactile_viewgcn.params import Params
 Methods = Mapping[str, Sequence[float]]  # settings of each method, see `solve`
 
 SEED = 3000
-TOLERANCES = (0.2, 0.05, 0.02, 0.005)  # of our integrator
-RTOLS = (1e-1, 1e-2, 1e-3, 1e-4)  # of SciPy's methods
-STEPS = {"ours, fixed steps": (1, 4), "explicit Euler": (1, 8, 64, 256)}  # in each frame
+TOLERANCES = (0.2, 0.05, 0.02, 0.005)  # tolerances of our integrator
+RTOLS = (1e-1, 1e-2, 1e-3, 1e-4)  # relative tolerances of SciPy's methods
+STEPS = {"ours, fixed steps": (1, 4), "explicit Euler": (1, 8, 64, 256)}  # steps in a frame
 # relative tolerances of the reference, Radau
 BALL_RTOL = 1e-10
 OBJECTS_RTOL = 1e-7

@@ -47,7 +47,7 @@ TILE = 6  # a patch of the palm has TILE x TILE sensors
 FINGERS = 5
 LINKS_OF_FINGER = 3
 THUMB = 4  # number of the last finger
-PARTS = FINGERS + 1  # of a hand: its fingers and the palm
+PARTS = FINGERS + 1  # parts of a hand: its fingers and the palm
 # the first patches are the links of the fingers, three for each; the others belong to the palm
 LINK_PATCHES = FINGERS * LINKS_OF_FINGER
 # (3, 5, 3): axes along each straight finger, aside, and out of its skin; entries that turn with the

@@ -39,7 +39,7 @@ ARMIJO = 1e-4  # share of the expected descent that a Newton step must reach
 SAFETY = 0.8  # factor on the ideal length of the next step
 SHRINK = 0.2  # smallest ratio of the next step to this one
 GROW = 4.0  # largest ratio of the next step to this one
-SMALLEST_ERROR = 1e-12  # in tolerances: keeps the ideal length finite
+SMALLEST_ERROR = 1e-12  # in tolerances; it keeps the ideal length finite
 UNSOLVED = 4.0  # error, in tolerances, of a step with an unsolved stage or with tunnelling
 # share of a frame: shorter steps are not tried, and a step of this length is always accepted
 SMALLEST = 1e-3
@@ -224,7 +224,7 @@ class ImplicitIntegrator:
         while len(rows):
             tried = solver.tried[rows]
             part = np.where(self.second[rows], 1.0, GAMMA)
-            # in frames
+            # frames since the first knot
             time = self.knot[rows] + (self.elapsed[rows] + part * self.h[rows]) / self.frame
             balance = mechanics.evaluate(rows, time, tried, palm=mechanics.motion)
             matrix = mechanics.shifted_hessian(balance, solver.scaled_step[rows])

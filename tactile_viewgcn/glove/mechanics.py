@@ -50,8 +50,8 @@ class Layer:
     Args:
         stiffness: Pa/m, stiffness of skin and glove: modulus over thickness.
         thickness: m, unit in which the integrator measures errors of positions.
-        joint_damping: N m s / rad.
-        object_damping: N s / m.
+        joint_damping: N m s / rad, damping of the joints.
+        object_damping: N s / m, damping of the object.
     """
 
     stiffness: float
@@ -173,7 +173,7 @@ class Mechanics:
         self.drive = drive
         self.layer = layer
         self.motion = motion
-        # in series
+        # the two are springs in series
         self.stiffness = 1 / (1 / layer.stiffness + 1 / np.asarray(stiffness, dtype=float))
         self.size = JOINT_COORDINATES
         if motion:
@@ -373,7 +373,7 @@ def _sums_by_part(
 
     Args:
         contacts: C contacts of R hands.
-        count: R.
+        count: R, number of hands.
         force: (C,) N, forces of the contacts.
         stiffness: (C,) N/m, their stiffness.
         slope: (C, 5) slopes of their depths.

@@ -27,7 +27,7 @@ AWAY = 0.03  # m by which the object is above its position in the grasp, before 
 POWER = np.array([0.080, 0.002, 0.001])
 PINCH = np.array([0.080, 0.018, 0.070])  # m: where the fingertips meet the thumb's
 DIP = 0.001  # m by which the prescribed position may press an object into the palm
-CORRELATION = 0.7  # of the grip's drift, from frame to frame
+CORRELATION = 0.7  # correlation of the grip's drift from frame to frame
 CLOSURES = 28  # number of closures at which a finger is tested for contact
 # Standard deviations between objects, between recordings, between grasps, and within a grasp.
 # m, of the object
@@ -167,7 +167,7 @@ def schedule(frames: int, grasps: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
     since_first_grasp = np.arange(frames) - (frames - grasps * grasp_frames)
     is_before = since_first_grasp < 0
     grasp = np.where(is_before, 0, since_first_grasp // grasp_frames)
-    frame = np.where(is_before, -1, since_first_grasp % grasp_frames)  # of the grasp
+    frame = np.where(is_before, -1, since_first_grasp % grasp_frames)  # number in the grasp
     phase = np.searchsorted(starts, frame, side="right") - 1
     progress = (frame + 1 - starts[phase]) / lengths[phase]
     return phase, progress, grasp
@@ -263,7 +263,7 @@ def _deviations(
         habit: draws the deviation of the object.
         rng: draws the deviations of the recording and of its grasps.
         std: standard deviations `object`, `recording` and `grasp`.
-        shape: (G, size) of the result.
+        shape: (G, size), shape of the result.
     """
     _, size = shape
     of_object = habit.normal(0, std["object"], size)

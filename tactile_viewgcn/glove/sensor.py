@@ -66,7 +66,7 @@ class Sensors:
     ):
         self.hands = hands
         self.effects = effects
-        # of each recording one generator for the sensors' noise, and one for the common mode
+        # one generator for the sensors' noise of each recording, and one for its common mode
         self.rngs = [(rng, *rng.spawn(1)) for rng in rngs]
         electronics = [
             self._electronics(stream(seed, "glove"), stream(seed, "glove session", session))

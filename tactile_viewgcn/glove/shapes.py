@@ -74,7 +74,7 @@ def sphere(radius: float, **placement: Any) -> Primitive:
     """Return a sphere.
 
     Args:
-        radius: m.
+        radius: radius, m.
         **placement: `centre`, `rotation` and `cut` of `Primitive`.
     """
     return Primitive((0, 0), radius, 0, **placement)
@@ -84,9 +84,9 @@ def box(x: float, y: float, z: float, round: float = 0.0, **placement: Any) -> P
     """Return a box.
 
     Args:
-        x: full size, m.
-        y: full size, m.
-        z: full size, m.
+        x: full size along x, m.
+        y: full size along y, m.
+        z: full size along z, m.
         round: radius of its edges, m.
         **placement: `centre`, `rotation` and `cut` of `Primitive`.
     """
@@ -98,8 +98,8 @@ def cylinder(radius: float, length: float, round: float = 0.0, **placement: Any)
     """Return a cylinder about z.
 
     Args:
-        radius: m.
-        length: m.
+        radius: radius, m.
+        length: length, m.
         round: radius of its edges, m.
         **placement: `centre`, `rotation` and `cut` of `Primitive`.
     """
@@ -111,8 +111,8 @@ def capsule(radius: float, length: float, **placement: Any) -> Primitive:
     """Return a cylinder about z that ends in hemispheres.
 
     Args:
-        radius: m.
-        length: m, the hemispheres included.
+        radius: radius, m.
+        length: length, m, including the hemispheres.
         **placement: `centre`, `rotation` and `cut` of `Primitive`.
     """
     return Primitive((0, _inner_half(length, radius)), radius, 0, **placement)
@@ -122,7 +122,7 @@ def torus(ring: float, tube: float, **placement: Any) -> Primitive:
     """Return a torus about z.
 
     Args:
-        ring: m from its centre to the centre of the tube.
+        ring: distance from the centre to the middle of the tube, m.
         tube: radius of the tube, m.
         **placement: `centre`, `rotation` and `cut` of `Primitive`.
     """
@@ -135,9 +135,9 @@ def tube(
     """Return a hollow cylinder about z.
 
     Args:
-        inner: radius, m.
-        outer: radius, m.
-        length: m.
+        inner: inner radius, m.
+        outer: outer radius, m.
+        length: length, m.
         round: radius of its edges, m.
         **placement: `centre`, `rotation` and `cut` of `Primitive`.
     """
@@ -146,7 +146,7 @@ def tube(
 
 
 class Solids:
-    """B unions of up to P primitives each, as arrays; a union may be empty.
+    """B unions of up to P primitives each, as arrays. A union can be empty.
 
     Args:
         parts: the primitives of each union.
