@@ -58,7 +58,7 @@ def main(name: str | None, changes: tuple[str, ...], pages: bool, **options: Any
     """Run the missing cells of the study NAME, or list all studies if there is no NAME."""
     with program():
         if pages:
-            from studies.pages import write_pages  # here, since it loads Matplotlib
+            from studies.pages import write_pages  # late, since it loads Matplotlib
 
             write_pages()
             return
@@ -120,7 +120,7 @@ def run(
         UserError: a cell's parameters are wrong, two cells are the same training run, or a cell
             failed. For the folder `take` see `take_cells`.
     """
-    from studies.report import write_report  # here, since it loads Matplotlib
+    from studies.report import write_report  # late, since it loads Matplotlib
 
     if unlike_the_file(committed_params(Path("params.yaml"))):
         print("note: params.yaml differs from the last commit; the cells have the committed values")

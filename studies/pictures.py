@@ -90,9 +90,8 @@ def error_curves(rows: pd.DataFrame, title: str) -> Figure:
                 elinewidth=0.8,
                 label=name,
             )
-        axes.set(
-            title=protocol, xlabel=rows.loc[rows["number"].idxmax(), "unit"]
-        )  # the largest number has the plural
+        # the unit of the largest number is in the plural
+        axes.set(title=protocol, xlabel=rows.loc[rows["number"].idxmax(), "unit"])
         axes.set_xscale("log")
         axes.xaxis.set(minor_locator=NullLocator())
         axes.set_xticks(numbers, numbers.astype(str))
