@@ -1,1 +1,1 @@
-"""Measurements of the project against something: integrators, tolerances, other methods."""
+"""Measurements of the project: against other integrators, tolerances, and other methods."""

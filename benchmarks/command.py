@@ -13,19 +13,19 @@ from tactile_viewgcn.files import new_files
 from tactile_viewgcn.messages import program
 from tactile_viewgcn.params import Params, load
 
-Row = dict[str, Any]  # of a table, by column
+Row = dict[str, Any]  # a row of a table, by column
 Result = tuple[str, list[Row], Figure | None]  # text above the table, its rows, and the picture
 
 
 def benchmark(measure: Callable[[Params, bool], Result]) -> click.Command:
     """Return the command of a benchmark.
 
-    It prints text and table, and writes results.csv, .md and .png into benchmarks/NAME, or where
-    --out says.
+    The command prints text and table. It writes results.csv, results.md and results.png into
+    benchmarks/NAME, or into the folder of --out.
 
     Args:
-        measure: function of params.yaml and of whether to measure less. The command has its name
-            and its docstring.
+        measure: function that takes the parameters and whether to measure less. Its name and its
+            docstring become those of the command.
     """
     folder = Path("benchmarks", measure.__name__)
 
@@ -36,7 +36,7 @@ def benchmark(measure: Callable[[Params, bool], Result]) -> click.Command:
         help=f"Folder of the results.  [default: {folder}]",
     )
     @click.option(
-        "--quick", is_flag=True, help="Measure less; nothing is written unless --out says where."
+        "--quick", is_flag=True, help="Measure less. Nothing is written unless there is --out."
     )
     @wraps(measure)
     def command(out: Path | None, quick: bool) -> None:
@@ -53,10 +53,10 @@ def write_table(folder: Path, rows: list[Row], text: str, picture: Figure | None
     """Write results.csv, results.md and results.png.
 
     Args:
-        folder: place of the files.
-        rows: of the table, in results.csv and results.md.
-        text: above the table in results.md.
-        picture: None: there is no results.png.
+        folder: folder to write into.
+        rows: rows of the table in results.csv and results.md.
+        text: text above the table in results.md.
+        picture: content of results.png; None for no picture.
     """
     with new_files(folder) as part:
         pd.DataFrame(rows, dtype=object).to_csv(part / "results.csv", index=False)
@@ -66,7 +66,7 @@ def write_table(folder: Path, rows: list[Row], text: str, picture: Figure | None
 
 
 def markdown(rows: list[Row]) -> str:
-    """Return rows as a Markdown table, numbers at three digits."""
+    """Return rows as a Markdown table, with fractions at three digits."""
     table = pd.DataFrame(rows, dtype=object).map(_cell)
     text: str = table.to_markdown(index=False, disable_numparse=True)
     return text

@@ -1,4 +1,4 @@
-"""The pipeline's trained classifier and its frames, on which the table of stability is measured."""
+"""The pipeline's trained classifier and its frames, for the table of stability."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -17,29 +17,29 @@ CLASSIFIER = Path("models/classifier.pt")
 def read_trained(
     frames: Path, classifier: Path, params: Params
 ) -> tuple[Classifier, Frames, Params]:
-    """Return the classifier, its frames, and parameters with its `model`.
+    """Return the trained classifier, its frames, and the parameters with its `model`.
 
     Args:
-        frames: table of the frames that it was trained and is tested on.
+        frames: table of the frames that the classifier was trained on and is tested on.
         classifier: file of the classifier.
         params: all other parameters.
 
     Returns:
-        the classifier in evaluation mode, the table, and the parameters.
+        The classifier in evaluation mode, the table of frames, and the parameters.
 
     Raises:
-        UserError: a file is missing, or the classifier is of other classes or sensors than the
+        UserError: a file is missing, or the classifier has other classes or sensors than the
             frames.
     """
     for path in (frames, classifier):
         if not path.exists():
-            raise UserError(f"{path}: no such file; run `dvc repro`, which makes it")
+            raise UserError(f"{path}: no such file or folder; run `dvc repro`, which makes it")
     table = load_table(frames, Frames)
     trained, content = load_classifier(classifier)
     same_classes = content.classes == table.classes
     same_sensors = content.plan.live.shape == table.live.shape
     if not (same_classes and same_sensors):
         raise UserError(
-            f"{classifier}: of other classes or sensors than {frames}; train it on these frames"
+            f"{classifier}: other classes or sensors than {frames} has; train it on these frames"
         )
     return trained, table, replace(params, model=content.model, views=trained.views)

@@ -1,6 +1,6 @@
-"""One file per DVC stage, run as `python -m stages.NAME` from the repository's root."""
+"""One file for each DVC stage, run as `python -m stages.NAME` from the repository's root."""
 
 import time
 
-# when the process of a stage began: Python imports this file before all others of the stage
+# time at which the process of a stage began, since Python imports this file before the stage's
 STARTED = time.time()

@@ -34,12 +34,12 @@ def cluster(job: Job, needs: Path, frames: Path, out: Path) -> str:
         return "cluster: left out, model.system does not need it"
     if empty:
         text = (
-            f"{empty} of {several(pools * params.views, 'view')}: no frame in the cluster, "
-            "so one of its pool is repeated"
+            f"{empty} of {several(pools * params.views, 'view')}: the cluster is empty, "
+            "so a frame of its pool is repeated"
         )
         job.note(Note(text, topic="clusters"))
     if not views.clustered:
-        return f"cluster: none; view sets are drawn at random from each of {several(pools, 'pool')}"
+        return f"cluster: none; random view sets come from each of {several(pools, 'pool')}"
     return f"cluster: {several(pools, 'pool')} in {several(params.views, 'cluster')} each"
 
 

@@ -1,7 +1,7 @@
 """The command line of a stage, and what happens between its call and its last line.
 
-`run` makes the command. `_run_stage` has the steps in the order in which they happen: check the
-parameters, find the inputs, begin the run in MLflow, work, write output and record, end the run.
+`run` makes the command. `_run_stage` has the steps in their order: check the parameters, find the
+inputs, begin the run in MLflow, do the work, write output and record, and end the run.
 """
 
 import json
@@ -23,7 +23,7 @@ from tactile_viewgcn.provenance import ROW, Record, changed_params, origin, peak
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tracking import Run, stage_run
 
-SOURCE = "source"  # the input whose path is the parameter data.source, and no option
+SOURCE = "source"  # the input whose path is the parameter data.source, so it has no option
 RECORDS = "records"  # the input with the records of earlier stages
 NEEDS = "needs"  # the input that says which stages the system needs
 PATH = click.Path(path_type=Path)
@@ -32,16 +32,18 @@ PATH = click.Path(path_type=Path)
 def run(work: Callable[..., str], *inputs: str, logged: bool = True) -> None:
     """Run a stage from its command line, and end the process.
 
-    A mistake of the user ends it with exit code 1 and one line, a wrong option with 2.
+    A mistake of the user ends the process with exit code 1 and one line. A wrong option ends it
+    with exit code 2.
 
     Args:
-        work: the stage itself, named as in dvc.yaml. It takes a `Job`, by name the paths of the
-            inputs, and `out`, a temporary path of its output. Output and record take their places
-            together at the end, or neither does; then the text that it returns is printed.
-        inputs: files and folders that the stage reads, each an option of the command line. The
-            input `source` is none, its path is the parameter data.source. Where the input `needs`
-            says that the system does without the stage, `work` writes a placeholder, and nothing
-            is logged to MLflow.
+        work: the stage itself, with the name that it has in dvc.yaml. It takes a `Job`, the paths
+            of the inputs by name, and `out`, a temporary path for its output. At the end output and
+            record take their places together, or neither does. Then the text that `work` returns is
+            printed.
+        inputs: files and folders that the stage reads. Each is an option of the command line,
+            except `source`, whose path is the parameter data.source. If the input `needs` says that
+            the system does not need the stage, `work` writes a placeholder, and nothing is logged
+            to MLflow.
         logged: whether the stage has a run in MLflow, whose library takes seconds to load.
     """
     stage = work.__name__
@@ -76,7 +78,10 @@ def _options(inputs: tuple[str, ...]) -> list[click.Parameter]:
             help="File of the parameters.",
         ),
         click.Option(
-            ["--set", "changes"], multiple=True, metavar="KEY=VALUE", help="Change a parameter."
+            ["--set", "changes"],
+            multiple=True,
+            metavar="KEY=VALUE",
+            help="Change a parameter.",
         ),
         click.Option(["--record", "record_file"], type=PATH, help="File for costs and notes."),
         click.Option(["--debug"], is_flag=True, help="Show the traceback of an error."),
@@ -95,19 +100,19 @@ def _run_stage(
     debug: bool,
     **input_options: Path,
 ) -> None:
-    """Run a stage with the values of its options."""
+    """Run a stage with the values of its options; for the first three arguments see `run`."""
     stage = work.__name__
     with program(debug=debug):
         params = load(params_file, changes)
-        given = input_options | {SOURCE: Path(params.data.source)}
-        paths = {name: given[name] for name in inputs}
+        known_paths = input_options | {SOURCE: Path(params.data.source)}
+        paths = {name: known_paths[name] for name in inputs}
         _check_inputs(paths)
         needed = NEEDS not in paths or _is_needed(stage, paths[NEEDS])
         job = _new_job(stage, params, params_file, paths, needed)
         tracked: AbstractContextManager[Run] = nullcontext(Run())
         if needed and logged:
             tracked = stage_run(job.record, _seconds_before(paths))
-        # the files take their places before the run ends: it has the record only if they did
+        # the files take their places before the run ends, so it has the record only if they did
         with (
             job.afterwards,
             tracked as job.run,
@@ -124,17 +129,17 @@ def _run_stage(
 
 
 def _check_inputs(paths: dict[str, Path]) -> None:
-    """Raise a UserError if an input is not there."""
+    """Raise a UserError if an input is missing."""
     for path in paths.values():
         if not path.exists():
             raise UserError(
-                f"{path}: no such file or folder; data.source names what ingest reads, "
-                "and DVC's stages make the others"
+                f"{path}: no such file or folder; `dvc repro` makes the inputs of all stages, "
+                "except the recordings at data.source"
             )
 
 
 def _seconds_before(paths: dict[str, Path]) -> float:
-    """Return the seconds of the stages whose records a stage reads; the row in MLflow has them."""
+    """Return the seconds of the stages whose records are an input, for the row in MLflow."""
     if RECORDS not in paths:
         return 0.0
     records = read_records(paths[RECORDS])
@@ -142,7 +147,7 @@ def _seconds_before(paths: dict[str, Path]) -> float:
 
 
 def _is_needed(stage: str, needs: Path) -> bool:
-    """Return whether the file that the stage `needs` has written says that a stage is needed."""
+    """Return whether a stage is needed, as the file of the stage `needs` says."""
     with readable(needs):
         needed: bool = json.loads(needs.read_text())[stage]
     return needed
@@ -151,14 +156,14 @@ def _is_needed(stage: str, needs: Path) -> bool:
 def _new_job(
     stage: str, params: Params, params_file: Path, paths: dict[str, Path], needed: bool
 ) -> Job:
-    """Return the job of a stage, whose record has parameters, inputs and origin.
+    """Return the job of a stage, with a record of its parameters, inputs and origin.
 
     Args:
         stage: name of the stage in dvc.yaml.
-        params: all parameters, which come from `params_file` and the command line.
-        params_file: the file whose version in git the parameters are compared with.
-        paths: the inputs by their names.
-        needed: whether the system needs the stage; it has no name in MLflow otherwise.
+        params: all parameters, from `params_file` and the command line.
+        params_file: file whose version in git the parameters are compared with.
+        paths: paths of the inputs, by name.
+        needed: whether the system needs the stage. Otherwise its run gets no name for MLflow.
     """
     used = params_of(stages()[stage], params)
     values = flatten(used)
@@ -180,8 +185,8 @@ def _new_job(
 def _new_files(out: Path, record_file: Path | None) -> Iterator[tuple[Path, Path | None]]:
     """Yield temporary paths of output and record, which take their places together at the end.
 
-    A record that belongs into the folder `out` is written into the temporary folder, which is made
-    here. Otherwise the stage makes its output, a file or a folder.
+    If the record belongs into the folder `out`, it is written into the temporary folder, which is
+    made here. Otherwise the stage itself makes its output, a file or a folder.
     """
     if record_file is None:
         with new_outputs(out) as (new_out,):

@@ -1,6 +1,7 @@
 """Train the classifier that model.system names.
 
-It is a network, fine-tuned from the pretrained backbone, or members on the sensors.
+The classifier is a network, fine-tuned from the pretrained backbone, or consists of members on the
+sensors.
 """
 
 from pathlib import Path
@@ -37,7 +38,7 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
     save_classifier(out, classifier, fitted.model, table, compute.precision, fitted.temperature)
     for note in fitted.notes:
         job.note(note)
-    # of the processes before an interruption; this one's are added
+    # seconds of the processes before an interruption; the seconds of this process are added
     job.record.seconds = fitted.progress.resumed[1]
     job.record.counts["weights.head"] = 0
     if isinstance(classifier, ViewNetwork):
@@ -48,7 +49,7 @@ def finetune(job: Job, frames: Path, views: Path, backbone: Path, out: Path) -> 
         return f"finetune: {members} fitted in {fitted.progress.seconds:.1f} s"
     if not fitted.progress.epoch:
         return f"finetune: {params.model.system} is not fine-tuned"
-    # before a step: the loss of a network that has learnt nothing
+    # the loss before the first step, of a network that has learnt nothing
     job.record.counts["loss.first"] = fitted.progress.first_loss
     return f"finetune: {fitted.progress} on {compute.device} in {compute.precision}"
 

@@ -1,4 +1,4 @@
-"""One run of a stage, as the stage itself sees it: its parameters, and what is kept of the run."""
+"""One run of a stage, as the stage sees it: its parameters, its record and its notes."""
 
 import hashlib
 import shutil
@@ -20,7 +20,7 @@ from tactile_viewgcn.tracking import Run
 if TYPE_CHECKING:
     from tactile_viewgcn.device import Compute
 
-WIDTH = 120  # columns of a note where there is no terminal
+WIDTH = 120  # columns of a note if there is no terminal
 
 
 @dataclass
@@ -29,8 +29,9 @@ class Job:
 
     Attributes:
         params: the parameters that the stage's `params` in dvc.yaml name, and no others.
-        record: what is written with the outputs; the stage puts its numbers into `record.counts`.
-        needed: whether `model.system` needs the stage, which otherwise writes a placeholder.
+        record: record that is written with the outputs. The stage puts its numbers into
+            `record.counts`.
+        needed: whether `model.system` needs the stage. Otherwise the stage writes a placeholder.
         run: the stage's run in MLflow.
         afterwards: contexts that end after output and record have taken their places, or after an
             error.
@@ -44,7 +45,7 @@ class Job:
 
     @property
     def seconds(self) -> float:
-        """Seconds that the stage has run, with the seconds before an interruption."""
+        """Seconds that the stage has run, including those before an interruption."""
         return self.record.seconds + time.time() - STARTED
 
     def md5(self, name: str) -> str:
@@ -68,9 +69,9 @@ class Job:
         """Choose device, precision and number of threads, and keep them in the record.
 
         Raises:
-            UserError: the parameter `device` names a device that is not there.
+            UserError: the parameter `device` names a device that this machine lacks.
         """
-        # here, since a stage may do without torch
+        # imported here, since some stages do not need torch
         from torch.cuda import get_device_name
 
         from tactile_viewgcn.device import select_device, set_threads
@@ -86,11 +87,11 @@ class Job:
     def epoch(self, epoch: int, values: dict[str, float]) -> None:
         """Keep an epoch's values in the record, log them to MLflow, and print them.
 
-        On a terminal nothing is printed, since a bar shows the values.
+        On a terminal nothing is printed, since a progress bar shows the values.
 
         Args:
             epoch: number of the epoch, from 1.
-            values: loss and errors of the epoch, by name.
+            values: loss and error rates of the epoch, by name.
         """
         for name, value in values.items():
             self.record.curves.setdefault(name, []).append(value)
@@ -103,9 +104,9 @@ class Job:
         say(f"{stage}: epoch {epoch}/{epochs}, {', '.join(texts)}, {self.seconds:.0f} s")
 
     def checkpoint_key(self) -> str:
-        """Return a hash of what the result depends on: parameters, inputs and code.
+        """Return a hash of everything that the result depends on: parameters, inputs and code.
 
-        The code is what the stage's `deps` in dvc.yaml name.
+        The code is the code that the stage's `deps` in dvc.yaml name.
         """
         model = getattr(self.params, "model", None)
         system = getattr(model, "system", "")

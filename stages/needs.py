@@ -1,10 +1,10 @@
 """Check all parameters and data.source, and write which stages the system needs.
 
-A system on the sensors needs no clusters and no backbone. All other stages come after this one,
-which loads neither torch nor MLflow: a wrong value is refused within a second.
+A system on the sensors needs no clusters and no backbone. All other stages come after this one. It
+loads neither torch nor MLflow, so it refuses a wrong value within a second.
 
-DVC removes what a stage has written before it looks for its inputs. So the source is looked for
-here.
+DVC removes the outputs of a stage before it looks for the stage's inputs. So this stage checks that
+the source is there before `ingest` loses its outputs.
 """
 
 import json
@@ -23,26 +23,26 @@ def needs(job: Job, out: Path) -> str:
     check_source(Path(job.params.data.source))
     system = job.params.model.system
     is_network = not on_sensors(system)
-    # equal for all systems with a backbone
+    # the same text for all systems with a backbone, so that DVC reruns nothing between them
     needed = json.dumps({"cluster": is_network, "pretrain": is_network})
     write_file(out, f"{needed}\n")
-    write_file(out.with_name("source.txt"), "data.source was there\n")  # equal for all sources
+    write_file(out.with_name("source.txt"), "data.source was there\n")  # the same text for all
     if is_network:
         return f"needs: {system} needs clusters and a pretrained backbone"
     return f"needs: {system} needs no clusters and no pretrained backbone"
 
 
 def check_source(source: Path) -> None:
-    """Raise a UserError if data.source is not there; a stage writes the virtual glove's."""
+    """Raise a UserError if data.source is missing, unless a stage of DVC simulates it later."""
     if source.exists() or source == Path(VIRTUAL):
         return
-    in_clone = root() / source  # a temporary workspace lacks what neither git nor DVC tracks
+    in_clone = root() / source  # a temporary workspace lacks files that git and DVC do not track
     remedy = "data.source=PATH"
     if in_clone.exists():
         remedy = f"data.source={in_clone}"
     raise UserError(
-        f"data.source in params.yaml is {source}: no such file or folder; name another by "
-        f"`dvc exp run -S {quote(remedy)}`, or go back by `git checkout params.yaml`"
+        f"data.source in params.yaml is {source}: no such file or folder; name another with "
+        f"`dvc exp run -S {quote(remedy)}`, or go back with `git checkout params.yaml`"
     )
 
 

@@ -25,7 +25,7 @@ def code_of(entry: dict[str, Any], system: str = "*") -> list[bytes]:
     """Return the contents of all Python files that the `deps` of a stage name.
 
     Args:
-        entry: of the stage in dvc.yaml.
+        entry: entry of the stage in dvc.yaml.
         system: value of model.system; `*` for all systems.
     """
     files: list[Path] = []
@@ -44,8 +44,8 @@ def params_of(entry: dict[str, Any], params: Params) -> Any:
     """Return the sections and keys that a stage reads, as attributes.
 
     Args:
-        entry: of the stage in dvc.yaml; where its `params` name keys of a section, the section is
-            cut to these keys.
+        entry: entry of the stage in dvc.yaml. If its `params` name keys of a section, the section
+            is cut to these keys.
         params: all parameters.
     """
     used = SimpleNamespace()

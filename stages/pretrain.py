@@ -15,7 +15,7 @@ def pretrain(job: Job, needs: Path, frames: Path, out: Path) -> str:
     if not job.needed:
         write_file(out, f"{LEFT_OUT}\n")
         return LEFT_OUT
-    # here: a stage that is left out loads no torch
+    # imported here, so that a stage that is left out does not load torch
     from tactile_viewgcn.training.checkpoint import training_checkpoint, write_tensors
     from tactile_viewgcn.training.pretraining import pretrain_backbone
 
@@ -34,9 +34,9 @@ def pretrain(job: Job, needs: Path, frames: Path, out: Path) -> str:
     write_tensors(out, content)
     job.record.counts["weights.backbone"] = sum(weight.numel() for weight in backbone.parameters())
     if progress.epoch:
-        # before a step: the loss of a network that has learnt nothing
+        # the loss before the first step, of a network that has learnt nothing
         job.record.counts["loss.first"] = progress.first_loss
-    job.record.seconds = progress.resumed[1]  # before an interruption
+    job.record.seconds = progress.resumed[1]  # of the processes before an interruption
     return f"pretrain: {progress} on {compute.device} in {compute.precision}"
 
 

@@ -17,8 +17,8 @@ from tactile_viewgcn.glove.simulation import simulate as write_recordings
 def simulate(job: Job, out: Path) -> str:
     """Write the recordings, and return the lines to print.
 
-    What an equal simulation left in `checkpoints/` is copied, since DVC's cache does not have it.
-    The record's seconds are the seconds of this run, also where it only copies.
+    If an equal simulation has left its recordings in `checkpoints/`, they are copied, since DVC's
+    cache does not have them. The record has the seconds of this run, also if it only copies.
     """
     recipe = recipe_from_params(job.params.glove)
     stored = root() / "checkpoints" / f"simulate-{job.checkpoint_key()[:16]}"
@@ -46,7 +46,7 @@ def simulate(job: Job, out: Path) -> str:
 
 
 def copy_folder(source: Path, target: Path) -> None:
-    """Copy a folder; the first error ends it, where shutil.copytree would make a list of all."""
+    """Copy a folder. The first error ends it, unlike shutil.copytree, which collects all errors."""
     for file in source.rglob("*"):
         if file.is_file():
             place = target / file.relative_to(source)

@@ -1,6 +1,6 @@
 """`python -m studies` lists the studies; `python -m studies NAME` runs one as DVC experiments."""
 
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
@@ -24,17 +24,17 @@ from tactile_viewgcn.provenance import committed_params
     type=click.IntRange(1),
     default=1,
     show_default=True,
-    help="Cells at once on this machine.",
+    help="How many cells run at once on this machine.",
 )
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
-    help="Dask's scheduler, tcp://HOST:8786: its workers run the cells.",
+    help="Address of a Dask scheduler, such as tcp://HOST:8786, whose workers run the cells.",
 )
 @click.option(
     "--take",
     type=click.Path(exists=True, file_okay=False, path_type=Path),
-    help="Folder of cells that ran elsewhere.",
+    help="Folder with the results of cells that ran elsewhere; no cell runs here.",
 )
 @click.option(
     "--set",
@@ -42,30 +42,35 @@ from tactile_viewgcn.provenance import committed_params
     "changes",
     multiple=True,
     metavar="KEY=VALUE",
-    help="Change a key of every cell; needs --out.",
+    help="Change a parameter of every cell; needs --out.",
 )
 @click.option(
-    "--out", type=click.Path(file_okay=False, path_type=Path), help="Folder of the results."
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder of the results.  [default: studies/NAME]",
 )
 @click.option(
     "--pages",
     is_flag=True,
-    help="Write the figures and tables of README.md and docs/results.md anew; runs no cell.",
+    help="Write the figures and tables of README.md and docs/results.md anew; no cell runs.",
 )
 def main(name: str | None, changes: tuple[str, ...], pages: bool, **options: Any) -> None:
-    """Run the cells of the study NAME that are missing; without NAME, list all studies."""
+    """Run the missing cells of the study NAME, or list all studies if there is no NAME."""
     with program():
         if pages:
-            from studies.pages import write_pages  # here, since it loads Matplotlib
+            from studies.pages import write_pages  # late, since it loads Matplotlib
 
             write_pages()
             return
         if options["take"] and (options["scheduler"] or not name):
-            raise UserError("--take runs no cell: expected python -m studies NAME --take FOLDER")
+            raise UserError(
+                "--take needs a study and runs no cell; "
+                "type `python -m studies NAME --take FOLDER`, without --scheduler"
+            )
         if changes and not options["out"]:
             raise UserError(
-                "--set without --out: name a folder, as the study's own results are those without "
-                "changes"
+                "--set without --out; name a folder with --out, "
+                "since the study's own folder holds the results without changes"
             )
         if name is None:
             print_studies()
@@ -74,12 +79,12 @@ def main(name: str | None, changes: tuple[str, ...], pages: bool, **options: Any
             run(read_study(name), changes=changes, **options)
         except KeyboardInterrupt:
             raise SystemExit(
-                "stopped: finished cells are kept; the same command goes on with the others"
+                "stopped; finished cells are kept, and the same command runs the others"
             ) from None
 
 
 def print_studies() -> None:
-    """Print a line for each study: its name, number of cells and question."""
+    """Print name, number of cells and question of each study, and what to type next."""
     width = max(map(len, names()))
     lines = [f"{'study':<{width}} {'cells':>5}  question"]
     for name in names():
@@ -88,7 +93,8 @@ def print_studies() -> None:
         if study.choice:
             count += len(study.candidates().cells())
         lines.append(f"{study.name:<{width}} {count:>5}  {study.question}")
-    print(*lines, sep="\n")  # no list begins where a study is wrong
+    lines.append("next: `python -m studies NAME` runs the cells of a study that have not run yet")
+    print(*lines, sep="\n")  # at once, so that a mistake in a study leaves no half of a list
 
 
 def run(
@@ -100,64 +106,63 @@ def run(
     changes: tuple[str, ...] = (),
     out: Path | None = None,
 ) -> None:
-    """Run the cells that are missing, or take those of a folder; then write the report.
-
-    The report is of all finished cells.
+    """Run the missing cells, or take results from a folder; then report on all finished cells.
 
     Args:
         study: the study.
-        jobs: number of cells at once on this machine.
+        jobs: how many cells run at once on this machine.
         scheduler: address of Dask's scheduler, whose workers run the cells.
-        take: folder of cells that ran elsewhere; no cell is run then.
+        take: folder of cells that ran elsewhere. If there is one, no cell runs here.
         changes: changes of every cell, `key=value`.
         out: folder of the results; the study's own by default.
 
     Raises:
-        UserError: a cell's parameters are wrong, two cells are the same training run, cells failed,
-            or see `take_cells`.
+        UserError: a cell's parameters are wrong, two cells are the same training run, or a cell
+            failed. For the folder `take` see `take_cells`.
     """
-    from studies.report import write_report  # here, since it loads Matplotlib
+    from studies.report import write_report  # late, since it loads Matplotlib
 
     if unlike_the_file(committed_params(Path("params.yaml"))):
-        print("note: params.yaml differs from the last commit, whose values the cells have")
+        print("note: params.yaml differs from the last commit; the cells have the committed values")
     folder = out or FOLDER / study.name
     _check_writable(folder)  # before the first cell runs
     if take:
         _take(study, take, changes)
-    how = _How(run=not take, jobs=jobs, scheduler=scheduler)
+    finish = partial(_finish, changes=changes, run_missing=not take, jobs=jobs, scheduler=scheduler)
     choices = None
     failed = 0
     if study.choice:
-        answers, failed = _finish(study.candidates(), changes, how)
+        answers, failed = finish(study.candidates())
         choices = choices_of(study, answers)
         study = study.chosen(names_of(choices))
-    answers, failed_later = _finish(study, changes, how)
+    answers, failed_later = finish(study)
     failed += failed_later
     if answers:
         print(write_report(study, answers, folder, changes, choices))
-        print(f"written: {folder}/results.csv, results.md and a picture, if any")
+        print(f"written to {folder}: results.csv, results.md, and a picture if the study has one")
     if failed:
         raise UserError(
-            f"{several(failed, 'cell')} failed, see above; the same command tries them again"
+            f"{several(failed, 'cell')} failed, for the reasons above; "
+            "the same command tries them again"
         )
 
 
-@dataclass(frozen=True)
-class _How:
-    """Whether cells that are missing are run, and where; see `run`."""
-
-    run: bool
-    jobs: int
-    scheduler: str | None
-
-
-def _finish(study: Study, changes: tuple[str, ...], how: _How) -> tuple[list[Answers], int]:
-    """Run the cells of a study that are missing.
+def _finish(
+    study: Study,
+    *,
+    changes: tuple[str, ...],
+    run_missing: bool,
+    jobs: int,
+    scheduler: str | None,
+) -> tuple[list[Answers], int]:
+    """Run the cells of a study that are missing, and return the answers of all finished cells.
 
     Args:
         study: without a choice.
         changes: changes of every cell, `key=value`.
-        how: whether cells are run, and where.
+        run_missing: whether missing cells are run; otherwise they stay missing.
+        jobs: see `run`.
+        scheduler: see `run`.
 
     Returns:
         the answers of all finished cells, and the number of cells that failed.
@@ -168,14 +173,17 @@ def _finish(study: Study, changes: tuple[str, ...], how: _How) -> tuple[list[Ans
     finished = sum(stored(key) for key in cells)
     print(f"{study.name}: {several(len(cells), 'cell')}, finished before: {finished}", flush=True)
     faults: dict[str, str] = {}
-    if how.run:
-        faults = run_cells(study.name, cells, jobs=how.jobs, scheduler=how.scheduler)
+    if run_missing:
+        faults = run_cells(study.name, cells, jobs=jobs, scheduler=scheduler)
     answers = [answers_of(cell, read_results(key)) for key, cell in cells.items() if stored(key)]
     return answers, len(faults)
 
 
 def _take(study: Study, folder: Path, changes: tuple[str, ...]) -> None:
-    """Store the results of cells that ran elsewhere, of all choices where the study has one."""
+    """Store the results of cells that ran elsewhere.
+
+    If the study has choices, the cells of all choices count, since any may have won.
+    """
     cells: dict[str, Cell] = {}
     if study.choice:
         cells |= _cells_by_key(study.candidates(), changes)
@@ -200,15 +208,15 @@ def _cells_by_key(study: Study, changes: tuple[str, ...]) -> dict[str, Cell]:
         key = key_of(cell, code)
         if key in cells:
             raise UserError(
-                f"{study.name}: the same training twice ({cells[key]}; {cell}): "
-                "--set what the study does not vary"
+                f"{study.name}: the same training run twice ({cells[key]}; {cell}); "
+                "give --set only keys that the study does not vary"
             )
         cells[key] = cell
     return cells
 
 
 def _check_writable(folder: Path) -> None:
-    """Raise a UserError if nothing can be written into a folder that may not exist yet."""
+    """Raise a UserError if nothing can be written into a folder, which need not exist yet."""
     existing = next(place for place in (folder, *folder.parents) if place.exists())
     try:
         TemporaryFile(dir=existing).close()

@@ -20,7 +20,7 @@ from tactile_viewgcn.schema import flatten
 
 STORE = FOLDER / ".cells"
 RECORDS = ("results/evaluate.json", "runs/pretrain.json", "runs/finetune.json")
-RESULTS = ("results/predictions.npz", "results/timing.json", *RECORDS)  # what is kept
+RESULTS = ("results/predictions.npz", "results/timing.json", *RECORDS)  # files kept of a cell
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class Answers:
     Attributes:
         cell: the cell.
         predictions: its answers to the evaluated set.
-        costs: by the names in `grid.COLUMNS`.
-        losses: of its training run.
-        machine: name of the GPU that trained it, or of the CPU.
+        costs: its costs, by the names in `grid.COLUMNS`.
+        losses: losses of its training run.
+        machine: name of the GPU or, without one, of the CPU that trained it.
         frames: md5 of its table of frames.
     """
 
@@ -48,7 +48,7 @@ def key_of(cell: Cell, code: str) -> str:
     """Return 16 hexadecimal digits of a hash of everything that the cell's results depend on.
 
     Args:
-        cell: its parameters count, and the content of its data source.
+        cell: the cell. Its parameters count, and the content of its data source.
         code: see `code_of_stages`.
 
     Raises:
@@ -56,7 +56,7 @@ def key_of(cell: Cell, code: str) -> str:
     """
     params = flatten(default_params(cell.changes, f"variant {cell.variant}"))
     content = ""
-    if params["data.source"] != VIRTUAL:  # files may have a different place on each machine
+    if params["data.source"] != VIRTUAL:  # the content counts: its place differs between machines
         source = params.pop("data.source")
         if not Path(source).exists():
             raise UserError(f"data.source is {source}; expected an existing file or folder")
@@ -77,7 +77,7 @@ def store(key: str, contents: dict[str, bytes]) -> None:
 
     Args:
         key: see `key_of`.
-        contents: of the files `RESULTS`, by their paths.
+        contents: contents of the files `RESULTS`, by their paths.
     """
     with new_files(STORE / key) as folder:
         for name, content in contents.items():
@@ -99,10 +99,10 @@ def answers_of(cell: Cell, contents: dict[str, bytes]) -> Answers:
 
     Args:
         cell: the cell.
-        contents: of the files `RESULTS`, by their paths.
+        contents: contents of the files `RESULTS`, by their paths.
 
     Raises:
-        Exception: of any kind, where a file is damaged.
+        Exception: a file is damaged. The exception can be of any kind.
     """
     timing = json.loads(contents["results/timing.json"])
     costs = {name: reduce(getitem, keys, timing) for name, keys in COLUMNS.items()}

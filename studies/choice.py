@@ -1,4 +1,4 @@
-"""The choice of one of several settings of a variant, by its errors on validation groups."""
+"""The choice between several settings of a variant, by their errors on validation groups."""
 
 import pandas as pd
 
@@ -9,16 +9,18 @@ from tactile_viewgcn.evaluation.trials import TITLES
 
 
 def choices_of(study: Study, answers: list[Answers]) -> pd.DataFrame:
-    """Return the validation errors of all choices of the variants whose candidates have finished.
+    """Return the validation errors of all choices, a row for each variant and choice.
+
+    A variant has rows only if all its candidates have finished.
 
     Args:
-        study: with a choice.
-        answers: of finished cells of `study.candidates()`, on all folds.
+        study: a study with choices.
+        answers: answers of finished cells of `study.candidates()`, on all folds.
 
     Returns:
-        columns `variant`, `choice`, `error` and `chosen`. The error is that of the primary
-            protocol, in per cent, the mean over training runs, every split group counted once. What
-            is chosen has the lowest error of the variant's.
+        Columns `variant`, `choice`, `error` and `chosen`. The error is the mean over training runs
+            under the primary protocol, in per cent. Every split group counts once. `chosen` marks
+            the choice with the lowest error of each variant.
     """
     errors = errors_of(answers)
     errors = errors[errors["protocol"] == TITLES[study.primary]]
@@ -41,6 +43,6 @@ def choices_of(study: Study, answers: list[Answers]) -> pd.DataFrame:
 
 
 def names_of(choices: pd.DataFrame) -> dict[str, str]:
-    """Return the name of the choice of each variant, see `choices_of`."""
+    """Return the name of each variant's chosen setting, from the table of `choices_of`."""
     taken = choices[choices["chosen"].astype(bool)]
     return dict(zip(taken["variant"], taken["choice"], strict=True))

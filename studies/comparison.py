@@ -1,4 +1,4 @@
-"""Comparison of a study's variants: errors, paired differences to the references, costs, power."""
+"""Comparison of variants: errors, paired differences, costs, and what a study can detect."""
 
 from collections.abc import Callable, Collection, Iterable
 from typing import Any
@@ -25,8 +25,8 @@ OPEN = "not decided"
 UNTRAINED = "not trained to its end"
 FEW_SEEDS = f"fewer than {ENOUGH_SEEDS} seeds"
 ONE_WORLD = "one simulated world"
-TRAINING = ["seed", "deal"]  # a training run is the cells of all folds
-# equal seeds give errors that differ by percentage points between kinds of machines
+TRAINING = ["seed", "deal"]  # they name a training run, which has a cell for each fold
+# the same seed gives errors that differ by percentage points between kinds of machines
 PAIRED = [*TRAINING, "machine"]
 
 
@@ -34,8 +34,8 @@ def complete(answers: list[Answers], folds: int) -> list[Answers]:
     """Return the answers of training runs that have finished on all folds.
 
     Args:
-        answers: of finished cells.
-        folds: their number.
+        answers: answers of finished cells.
+        folds: number of folds.
 
     Raises:
         UserError: no training run has all folds.
@@ -48,7 +48,7 @@ def complete(answers: list[Answers], folds: int) -> list[Answers]:
     ]
     if not whole:
         raise UserError(
-            f"no training has finished on all {folds} folds, so that there is no table: "
+            f"no training run has finished on all {folds} folds, so there is no table; "
             "run the study again"
         )
     return whole
@@ -58,10 +58,10 @@ def errors_of(answers: list[Answers]) -> pd.DataFrame:
     """Return a row for each variant, training run, protocol and split group.
 
     Returns:
-        columns `variant`, `seed`, `deal`, `world` and `machine`; `protocol`, one of
-            `trials.TITLES`; `group`, the world and the number of the group, since a recording of
-            another world is another one; `answers`, their number; and `wrong`, the mean over the
-            group's answers and all trials.
+        Columns `variant`, `seed`, `deal`, `world` and `machine`; `protocol`, one of
+            `trials.TITLES`; `group`, the world and the number of the group, since equal numbers in
+            two worlds are two groups; `answers`, the number of answers of the group; and `wrong`,
+            the share of wrong ones among its answers in all trials.
     """
     parts = []
     for answer in answers:
@@ -78,18 +78,18 @@ def errors_of(answers: list[Answers]) -> pd.DataFrame:
             part["protocol"] = TITLES[protocol]
             parts.append(part)
     rows = pd.concat(parts, ignore_index=True)
-    # the folds of a training run may have run on several machines
+    # the folds of a training run can come from several machines
     machines = rows.groupby(["variant", *TRAINING])["machine"]
     return rows.assign(machine=machines.transform(lambda names: ", ".join(sorted(set(names)))))
 
 
 def costs_of(answers: list[Answers]) -> pd.DataFrame:
-    """Return the lowest costs of each variant, each the minimum over its training runs.
+    """Return the costs of each variant, each the minimum over its training runs.
 
-    Seconds are summed over folds, other costs are the maximum over folds.
+    Within a training run, seconds are summed over the folds. Of other costs the largest counts.
 
     Returns:
-        columns `grid.COLUMNS`, by variant.
+        Columns `grid.COLUMNS`, by variant.
     """
     rows = pd.DataFrame([vars(answer.cell) | answer.costs for answer in answers])
     over_folds = {name: "sum" if name.endswith(" s") else "max" for name in COLUMNS}
@@ -98,10 +98,12 @@ def costs_of(answers: list[Answers]) -> pd.DataFrame:
 
 
 def training_runs_of(answers: list[Answers]) -> pd.DataFrame:
-    """Return mean losses of each variant, whether all its cells are trained, and the machines.
+    """Return the losses of each variant, whether it is trained, and its machines.
+
+    Losses are means over its cells. A variant is trained if all its cells are.
 
     Returns:
-        columns of `losses.Losses` and `machine`, by variant.
+        Columns of `losses.Losses` and `machine`, by variant.
     """
     rows = pd.DataFrame(
         [
@@ -122,14 +124,14 @@ def training_runs_of(answers: list[Answers]) -> pd.DataFrame:
 def rows_of(answers: list[Answers], references: Iterable[str]) -> pd.DataFrame:
     """Return a row for each protocol and variant, in per cent; every split group counts once.
 
-    The columns `vs R more`, `low` and `high` have the paired difference to the reference R and its
-    interval over groups, NaN for R itself; `seeds_low` and `seeds_high` are its interval over
-    seeds, and `verdict` is that of `verdict`, for variants that are trained to their end. A missing
-    number is NaN.
+    For each reference R there are columns that begin with `vs R `. `more` is the paired difference
+    to R, `low` and `high` are its interval over groups, and `seeds_low` and `seeds_high` its
+    interval over seeds. `verdict` is the text of the function `verdict`, or `UNTRAINED`. A missing
+    number is NaN, as for R itself.
 
     Args:
-        answers: of complete training runs.
-        references: variants to compare with; in a crossed study also their first part.
+        answers: answers of complete training runs.
+        references: variants to compare with, or in a crossed study the first part of their names.
 
     Raises:
         UserError: a variant and a reference were tested on different view sets.
@@ -170,7 +172,8 @@ def _error_columns(part: pd.DataFrame) -> dict[str, Any]:
 def counterpart(variant: str, reference: str, variants: Collection[str]) -> str:
     """Return the variant that a variant is compared with.
 
-    It is the reference. In a crossed study `A / x` is compared with `R / x`.
+    It is the reference itself, if there is a variant of this name. Otherwise, in a crossed study,
+    `A / x` is compared with `R / x`.
 
     Args:
         variant: name, such as `A / x`.
@@ -191,9 +194,9 @@ def percent(
     All intervals draw the same random numbers.
 
     Args:
-        names: of the mean and of the two ends.
-        by_group: a value for each split group.
-        interval: function of values, groups and a generator.
+        names: names of the mean and of the two ends.
+        by_group: a value of each split group.
+        interval: function of values, groups and a generator that returns the two ends.
     """
     ends = interval(by_group.to_numpy(), by_group.index.to_numpy(), stream(0, "study"))
     low, high = ends or (np.nan, np.nan)
@@ -206,12 +209,13 @@ def compared(part: pd.DataFrame, reference: pd.DataFrame | None, head: str) -> d
 
     Args:
         part: rows of a variant, see `errors_of`.
-        reference: rows of the reference; None for the reference itself.
+        reference: rows of the reference; None if the variant is the reference itself.
         head: beginning of the columns' names.
 
     Returns:
-        columns `more`, `low`, `high`, `seeds_low`, `seeds_high`, and the numbers of common `seeds`
-            and of simulated `worlds`; NaN for the reference itself, and without common runs.
+        Columns `more`, `low`, `high`, `seeds_low` and `seeds_high`, and the numbers of common
+            `seeds` and of simulated `worlds`. All are NaN for the reference itself, and if the two
+            have no common training runs.
 
     Raises:
         UserError: the two were tested on different view sets.
@@ -233,14 +237,15 @@ def compared(part: pd.DataFrame, reference: pd.DataFrame | None, head: str) -> d
     if not have_same_view_sets:
         names = [rows["variant"].iloc[0] for rows in (part, reference)]
         raise UserError(
-            f"variant {names[0]} was tested on other view sets than {names[1]}; set reference: null"
+            f"variant {names[0]} was tested on other view sets than {names[1]}; "
+            "write `reference: null` in the study's file"
         )
     pairs["more"] = pairs["wrong"] - pairs["wrong of the reference"]
     row |= percent(of_groups, pairs.groupby("group")["more"].mean(), group_interval)
     by_seed = 100 * pairs.groupby("seed")["more"].mean()
     row[f"{head}seeds"] = len(by_seed)
     row[f"{head}worlds"] = pairs.loc[pairs["world"] != "", "world"].nunique()
-    # training runs on several deals share groups and are not independent
+    # not for several deals: their training runs share groups, so they are not independent
     if len(by_seed) >= MIN_SEEDS and pairs["deal"].nunique() == 1:
         # Student's interval of the mean difference
         half = student.ppf(0.975, len(by_seed) - 1) * by_seed.std() / len(by_seed) ** 0.5
@@ -253,13 +258,14 @@ def verdict(row: dict[str, Any], head: str) -> str:
     """Return whether a variant has a higher or a lower error than its reference.
 
     Args:
-        row: with the columns of `compared`.
+        row: row with the columns of `compared`.
         head: beginning of their names.
 
     Returns:
-        `HIGHER` or `LOWER` where both intervals say so, `OPEN` where one of them has 0 in it.
-            Otherwise why there is no verdict: `FEW_SEEDS`, or `ONE_WORLD` where all seeds have the
-            same simulated recordings, which says nothing of others. Empty without a difference.
+        `HIGHER` or `LOWER` if both intervals say so, and `OPEN` if one of them has 0 in it. With
+            too few seeds it is `FEW_SEEDS`. If all seeds have the same simulated recordings, it is
+            `ONE_WORLD`, since they say nothing of other recordings. Empty if there is no difference
+            or an interval is missing.
     """
     if np.isnan(row[f"{head}more"]):
         return ""
@@ -280,10 +286,10 @@ def verdict(row: dict[str, Any], head: str) -> str:
 
 
 def power(rows: pd.DataFrame, protocol: str, groups: int) -> str:
-    """Return a sentence on the smallest difference that a study detects.
+    """Return a sentence about the smallest difference that a study detects.
 
-    It is half of the widest interval, over groups and over seeds. Comparisons with a
-    variant that is not trained to its end do not count.
+    This difference is half of the widest interval, given over groups and over seeds. Comparisons
+    with a variant that is not trained to its end do not count.
 
     Args:
         rows: see `rows_of`.
@@ -297,11 +303,13 @@ def power(rows: pd.DataFrame, protocol: str, groups: int) -> str:
     if not most:
         return "All compared variants answered alike, so no detectable difference can be stated."
     if most < ENOUGH:
-        meaning = f"below {ENOUGH:g} points: where it shows no difference, there is no larger one"
+        meaning = (
+            f"below {ENOUGH:g} points: where the study shows no difference, there is no larger one"
+        )
     else:
         meaning = (
-            f"above {ENOUGH:g} points: where it shows no difference there may be one, "
-            "and it needs more data"
+            f"above {ENOUGH:g} points: where the study shows no difference there can still be one, "
+            "and it takes more data to see it"
         )
     points = ", ".join(f"{width:.1f} points {kind}" for kind, width in widths.items())
     return (
@@ -311,7 +319,7 @@ def power(rows: pd.DataFrame, protocol: str, groups: int) -> str:
 
 
 def _half_widths(rows: pd.DataFrame, groups: int) -> dict[str, float]:
-    """Return half of the widest interval of a protocol's rows, by kind, if there is any."""
+    """Return half of the widest interval of a protocol's rows, by kind of interval."""
     rows = rows.copy()
     for verdict_column in rows.filter(regex="^vs .* verdict$"):
         head = verdict_column.removesuffix("verdict")
@@ -329,17 +337,18 @@ def _half_widths(rows: pd.DataFrame, groups: int) -> dict[str, float]:
 
 
 def pareto_front(costs: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """Return the points that no other point beats in cost or error without losing in the other.
+    """Return the Pareto front: the points that no other point beats.
 
-    Of points that are equal in both all belong to the front. A point without one of the two
-    numbers, NaN, does not.
+    A point beats another if it is better in cost or error and no worse in the other. Points that
+    are equal in both numbers all belong to the front. A point without one of the numbers, NaN, does
+    not belong to it.
 
     Args:
-        costs: (n,).
-        errors: (n,).
+        costs: (n,) costs of the points.
+        errors: (n,) errors of the points.
 
     Returns:
-        Indices, the cheapest first.
+        Indices of the points on the front, the cheapest first.
     """
     points = np.stack([costs, errors], axis=1)
     is_outside = np.isnan(points).any(axis=1)

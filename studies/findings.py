@@ -1,11 +1,13 @@
-"""What README.md and docs/results.md say of the studies, from their results files.
+"""The tables of README.md and docs/results.md, made from the results files of the studies.
 
 The pages call these functions in blocks of Cog. `python -m studies --pages` writes the blocks and
-the figures anew, and a test says whether a block is out of date.
+the figures anew. A test says whether a block is out of date.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import TypeVar
 
 import pandas as pd
 
@@ -14,7 +16,10 @@ from studies.grid import FOLDER
 from tactile_viewgcn.evaluation.trials import TITLES, WHOLE
 from tactile_viewgcn.messages import UserError
 
+RowKey = TypeVar("RowKey", int, str)
+
 NOT_MEASURED = "not measured"
+UNTRAINED_MARK = " †"
 SIZES = "data_size_one_world"
 CLAIMED = "object"  # the protocol under which the paper has its claims
 PUBLISHED_ERROR = "18.18"  # %, of the paper's network on STAG's `classification`
@@ -29,12 +34,12 @@ METHODS = {
 
 @dataclass(frozen=True)
 class Design:
-    """Recordings and length of training of a comparison.
+    """A study in which the claims are compared: its recordings and the length of its training.
 
     Attributes:
-        label: at the left of the row.
+        label: text at the left of its row in the figure, and above its column in a table.
         study: name of the folder in studies/.
-        suffix: of the variants' names in that study.
+        suffix: end of the variants' names in that study.
     """
 
     label: str
@@ -49,13 +54,13 @@ class Design:
 
 @dataclass(frozen=True)
 class Claim:
-    """What the paper compares its network with.
+    """One claim of the paper: what it compares its network with.
 
     Attributes:
-        label: above the rows.
+        label: text above its rows.
         variant: its name in the studies, without a suffix.
-        published: percentage points by which its error was higher on STAG's data; None where the
-            paper only says that it was higher.
+        published: percentage points by which the variant's error was higher on STAG's data; None
+            if the paper only says that it was higher.
     """
 
     label: str
@@ -103,14 +108,14 @@ def row(study: str, variant: str, protocol: str) -> "pd.Series[float]":
     if not path.exists():
         raise UserError(f"{path}: no such file; expected the results of a study")
     rows = pd.read_csv(path, keep_default_na=True)
-    found = rows[(rows["variant"] == variant) & (rows["protocol"] == TITLES[protocol])]
-    if found.empty:
+    matching = rows[(rows["variant"] == variant) & (rows["protocol"] == TITLES[protocol])]
+    if matching.empty:
         raise UserError(f"{path}: no row {variant!r}, {TITLES[protocol]!r}")
-    return found.iloc[0]
+    return matching.iloc[0]
 
 
 def has(study: str, variant: str, protocol: str) -> bool:
-    """Return whether a study's results file has the row, see `row`."""
+    """Return whether a study's results file exists and has the row."""
     try:
         row(study, variant, protocol)
     except UserError:
@@ -120,127 +125,120 @@ def has(study: str, variant: str, protocol: str) -> bool:
 
 def error(study: str, variant: str, protocol: str) -> str:
     """Return an error with its interval over recordings, as in `17.8 (15.8 to 19.8)`."""
-    found = row(study, variant, protocol)
-    return f"{found['error']:.1f} ({found['low']:.1f} to {found['high']:.1f})"
+    result = row(study, variant, protocol)
+    return f"{result['error']:.1f} ({result['low']:.1f} to {result['high']:.1f})"
 
 
-def difference(study: str, variant: str, reference: str, protocol: str) -> str:
-    """Return a paired difference with both intervals, as in `8.6 (6.8 to 10.7; 3.5 to 13.8)`.
-
-    The second interval, over seeds, is left out where there is none.
-    """
-    found = row(study, variant, protocol)
-    head = f"vs {reference} "
-    intervals = [f"{found[f'{head}low']:.1f} to {found[f'{head}high']:.1f}"]
-    if pd.notna(found[f"{head}seeds_low"]):
-        intervals.append(f"{found[f'{head}seeds_low']:.1f} to {found[f'{head}seeds_high']:.1f}")
-    return f"{found[f'{head}more']:.1f} ({'; '.join(intervals)})"
-
-
-def differences_table(
-    variants: Mapping[str, str],
-    designs: Mapping[str, tuple[str, str, str]],
-    protocol: str,
-) -> str:
-    """Return a table of Markdown: a row for each variant, a column for each design.
-
-    A cell has the paired difference to the reference with its intervals. A dagger marks a network
-    that is not trained to its end.
-
-    Args:
-        variants: labels of the rows, by name of the variant.
-        designs: study, reference and suffix of the variants' names, by label of the column.
-        protocol: a key of `trials.TITLES`.
-    """
-    rows = []
-    for variant, label in variants.items():
-        cells = {"": label}
-        for design, (study, reference, suffix) in designs.items():
-            name = f"{variant}{suffix}"
-            cells[design] = NOT_MEASURED
-            if has(study, name, protocol):
-                cells[design] = difference(study, name, reference, protocol)
-                verdict = row(study, name, protocol)[f"vs {reference} verdict"]
-                if verdict == UNTRAINED:
-                    cells[design] += " †"
-        rows.append(cells)
-    return markdown(rows)
-
-
-def errors_table(
-    study: str, variants: Mapping[str, str], columns: Mapping[str, str], costs: Sequence[str] = ()
-) -> str:
-    """Return a table of Markdown: a row for each variant, its errors with intervals and its costs.
-
-    A dagger marks a network that is not trained to its end.
-
-    Args:
-        study: name of the folder in studies/.
-        variants: labels of the rows, by name of the variant.
-        columns: labels of the columns, by key of `trials.TITLES`.
-        costs: names of `grid.COLUMNS`.
-    """
-    rows = []
-    for variant, label in variants.items():
-        first = row(study, variant, next(iter(columns)))
-        dagger = "" if first["trained"] else " †"
-        cells = {"": f"{label}{dagger}", "runs": f"{first['runs']:.0f}"}
-        for protocol, title in columns.items():
-            cells[title] = error(study, variant, protocol)
-        for name in costs:
-            cells[name] = f"{first[name]:,.3g}"
-        rows.append(cells)
-    return markdown(rows)
-
-
-def real_table() -> str:
-    """Return the table of errors on whole recordings of STAG's two public sets, by method."""
-    rows = []
-    for variant, label in METHODS.items():
-        cells = {"method": label}
-        for study, title in STAG_SETS.items():
-            cells[title] = _error_or_not(study, variant)
-        rows.append(cells)
-    return markdown(rows)
-
-
-def short_table() -> str:
-    """Return README's table of errors on whole recordings, by method, real recordings first."""
-    rows = []
-    for variant, label in METHODS.items():
-        cells = {"method": label}
-        for study, title in STAG_SETS.items():
-            cells[f"real: {title}"] = _error_or_not(study, variant)
-        for frames in (48, 624):
-            name = f"{variant} / {frames} frames of an object"
-            cells[f"simulated: {frames} training frames"] = _error_or_not(SIZES, name)
-        rows.append(cells)
-    return markdown(rows)
-
-
-def _error_or_not(study: str, variant: str) -> str:
+def error_or_not(study: str, variant: str) -> str:
     """Return the error on whole recordings, or that it was not measured."""
     if has(study, variant, WHOLE):
         return error(study, variant, WHOLE)
     return NOT_MEASURED
 
 
+def difference(study: str, variant: str, reference: str, protocol: str) -> str:
+    """Return a paired difference with both intervals, as in `8.6 (6.8 to 10.7; 3.5 to 13.8)`.
+
+    The first interval is over split groups, the second over seeds. The second can be missing.
+    """
+    result = row(study, variant, protocol)
+    head = f"vs {reference} "
+    intervals = [f"{result[f'{head}low']:.1f} to {result[f'{head}high']:.1f}"]
+    if pd.notna(result[f"{head}seeds_low"]):
+        intervals.append(f"{result[f'{head}seeds_low']:.1f} to {result[f'{head}seeds_high']:.1f}")
+    return f"{result[f'{head}more']:.1f} ({'; '.join(intervals)})"
+
+
+def untrained_mark(study: str, variant: str, protocol: str) -> str:
+    """Return the dagger of a network that is not trained to its end; empty for any other."""
+    if row(study, variant, protocol)["trained"]:
+        return ""
+    return UNTRAINED_MARK
+
+
+def runs(study: str, variant: str) -> str:
+    """Return the number of training runs of a variant."""
+    return f"{row(study, variant, WHOLE)['runs']:.0f}"
+
+
+def differences_table(variants: Mapping[str, str], designs: Sequence[Design], protocol: str) -> str:
+    """Return a table of paired differences to the paper's recipe, with their intervals.
+
+    A dagger marks a difference in which a network is not trained to its end.
+
+    Args:
+        variants: labels of the rows, by name of the variant without a suffix.
+        designs: a column for each.
+        protocol: a key of `trials.TITLES`.
+    """
+    columns = {design.label: partial(_claim_in, design, protocol) for design in designs}
+    return table("", variants, columns)
+
+
+def _claim_in(design: Design, protocol: str, variant: str) -> str:
+    """Return a variant's difference to the paper's recipe in a design, or that there is none."""
+    name = f"{variant}{design.suffix}"
+    if not has(design.study, name, protocol):
+        return NOT_MEASURED
+    text = difference(design.study, name, design.reference, protocol)
+    if row(design.study, name, protocol)[f"vs {design.reference} verdict"] == UNTRAINED:
+        text += UNTRAINED_MARK
+    return text
+
+
+def real_table() -> str:
+    """Return the table of errors on whole recordings of STAG's two public sets, by method."""
+    columns = {title: partial(error_or_not, study) for study, title in STAG_SETS.items()}
+    return table("method", METHODS, columns)
+
+
+def short_table() -> str:
+    """Return README's table of errors on whole recordings, by method, real recordings first."""
+    columns = {f"real: {title}": partial(error_or_not, study) for study, title in STAG_SETS.items()}
+    for frames in (48, 624):
+        title = f"simulated: {frames} training frames"
+        columns[title] = partial(_error_at_size, frames=frames)
+    return table("method", METHODS, columns)
+
+
+def size_table() -> str:
+    """Return the table of errors on whole recordings by the number of training frames."""
+    labels = {frames: str(frames) for frames in (12, 24, 48, 96, 192, 384, 624)}
+    columns: dict[str, Callable[[int], str]] = {}
+    for variant in ("preset network", "preset kernels", "paper"):
+        columns[METHODS[variant]] = partial(_error_at_size, variant)
+    columns["`network` minus `kernels`"] = _network_minus_kernels
+    return table("training frames of an object", labels, columns)
+
+
+def _at_size(variant: str, frames: int) -> str:
+    """Return the name in the study `SIZES` of a variant that is trained on so many frames."""
+    return f"{variant} / {frames} frames of an object"
+
+
+def _error_at_size(variant: str, frames: int) -> str:
+    """Return a variant's error by its number of training frames, or that it was not measured."""
+    return error_or_not(SIZES, _at_size(variant, frames))
+
+
+def _network_minus_kernels(frames: int) -> str:
+    """Return the paired difference of the two presets at a number of training frames."""
+    return difference(SIZES, _at_size("preset network", frames), "preset kernels", WHOLE)
+
+
 def claims_table() -> str:
     """Return the table of the paper's claims, a column for each design that has been measured."""
-    designs = {}
-    for design in DESIGNS:
-        if has(design.study, design.reference, CLAIMED):
-            designs[design.label] = (design.study, design.reference, design.suffix)
+    designs = [design for design in DESIGNS if has(design.study, design.reference, CLAIMED)]
     variants = {claim.variant: claim.label for claim in CLAIMS}
-    table = differences_table(variants, designs, CLAIMED)
+    differences = differences_table(variants, designs, CLAIMED)
     errors = ["the recipe's own error, %"]
-    for study, reference, _ in designs.values():
-        errors.append(error(study, reference, CLAIMED))
+    for design in designs:
+        errors.append(error(design.study, design.reference, CLAIMED))
     published = ["published"]
     for claim in CLAIMS:
         published.append("higher" if claim.published is None else f"{claim.published:.2f}")
     published.append(PUBLISHED_ERROR)
-    lines = [*table.splitlines(), f"| {' | '.join(errors)} |"]
+    lines = [*differences.splitlines(), f"| {' | '.join(errors)} |"]
     heads = [published[0], "---", *published[1:]]
     return "\n".join(f"{line} {head} |" for line, head in zip(lines, heads, strict=True))
 
@@ -248,40 +246,25 @@ def claims_table() -> str:
 def reuse_table() -> str:
     """Return the table of the paper's recipe with `feature_reuse` 1, as in the paper, and 8."""
     labels = {"paper": "1, the paper's", "paper, reuse 8": "8, the default"}
-    lines = []
+    rows = []
     for protocol in (CLAIMED, "recording", WHOLE):
         cells = {"": TITLES[protocol]}
         for variant, label in labels.items():
             std = row("claims", variant, protocol)["std"]
             cells[label] = f"{error('claims', variant, protocol)}, std {std:.1f}"
         cells["8 less 1"] = difference("claims", "paper, reuse 8", "paper", protocol)
-        lines.append(cells)
+        rows.append(cells)
     seconds = {"": "fine-tuning, s"}
     for variant, label in labels.items():
         seconds[label] = f"{row('claims', variant, CLAIMED)['finetune s']:,.0f}"
-    lines.append(seconds | {"8 less 1": ""})
-    return markdown(lines)
-
-
-def size_table() -> str:
-    """Return the table of errors on whole recordings by the number of training frames."""
-    study = SIZES
-    rows = []
-    for frames in (12, 24, 48, 96, 192, 384, 624):
-        cells = {"training frames of an object": str(frames)}
-        for variant in ("preset network", "preset kernels", "paper"):
-            name = f"{variant} / {frames} frames of an object"
-            cells[METHODS[variant]] = error(study, name, WHOLE)
-        name = f"preset network / {frames} frames of an object"
-        cells["`network` minus `kernels`"] = difference(study, name, "preset kernels", WHOLE)
-        rows.append(cells)
+    rows.append(seconds | {"8 less 1": ""})
     return markdown(rows)
 
 
 def time_table() -> str:
     """Return the table of errors and seconds of training, the fastest first."""
-    rows = []
-    for variant, label in {
+    study = "error_time"
+    labels = {
         "preset kernels": "preset `kernels`",
         "svm": "`svm`",
         "network, 1 epoch": "`network` in 1 epoch",
@@ -290,22 +273,25 @@ def time_table() -> str:
         "preset network": "preset `network`",
         "1/4 of the epochs": "the paper's recipe in 1/4 of its epochs",
         "Tactile-ViewGCN": "the paper's recipe",
-    }.items():
-        found = row("error_time", variant, WHOLE)
-        rows.append(
-            {
-                "method": label,
-                "seeds": f"{found['runs']:.0f}",
-                "whole recordings": error("error_time", variant, WHOLE),
-                "eight frames of a recording": error("error_time", variant, "recording"),
-                "seconds": f"{found['pretrain s'] + found['finetune s']:,.0f}",
-            }
-        )
-    return markdown(rows)
+    }
+    columns = {
+        "seeds": partial(runs, study),
+        "whole recordings": partial(error, study, protocol=WHOLE),
+        "eight frames of a recording": partial(error, study, protocol="recording"),
+        "seconds": partial(_training_seconds, study),
+    }
+    return table("method", labels, columns)
+
+
+def _training_seconds(study: str, variant: str) -> str:
+    """Return the seconds of pretraining and fine-tuning together."""
+    result = row(study, variant, WHOLE)
+    return f"{result['pretrain s'] + result['finetune s']:,.0f}"
 
 
 def systems_table() -> str:
     """Return the table of the systems that join views, the lowest error under `object` first."""
+    study = "compare"
     systems = {
         "view_gcn": "`view_gcn`, the paper's",
         "vote": "`vote`",
@@ -319,27 +305,54 @@ def systems_table() -> str:
         "stag": "`stag`",
         "Wang et al.": "Wang et al.",
     }
-    ordered = sorted(systems, key=lambda name: row("compare", name, CLAIMED)["error"])
-    labels = {name: systems[name] for name in ordered}
-    return errors_table("compare", labels, {CLAIMED: "`object`", WHOLE: "whole recordings"})
+    labels = {}
+    for name in sorted(systems, key=lambda name: row(study, name, CLAIMED)["error"]):
+        labels[name] = systems[name] + untrained_mark(study, name, CLAIMED)
+    columns = {
+        "runs": partial(runs, study),
+        "`object`": partial(error, study, protocol=CLAIMED),
+        "whole recordings": partial(error, study, protocol=WHOLE),
+    }
+    return table("", labels, columns)
 
 
 def views_table() -> str:
     """Return the table of errors by the number of views."""
+    labels = {views: views for views in ("1 view", "2 views", "4 views", "8 views")}
+    columns = {
+        "clusters": partial(_error_of_views, "clusters"),
+        "random view sets": partial(_error_of_views, "random sets"),
+    }
+    return table("", labels, columns)
+
+
+def _error_of_views(variant: str, views: str) -> str:
+    """Return a variant's error with a number of views, and a dagger if it is not trained."""
+    name = f"{variant} / {views}"
+    return error("views", name, CLAIMED) + untrained_mark("views", name, CLAIMED)
+
+
+def table(
+    corner: str, labels: Mapping[RowKey, str], columns: Mapping[str, Callable[[RowKey], str]]
+) -> str:
+    """Return a table of Markdown: a row for each label, with a text in each column.
+
+    Args:
+        corner: title of the column of labels.
+        labels: labels of the rows, by the key that the columns' functions take.
+        columns: functions that return the text of a row, by title of the column.
+    """
     rows = []
-    for views in ("1 view", "2 views", "4 views", "8 views"):
-        cells = {"": views}
-        for name, title in (("clusters", "clusters"), ("random sets", "random view sets")):
-            variant = f"{name} / {views}"
-            cells[title] = error("views", variant, CLAIMED)
-            if not row("views", variant, CLAIMED)["trained"]:
-                cells[title] += " †"
+    for key, label in labels.items():
+        cells = {corner: label}
+        for title, text_of in columns.items():
+            cells[title] = text_of(key)
         rows.append(cells)
     return markdown(rows)
 
 
-def markdown(rows: list[dict[str, str]]) -> str:
+def markdown(rows: Sequence[Mapping[str, str]]) -> str:
     """Return a table of Markdown, a row for each dictionary, without padding."""
-    names = list(rows[0])
-    lines = [names, ["---"] * len(names), *(list(one.values()) for one in rows)]
+    titles = list(rows[0])
+    lines = [titles, ["---"] * len(titles), *(list(cells.values()) for cells in rows)]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)

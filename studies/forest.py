@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from studies.comparison import HIGHER, LOWER, OPEN
 from studies.findings import CLAIMED, CLAIMS, DESIGNS, Claim, Design, has, row
 
-DECIDED = (HIGHER, LOWER, OPEN)  # verdicts of five worlds and trained networks
+DECIDED = (HIGHER, LOWER, OPEN)  # only five worlds and trained networks have these verdicts
 REAL = "C1"
 SIMULATED = "C0"
 
@@ -25,11 +25,12 @@ def rows_of_claims() -> Iterator[tuple[Claim, Design, "pd.Series[float]"]]:
 
 
 def forest_plot() -> Figure:
-    """Return the plot: x is the error under `object` minus that of the paper's recipe.
+    """Return the plot: x is the error under `object` minus the error of the paper's recipe.
 
-    A thick bar is the 95 % interval over recordings, a thin one that over seeds. A mark is hollow
-    where the difference has no verdict, see `comparison.verdict`: fewer than five seeds, one
-    simulated world, or a network that is not trained to its end. A diamond is the published value.
+    A thick bar is the 95 % interval over recordings, and a thin bar the interval over seeds. A
+    diamond is the published value. A mark is hollow if the difference has no verdict: with fewer
+    than five seeds, in one simulated world, or for a network that is not trained to its end. See
+    `comparison.verdict`.
     """
     measured = list(rows_of_claims())
     published = [claim for claim in CLAIMS if claim.published is not None]
@@ -44,8 +45,8 @@ def forest_plot() -> Figure:
             _write(axes, height, "published, STAG's data")
             axes.plot(claim.published, height, "D", color="black", ms=6)
             height += 1
-        for _, design, found in (entry for entry in measured if entry[0] is claim):
-            _draw(axes, height, design, found)
+        for _, design, result in (entry for entry in measured if entry[0] is claim):
+            _draw(axes, height, design, result)
             height += 1
         height += 1
     axes.axvline(0, color="0.3", lw=0.8)
@@ -64,17 +65,17 @@ def forest_plot() -> Figure:
     return figure
 
 
-def _draw(axes: Axes, height: float, design: Design, found: "pd.Series[float]") -> None:
+def _draw(axes: Axes, height: float, design: Design, result: "pd.Series[float]") -> None:
     """Draw a row: label, interval over seeds, interval over recordings, and the difference."""
     head = f"vs {design.reference} "
     color = REAL if design.label.startswith("real") else SIMULATED
     _write(axes, height, design.label)
-    if pd.notna(found[f"{head}seeds_low"]):
-        ends = [found[f"{head}seeds_low"], found[f"{head}seeds_high"]]
+    if pd.notna(result[f"{head}seeds_low"]):
+        ends = [result[f"{head}seeds_low"], result[f"{head}seeds_high"]]
         axes.plot(ends, [height, height], color=color, lw=1.2)
-    axes.plot([found[f"{head}low"], found[f"{head}high"]], [height, height], color=color, lw=4.5)
-    fill = color if found[f"{head}verdict"] in DECIDED else "white"
-    axes.plot(found[f"{head}more"], height, "o", color=color, markerfacecolor=fill, ms=7, zorder=3)
+    axes.plot([result[f"{head}low"], result[f"{head}high"]], [height, height], color=color, lw=4.5)
+    fill = color if result[f"{head}verdict"] in DECIDED else "white"
+    axes.plot(result[f"{head}more"], height, "o", color=color, markerfacecolor=fill, ms=7, zorder=3)
 
 
 def _write(axes: Axes, height: float, text: str, weight: str = "normal") -> None:

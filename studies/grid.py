@@ -1,4 +1,4 @@
-"""The cells of studies/NAME.yaml: each is one training run, as changes to params.yaml."""
+"""The cells of a study: each is one training run, as changes to params.yaml."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import field, replace
@@ -24,9 +24,10 @@ COLUMNS = {  # costs, and their keys in results/timing.json
     "ms whole": ("latency_ms", "whole", "median"),
     "peak MB": ("peak_mb",),
 }
-AXES = ("seed", "split.deal", "split.fold")  # keys of params.yaml that a study sets in every cell
-WORLD = "glove.seed"  # has the value of `seed`, unless the study or --set names it
-SEEDS = (101, 102, 103, 104, 105)  # worlds on which nothing was set or chosen
+AXES = ("seed", "split.deal", "split.fold")  # keys that a study sets in every cell
+WORLD = "glove.seed"  # equals `seed`, unless the study or --set names it
+LONGEST_QUESTION = 47  # characters, so that a line of the list of studies has 80 columns
+SEEDS = (101, 102, 103, 104, 105)  # no constant was set and nothing was chosen on these worlds
 Seeds = Annotated[list[Seed], MinLen(1)]
 # names, and changes to params.yaml
 Variants = Annotated[dict[StrictStr, dict[StrictStr, Any]], MinLen(1)]
@@ -41,9 +42,9 @@ class Cell:
         seed: value of `seed`.
         deal: value of `split.deal`.
         fold: value of `split.fold`.
-        changes: `key=value`, to the defaults.
-        world: the value of `glove.seed`, on which all simulated recordings depend; empty for
-            recordings of files.
+        changes: changes to the defaults, `key=value`.
+        world: value of `glove.seed`, on which all simulated recordings depend. It is empty if the
+            recordings come from files.
     """
 
     variant: str
@@ -62,35 +63,37 @@ class Study:
     """The content of studies/NAME.yaml.
 
     Attributes:
-        name: of the file.
-        question: what the list of studies prints.
-        variants: changes to params.yaml by name of the variant; the key `preset` among them stands
-            for a preset's.
-        reference: the variants that the others are compared with; or, with `cross`, their first
-            part.
-        seeds: every variant is trained from each. A seed is also the simulated world, `glove.seed`,
-            so that the spread over seeds is that of recordings and training runs. Where `set` has
-            `glove.seed`, all seeds are of one world.
-        folds: every variant is trained on each; `all`: as many as `split.folds` says.
+        name: name of the file, without `.yaml`.
+        question: the question, as the list of studies prints it.
+        variants: changes to params.yaml, by name of the variant. The key `preset` stands for all
+            changes of a preset.
+        reference: names of the variants that the others are compared with. In a study with `cross`
+            it can be the first part of their names.
+        seeds: seeds; every variant is trained from each of them. A seed is also the simulated
+            world, `glove.seed`, so the spread over seeds covers recordings and training runs. If
+            `set` has `glove.seed`, all seeds are of one world.
+        folds: folds; every variant is trained on each of them. `all` stands for all folds of
+            `split.folds`.
         columns: costs in the table.
         deals: values of `split.deal`.
-        primary: the protocol of the primary outcome, which the detectable difference and the first
-            table are of: `object` for the paper's claims, as the paper has them; `whole`, whole
-            recordings, for the choice of a method.
+        primary: protocol of the primary outcome. The first table and the detectable difference are
+            of this protocol. It is `object` for the paper's claims, as in the paper, and `whole`,
+            whole recordings, for the choice of a method.
         set: changes of every cell.
         cross: further variants; every combination is trained.
-        choice: changes of which every variant but those in `fixed` takes one, that with the lowest
-            error on validation groups; see `candidates`.
+        choice: changes, by name of the choice. Every variant takes the choice with the lowest error
+            on validation groups; see `candidates`. The variants in `fixed` take none.
         fixed: variants without a choice.
         one_seed: variants that are trained from the first seed only.
         one_deal: variants that are trained on the first deal only.
-        each: whether the report has a row for each group that was held out, or for each fold where
-            there are many groups.
-        picture: error against seconds, or along numbered names of `cross`.
+        each: whether the report has a row for each group that was held out. If there are many
+            groups, it has a row for each fold instead.
+        picture: `seconds` for error against seconds, or `curves` for the error along the numbers in
+            the names of `cross`.
     """
 
     name: str
-    question: Annotated[StrictStr, MaxLen(41)]
+    question: Annotated[StrictStr, MaxLen(LONGEST_QUESTION)]
     variants: Variants
     reference: StrictStr | list[StrictStr] | None
     folds: Literal["all"] | Annotated[list[Natural], MinLen(1)]
@@ -115,9 +118,9 @@ class Study:
         return self.reference or []
 
     def candidates(self) -> "Study":
-        """Return the study of all choices, each evaluated on validation groups.
+        """Return the study of all variants with all choices, evaluated on validation groups.
 
-        Its variants are named as in `mean, rate 5`. The test set is not read.
+        A variant is named after both, as in `mean, rate 5`. The test set is not read.
         """
         variants = {}
         for variant, changes in self.variants.items():
@@ -131,11 +134,11 @@ class Study:
         )
 
     def chosen(self, choices: Mapping[str, str]) -> "Study":
-        """Return the study of what was chosen, each evaluated on the test set.
+        """Return the study of the variants with their chosen settings, evaluated on the test set.
 
         Args:
-            choices: the names of the choices, by variant; a variant that has none here is left out,
-                unless it is in `fixed`.
+            choices: the names of the choices, by variant. A variant without one is left out, unless
+                it is in `fixed`.
         """
         variants = {}
         for variant, changes in self.variants.items():
@@ -148,21 +151,22 @@ class Study:
     def cells(self, on_top: tuple[str, ...] = ()) -> list[Cell]:
         """Return all cells, deal by deal, variant by variant and seed by seed.
 
-        Cells that begin together are so of different worlds, and none waits for the simulation of
-        another. Their changes begin with the committed params.yaml.
+        In this order cells that begin together are of different worlds, so none waits for the
+        simulation of another. The changes of a cell begin with the committed params.yaml.
 
         Args:
             on_top: changes of every cell, `key=value`, after all others.
 
         Raises:
-            UserError: `on_top` names one of `AXES`, or git's HEAD has no params.yaml, or a wrong
+            UserError: `on_top` names one of `AXES`, or git's HEAD has no params.yaml or a wrong
                 one.
         """
         for change in on_top:
             key = change.partition("=")[0]
             if key in AXES:
                 raise UserError(
-                    f"--set {key}: every cell has its own; set it in {FOLDER}/{self.name}.yaml"
+                    f"--set {key}: every cell has its own value; "
+                    f"change the values in {FOLDER}/{self.name}.yaml"
                 )
         shared = (*_committed_changes(), *_changes(self.set))
         folds = self.folds
@@ -205,7 +209,7 @@ def candidate(variant: str, choice: str) -> str:
 
 
 def world_of(changes: tuple[str, ...]) -> str:
-    """Return the value of `glove.seed` with these changes; empty for recordings of files."""
+    """Return the value of `glove.seed` with these changes; empty if recordings come from files."""
     params = default_params(changes)
     if params.data.source != VIRTUAL:
         return ""
@@ -218,16 +222,20 @@ def names() -> list[str]:
 
 
 def read_study(name: str) -> Study:
-    """Return the study of that name.
+    """Read and check a study.
+
+    Args:
+        name: name of its file in studies/, without `.yaml`.
 
     Raises:
-        UserError: there is none, its keys or types are not those of `Study`, or it refers to an
-            unknown variant.
+        UserError: there is no such study, its keys or types are not as in `Study`, or it refers to
+            an unknown variant.
     """
     path = FOLDER / f"{name}.yaml"
     if not path.exists():
         raise UserError(
-            f"study is {name!r}; expected one of {', '.join(names())} (in the repository's root)"
+            f"study is {name!r}; expected one of {', '.join(names())}, "
+            "and the repository's root as the working folder"
         )
     study: Study = build(Study, {**read_yaml(path), "name": name}, str(path))
     variants = [variant for variant, _ in study.crossed()]
@@ -235,16 +243,16 @@ def read_study(name: str) -> Study:
     _check_names(path, "one_seed", study.one_seed, variants)
     _check_names(path, "fixed", study.fixed, variants)
     if study.choice and study.cross:
-        raise UserError(f"{path}: choice and cross; expected one of them")
+        raise UserError(f"{path}: choice and cross; expected only one of them")
     if study.each and len(variants) * len(study.seeds) * len(study.deals) > 1:
-        raise UserError(f"{path}: each; expected one variant, one seed and one deal")
+        raise UserError(f"{path}: each is true; expected one variant, one seed and one deal")
     _check_names(path, "one_deal", study.one_deal, variants)
     return study
 
 
-def _check_names(path: Path, key: str, found: list[str], expected: list[str]) -> None:
-    """Raise a UserError if a key of a study's file has another name than the expected ones."""
-    for name in found:
+def _check_names(path: Path, key: str, names_in_file: list[str], expected: list[str]) -> None:
+    """Raise a UserError if a key of a study's file has a name that is not expected."""
+    for name in names_in_file:
         if name not in expected:
             raise UserError(f"{path}: {key} is {name!r}; expected one of {', '.join(expected)}")
 
@@ -253,12 +261,13 @@ def _committed_changes() -> tuple[str, ...]:
     """Return the values of params.yaml in git's HEAD as changes to the defaults.
 
     Raises:
-        UserError: git's HEAD has no params.yaml, or a wrong one.
+        UserError: git's HEAD has no params.yaml or a wrong one.
     """
     committed = committed_params(Path("params.yaml"))
     if not committed:
         raise UserError(
-            "no params.yaml in git's HEAD; expected the root of a clone: cells are DVC experiments"
+            "no params.yaml in git's HEAD; "
+            "run this in the root of a clone, since cells are DVC experiments"
         )
     changes = tuple(as_change(key, value) for key, value in committed.items())
     default_params(changes, "params.yaml in git's HEAD")  # checks them
@@ -266,7 +275,7 @@ def _committed_changes() -> tuple[str, ...]:
 
 
 def _changes(part: dict[str, Any]) -> list[str]:
-    """Return the changes `key=value` of a variant, or of `set`."""
+    """Return the changes of a variant, or of `set`, as texts `key=value`."""
     changes: list[str] = []
     for key, value in part.items():
         if key == "preset":

@@ -5,7 +5,7 @@ from math import nan
 
 from tactile_viewgcn.provenance import Record
 
-# ours: as shares of the loss of a network that guesses
+# our choice, as shares of the loss of an untrained network
 LEFT = 1 / 3  # largest loss at the end of a finished training run
 FALL = 0.03  # largest fall of the loss in its last epoch
 
@@ -15,9 +15,9 @@ class Losses:
     """Losses of a training run, means of an epoch; NaN where nothing is trained in epochs.
 
     Attributes:
-        first: of the first batch, before a step, when the network guesses.
-        before: of the epoch before the last; of a single epoch the loss of the first batch.
-        end: of the last epoch.
+        first: loss of the first batch, before the first step, when the network is untrained.
+        before: loss of the last epoch but one. If there is only one epoch, it is `first`.
+        end: loss of the last epoch.
         trained: whether the network is trained to its end.
     """
 
@@ -31,8 +31,8 @@ def losses_of(pretrain: Record, finetune: Record) -> Losses:
     """Return the losses of fine-tuning, or of pretraining if the system is not fine-tuned.
 
     Args:
-        pretrain: record of this stage.
-        finetune: record of this stage.
+        pretrain: record of the stage `pretrain`.
+        finetune: record of the stage `finetune`.
     """
     record = finetune
     if not finetune.curves:

@@ -21,7 +21,7 @@ def write_pages() -> None:
     """Write the figures and the blocks of Cog in `PAGES`.
 
     Raises:
-        UserError: Cog is not installed, or a block needs a result that is not there.
+        UserError: Cog is not installed, or a block needs a result that is missing.
     """
     forest_plot().savefig(FOREST, dpi=110)
     rows = pd.read_csv(FOLDER / CURVE_STUDY / "results.csv")
@@ -31,7 +31,7 @@ def write_pages() -> None:
 
 
 def run_cog(*options: str) -> int:
-    """Run Cog in this process, and return its exit status: 5 where `--check` finds an old block.
+    """Run Cog in this process, and return its exit status: 5 if `--check` finds an old block.
 
     Raises:
         UserError: Cog is not installed.

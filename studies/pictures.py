@@ -1,4 +1,4 @@
-"""The picture of a study: errors against seconds of training, or along a crossing."""
+"""The picture of a study: errors against seconds of training, or along the numbers of `cross`."""
 
 from collections.abc import Collection, Mapping
 
@@ -15,11 +15,11 @@ from tactile_viewgcn.evaluation.trials import TITLES, WHOLE
 def errors_by_seconds(rows: pd.DataFrame, references: Collection[str], title: str) -> Figure:
     """Return a picture of error against seconds of training, a panel for each protocol.
 
-    The points on Pareto fronts and the references have numbers.
+    The points on a Pareto front and the references have numbers, which the legend explains.
 
     Args:
         rows: see `comparison.rows_of`.
-        references: names of variants, or their first parts.
+        references: names of variants, or the first parts of names; they are drawn as stars.
         title: text above the panels.
     """
     panels = [panel for _, panel in rows.groupby("protocol", sort=False)]
@@ -65,9 +65,10 @@ def _write_number(axes: Axes, number: int, point: tuple[float, float]) -> None:
 
 
 def error_curves(rows: pd.DataFrame, title: str) -> Figure:
-    """Return a panel for each protocol, a line in it for each variant: the error along a crossing.
+    """Return a picture of the error along the numbers of `cross`, a panel for each protocol.
 
-    A crossing's names begin with a number, as in `8 recordings`; the other words label the axis.
+    Each variant is a line. The names in `cross` begin with a number, as in `8 recordings`. The
+    number is the place on the axis, and the other words label it.
 
     Args:
         rows: see `comparison.rows_of`.
@@ -89,7 +90,8 @@ def error_curves(rows: pd.DataFrame, title: str) -> Figure:
                 elinewidth=0.8,
                 label=name,
             )
-        axes.set(title=protocol, xlabel=rows.loc[rows["number"].idxmax(), "unit"])  # in the plural
+        # the unit of the largest number is in the plural
+        axes.set(title=protocol, xlabel=rows.loc[rows["number"].idxmax(), "unit"])
         axes.set_xscale("log")
         axes.xaxis.set(minor_locator=NullLocator())
         axes.set_xticks(numbers, numbers.astype(str))
@@ -99,13 +101,13 @@ def error_curves(rows: pd.DataFrame, title: str) -> Figure:
 
 
 def with_numbers(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows with the parts of their variants' names, as in `A / 8 recordings`.
+    """Return the rows with the parts of names such as `A / 8 recordings` in three columns.
 
     Args:
-        rows: of a study that crosses variants with numbers.
+        rows: rows of a study that crosses variants with numbers.
 
     Returns:
-        the rows with the columns `name`, `number` and `unit`.
+        The rows with the columns `name`, `number` and `unit`, such as `A`, 8 and `recordings`.
     """
     rows = rows.join(rows["variant"].str.extract(r"(?P<name>.*) / (?P<number>\d+) ?(?P<unit>.*)"))
     return rows.assign(number=rows["number"].astype(int))
@@ -117,8 +119,9 @@ def learning_curve(rows: pd.DataFrame, labels: Mapping[str, str]) -> Figure:
     Each line has its label at its right end. The bars are the intervals of the results file.
 
     Args:
-        rows: of a results file, see `comparison.rows_of`.
-        labels: of the lines, by the first parts of the variants' names; others are not drawn.
+        rows: rows of a results file, see `comparison.rows_of`.
+        labels: labels of the lines, by the first part of the variants' names. Other variants are
+            not drawn.
     """
     rows = with_numbers(rows[rows["protocol"] == TITLES[WHOLE]])
     figure = Figure(figsize=(6.4, 3.9), layout="constrained")
@@ -163,9 +166,9 @@ def _finish(figure: Figure, title: str, **legend: float) -> None:
 
 
 def _bars(rows: pd.DataFrame) -> np.ndarray:
-    """Return lengths (2, n) of the intervals below and above the errors.
+    """Return the lengths (2, n) of the intervals below and above the errors.
 
-    They are NaN, which draws nothing, where there is no interval.
+    A length is NaN, which draws nothing, if there is no interval.
     """
     ends = rows[["low", "error", "high"]].to_numpy().T
     lengths: np.ndarray = np.diff(ends, axis=0).clip(0)

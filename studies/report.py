@@ -20,34 +20,35 @@ from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import several
 from tactile_viewgcn.params import VIRTUAL, Params, default_params
 
-EXPLAINED = """Errors are in per cent: means over folds, trials and a variant's training runs. A
-training run has one seed and one deal, and covers all folds. Every split group counts once. The
-brackets hold the 95 % interval that resamples these groups, for these training runs. It is
-optimistic where a view set mixes an object's groups, as under `object`. `std` is the standard
-deviation over the training runs."""
-DEALT = """The groups were dealt to the folds in {deals} ways, so that each is tested {deals} times.
-Each is resampled as one unit."""
-COMPARED = f"""Differences are paired, over the seeds and deals that both variants were trained on
-by one kind of machine. There are two intervals of 95 %: `over groups` resamples the split groups,
-and `over seeds` is Student's interval for other seeds. The verdict needs both, and {ENOUGH_SEEDS}
-seeds or more. A variant without common training runs has no row."""
-WORLDS = """A seed is a simulated world too: other recordings and another training run. The interval
-over seeds covers both."""
+EXPLAINED = """Error rates are in per cent. They are means over folds, trials and a variant's
+training runs. A training run has one seed and one deal, and covers all folds. Every split group
+counts once. The brackets hold a 95 % interval, which resamples these groups and keeps the training
+runs. The interval is optimistic if a view set mixes an object's groups, as under `object`. `std` is
+the standard deviation over the training runs."""
+DEALT = """The groups were dealt to the folds in {deals} ways, so each group is tested {deals}
+times. All answers of a group are resampled together."""
+COMPARED = f"""Differences are paired. They are over the seeds and deals that both variants were
+trained on by one kind of machine. There are two intervals of 95 %: `over groups` resamples the
+split groups, and `over seeds` is Student's interval for other seeds. The verdict needs both
+intervals, and {ENOUGH_SEEDS} seeds or more. A variant without common training runs has no row."""
+WORLDS = """A seed is also a simulated world: it has recordings and a training run of its own. The
+interval over seeds covers both."""
 WORLD = """All recordings are of one simulated world, `glove.seed` {world}. Neither interval covers
 other worlds, so there is no verdict."""
-TRAINED = f"""`first` is the loss of the first batch, before a step, when the network guesses;
-`before` and `end` are means of the last epoch but one and of the last epoch. In some systems a loss
-is the sum of several. A row with † is not trained to its end, and decides nothing: its loss at the
-end is above {LEFT:.0%} of `first`, or fell by more than {FALL:.0%} of it in the last epoch. A
-system that is not fine-tuned has the losses of pretraining. A system on the sensors has none, nor
-has its member `network`."""
-CHOSEN = """Errors on validation groups, in per cent, means over all seeds. Each variant was tested
-with its lowest, in bold; the test set was not read before."""
+TRAINED = f"""`first` is the loss of the first batch, before the first step, when the network is
+untrained. `before` and `end` are the means of the last epoch but one and of the last epoch. In some
+systems a loss is a sum of several losses. A row with † is not trained to its end, and decides
+nothing: its loss at the end is above {LEFT:.0%} of `first`, or fell by more than {FALL:.0%} of
+`first` in the last epoch. A system that is not fine-tuned has the losses of pretraining. A system
+on the sensors has no losses, and neither has its member `network`."""
+CHOSEN = """Error rates on validation groups, in per cent, means over all seeds. Each variant was
+tested with the choice in bold, which has its lowest error rate. The test set was not read before.
+"""
 PAID = """Each cost is the lowest of all training runs, since other work only adds to it. Seconds
-are summed over folds, milliseconds are for one answer, and the memory is the peak of the stage
-that needs most."""
+are summed over the folds. Milliseconds are for one answer. The memory is the peak of the stage that
+needs most."""
 
-MOST_ROWS = 40  # of the table of each part
+MOST_ROWS = 40  # largest number of rows of a table with a row for each held-out group
 
 
 def write_report(
@@ -61,13 +62,14 @@ def write_report(
 
     Args:
         study: the study.
-        answers: of its finished cells.
-        folder: place of the files.
+        answers: answers of its finished cells.
+        folder: folder to write into.
         on_top: changes that every cell has, `key=value`.
-        choices: what was chosen on validation groups, see `choice.choices_of`.
+        choices: table of the choices on validation groups, see `choice.choices_of`; None if the
+            study has none.
 
     Raises:
-        UserError: variants cannot be compared.
+        UserError: no training run has finished on all folds, or variants cannot be compared.
     """
     cells = study.cells(on_top)
     answers = complete(answers, len({cell.fold for cell in cells}))
@@ -80,7 +82,7 @@ def write_report(
     primary = TITLES[study.primary]
     text = [
         _question(study, data, on_top),
-        f"Primary outcome: {primary}. What the other tables say is secondary.",
+        f"Primary outcome: {primary}. The outcomes of the other tables are secondary.",
         power(rows, primary, _count_groups(answers)),
         f"{_sizes(answers, params)} {EXPLAINED}",
         *_remarks(cells, answers, compared=bool(references)),
@@ -106,7 +108,7 @@ def write_report(
 
 
 def _question(study: Study, data: str, on_top: tuple[str, ...]) -> str:
-    """Return the first paragraph: the data, the question and what every cell has."""
+    """Return the first paragraph: the data, the question, and the changes that every cell has."""
     text = f"{data}. {study.question}"
     if on_top:
         changed = ", ".join(f"`{change}`" for change in on_top)
@@ -115,14 +117,14 @@ def _question(study: Study, data: str, on_top: tuple[str, ...]) -> str:
 
 
 def _remarks(cells: list[Cell], answers: list[Answers], *, compared: bool) -> list[str]:
-    """Return paragraphs on deals, missing training runs, differences and worlds, where needed."""
+    """Return paragraphs about deals, missing training runs, differences and worlds, if needed."""
     text = []
     deals = len({answer.cell.deal for answer in answers})
     if deals > 1:
         text.append(DEALT.format(deals=deals))
     absent = missing(cells, answers)
     if absent:
-        text.append(f"Training runs that have not been run: {', '.join(absent)}.")
+        text.append(f"Missing training runs: {', '.join(absent)}.")
     if compared:
         text.append(COMPARED)
     worlds = {answer.cell.world for answer in answers} - {""}
@@ -134,7 +136,7 @@ def _remarks(cells: list[Cell], answers: list[Answers], *, compared: bool) -> li
 
 
 def _references(study: Study, answers: list[Answers]) -> list[str]:
-    """Return the references of a study that have answers, or are a first part of variants."""
+    """Return the references that have answers, or are the first part of a finished variant."""
     finished = set()
     for answer in answers:
         variant = answer.cell.variant
@@ -152,7 +154,7 @@ def _count_groups(answers: list[Answers]) -> int:
 
 
 def _sizes(answers: list[Answers], params: Params) -> str:
-    """Return a sentence with the sizes of what one training run of the study is tested on."""
+    """Return a sentence with the sizes of the set that one training run is tested on."""
     first = answers[0]
     run = (first.cell.deal, first.cell.seed)
     tested = [answer for answer in answers if (answer.cell.deal, answer.cell.seed) == run]
@@ -172,8 +174,8 @@ def missing(cells: list[Cell], answers: list[Answers]) -> list[str]:
     """Return variants with the number of their missing training runs, as in `mean 2 of 5`.
 
     Args:
-        cells: of the study.
-        answers: of complete training runs.
+        cells: cells of the study.
+        answers: answers of complete training runs.
     """
     # each training run once, in order
     planned = dict.fromkeys((cell.variant, cell.seed, cell.deal) for cell in cells)
@@ -191,7 +193,7 @@ def tables(
 
     Args:
         rows: see `comparison.rows_of`.
-        references: a table of differences for each.
+        references: variants that the others are compared with; each has a table of differences.
         columns: costs in the last table.
         primary: title of the protocol that comes first.
     """
@@ -221,10 +223,10 @@ def tables(
 def each_table(answers: list[Answers]) -> str:
     """Return the table of wrong whole recordings, a row for each split group that was held out.
 
-    With more than MOST_ROWS groups there is a row for each fold instead.
+    If there are more than MOST_ROWS groups, there is a row for each fold instead.
 
     Args:
-        answers: of one training run on all folds.
+        answers: answers of one training run on all folds.
     """
     parts = []
     for answer in answers:
@@ -245,7 +247,7 @@ def each_table(answers: list[Answers]) -> str:
 
 
 def _choice_table(choices: pd.DataFrame) -> str:
-    """Return the table of validation errors, a column for each choice; the lowest is bold."""
+    """Return the table of validation errors, a column for each choice, the lowest in bold."""
     shown = choices["error"].map("{:.1f}".format)
     shown = shown.where(~choices["chosen"].astype(bool), "**" + shown + "**")
     table = choices.assign(error=shown).pivot(index="variant", columns="choice", values="error")
@@ -255,7 +257,7 @@ def _choice_table(choices: pd.DataFrame) -> str:
 
 
 def _differences(rows: pd.DataFrame, protocol: str, reference: str) -> list[str]:
-    """Return the table of paired differences to a reference and its name; none without a pair."""
+    """Return a title and the table of paired differences to a reference; empty without a pair."""
     head = f"vs {reference} "
     is_compared = rows[f"{head}more"].notna()
     if not is_compared.any():
@@ -271,9 +273,9 @@ def _differences(rows: pd.DataFrame, protocol: str, reference: str) -> list[str]
 
 
 def _intervals(rows: pd.DataFrame, key: str, ends: str = "") -> "pd.Series[str]":
-    """Return the column `key` of each row in per cent with its interval.
+    """Return the column `key` of each row with its interval, as text.
 
-    The interval is in the columns `low` and `high` after `ends`.
+    The interval is in the columns `low` and `high`, whose names begin with `ends`.
     """
 
     def text(row: "pd.Series[float]") -> str:
@@ -287,7 +289,7 @@ def _intervals(rows: pd.DataFrame, key: str, ends: str = "") -> "pd.Series[str]"
 
 
 def _markdown(columns: Mapping[str, Any], chosen: "pd.Series[bool] | None" = None) -> str:
-    """Return a table of the variants, or of the chosen ones, without blank columns."""
+    """Return a table of all variants, or of the chosen ones, without blank columns."""
     table = pd.DataFrame(columns).replace("nan", "")
     if chosen is not None:
         table = table[chosen]
@@ -297,4 +299,5 @@ def _markdown(columns: Mapping[str, Any], chosen: "pd.Series[bool] | None" = Non
 
 
 def _paragraph(text: str) -> str:
+    """Return a text in lines of 80 columns."""
     return fill(text, 80, break_on_hyphens=False, break_long_words=False)

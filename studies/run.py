@@ -22,7 +22,7 @@ from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import VIRTUAL, default_params
 from tactile_viewgcn.schema import as_change, flatten
 
-one_reader = Lock()  # threads must not share DVC's index of the cache
+one_reader = Lock()  # threads must not read DVC's index of the cache at the same time
 DVC = ("-P", "-m", "dvc", "--wait-for-lock")  # options of Python, and DVC's own
 
 
@@ -32,19 +32,19 @@ def run_cells(
     """Run every cell that is not stored, and store its results.
 
     Prints the seconds and the error rate of each cell, or why it failed. A reason that was printed
-    before stands as `the same as of` its first cell.
+    before is not repeated; the line names the cell that failed for it first.
 
     Args:
         name: name of the study.
         cells: the cells, by their keys.
-        jobs: number of cells at once without a scheduler.
+        jobs: how many cells run at once, if there is no scheduler.
         scheduler: address of Dask's scheduler.
 
     Returns:
         The faults of cells that failed, by their keys.
 
     Raises:
-        UserError: Dask is not installed, or there is no such scheduler, or it has no worker.
+        UserError: Dask is not installed, there is no such scheduler, or it has no worker.
     """
     missing = [key for key in cells if not stored(key)]
     commit = git("rev-parse", "HEAD").strip()
@@ -55,7 +55,7 @@ def run_cells(
             outcome = text
             for other, fault in faults.items():
                 if fault == text:
-                    outcome = f"failed: the same as of {cells[other]}"
+                    outcome = f"failed: for the same reason as {cells[other]}"
                     break
             line = f"{cells[key]}: {outcome}; {len(missing) - count} left\n"
             print(line, end="", flush=True)
@@ -68,14 +68,16 @@ def run_cells(
 
 @contextmanager
 def workers(jobs: int, scheduler: str | None) -> Iterator[Parallel]:
-    """Yield what starts the cells: threads here, each with a process of DVC, or Dask's workers.
+    """Yield the pool that runs the cells: threads of this process, or Dask's workers.
+
+    Each thread waits for a process of DVC.
 
     Args:
         jobs: number of threads.
-        scheduler: address of Dask's scheduler; None: threads.
+        scheduler: address of Dask's scheduler; None for threads.
 
     Raises:
-        UserError: Dask is not installed, or there is no such scheduler, or it has no worker.
+        UserError: Dask is not installed, there is no such scheduler, or it has no worker.
     """
     if not scheduler:
         yield Parallel(
@@ -89,12 +91,13 @@ def workers(jobs: int, scheduler: str | None) -> Iterator[Parallel]:
     try:
         from distributed import Client
     except ImportError:
-        raise UserError("--scheduler needs Dask: pip install -e '.[cluster]'") from None
+        raise UserError("--scheduler needs Dask; type `pip install -e '.[cluster]'`") from None
     try:
         client = Client(scheduler)
     except (OSError, ValueError) as error:
         raise UserError(
-            f"--scheduler is {scheduler}: {error}; expected what `dask scheduler` prints"
+            f"--scheduler is {scheduler}: {error}; "
+            "expected the address that `dask scheduler` prints"
         ) from None
     with client, parallel_config("dask", client=client):
         if not client.ncores():
@@ -109,27 +112,29 @@ def run_cell(
 ) -> tuple[str, dict[str, bytes], str]:
     """Run a cell as `dvc exp run --temp`, unless its experiment exists already.
 
-    It runs in the repository of the working folder, which for a Dask worker is a separate clone.
+    The cell runs in the repository of the working folder. A Dask worker has a clone of its own.
     Nothing is raised, since an exception would stop the other cells.
 
     Args:
         experiment: name of DVC's experiment.
         key: key of the cell.
         cell: the cell.
-        commit: the study's.
+        commit: commit of the study.
 
     Returns:
-        the key; the contents of the files `RESULTS`, or none; and seconds and error rate, or why
-            the cell failed.
+        The key, the contents of the files `RESULTS`, and a text with the seconds and the error
+            rate. If the cell failed, there are no contents, and the text says why.
     """
     place = f"{node()}:{Path.cwd()}"
     start = monotonic()
     try:
         head = git("rev-parse", "HEAD").strip()
         if head != commit:
-            raise UserError(f"at commit {head[:9]}; expected {commit[:9]}, the study's")
+            raise UserError(
+                f"this clone is at commit {head[:9]}; expected {commit[:9]}, the study's commit"
+            )
         revision = experiments().get(experiment) or trained(experiment, key, cell)
-        # which restores them
+        # the results of an experiment that exists come from DVC's cache
         remedy = f"to run it again: dvc exp remove {experiment} && rm -r $(dvc cache dir)/runs"
         with readable(f"experiment {experiment}", "its results cannot be read", remedy):
             contents = results(revision)
@@ -138,12 +143,12 @@ def run_cell(
     except UserError as error:
         return key, {}, f"failed: {' '.join(str(error).split())} ({place})"
     except Exception:
-        # a fault of ours keeps its traceback
+        # a fault of this project keeps its traceback
         return key, {}, f"failed: {place}: {format_exc().strip()}"
 
 
 def trained(experiment: str, key: str, cell: Cell) -> str:
-    """Train a cell, and return the commit of its experiment.
+    """Train a cell as DVC's experiment, and return the commit of the experiment.
 
     Args:
         experiment: name of DVC's experiment.
@@ -151,19 +156,20 @@ def trained(experiment: str, key: str, cell: Cell) -> str:
         cell: the cell.
 
     Raises:
-        UserError: the cell failed, or code or data are not the study's.
+        UserError: the cell failed, or code or data have changed since the study began.
     """
     from dvc.repo import Repo
 
-    # another cell that starts hides uncommitted code meanwhile
+    # under DVC's lock: while another cell starts, DVC hides code that is not committed
     with Repo(_wait_for_lock=True) as repo, repo.lock:
         if key_of(cell, code_of_stages()) != key:
             raise UserError("code or data have changed since the study began; undo the change")
-    print(f"{cell} ...\n", end="", flush=True)  # in one write: lines of two threads do not merge
+    # in one write, so that lines of two threads do not merge
+    print(f"{cell} ...\n", end="", flush=True)
     command = [sys.executable, *DVC, "exp", "run", "--temp", "--name", experiment]
     for change in settings(cell):
         command += ["--set-param", change]
-    # the experiment's `python` is this one
+    # so that the experiment's `python` is the one that runs here
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = os.environ | {"PATH": path}
     log = STORE / f"{experiment}.log"
@@ -174,7 +180,7 @@ def trained(experiment: str, key: str, cell: Cell) -> str:
         )
         try:
             process.wait()
-        # the terminal's Ctrl-C reaches DVC too, which removes the experiment's folder
+        # Ctrl-C in a terminal reaches DVC too; wait until it has removed the experiment's folder
         except KeyboardInterrupt:
             process.wait()
             raise
@@ -188,8 +194,8 @@ def trained(experiment: str, key: str, cell: Cell) -> str:
 def settings(cell: Cell) -> list[str]:
     """Return every parameter of the cell for `dvc exp run --set-param`.
 
-    All are given, since params.yaml may change while the study runs; with `++` the file may lack
-    the key. The source becomes an absolute path, since an experiment runs elsewhere.
+    All are named, since params.yaml can change while the study runs. `++` also sets a key that the
+    file lacks. The source becomes an absolute path, since an experiment runs in another folder.
     """
     values = flatten(default_params(cell.changes))
     if values["data.source"] != VIRTUAL:
@@ -220,7 +226,7 @@ def results(revision: str) -> dict[str, bytes]:
 
 
 def last_error(log: str) -> str:
-    """Return the last error of a Python program in a log, else DVC's last error, if any."""
+    """Return the last error of a Python program in a log, or else DVC's last error, if any."""
     for pattern in (r"^\w*(?:Error|Exception): .*", r"^ERROR: .*"):
         errors: list[str] = re.findall(pattern, log, re.MULTILINE)
         if errors:
@@ -232,6 +238,6 @@ def git(*words: str) -> str:
     """Return the output of git.
 
     Raises:
-        CalledProcessError: git refuses.
+        CalledProcessError: git ended with an error.
     """
     return subprocess.run(["git", *words], capture_output=True, text=True, check=True).stdout

@@ -1,7 +1,7 @@
 """Speed of live answers on one core: frames a second, and the time from a frame to its answer.
 
-Frames come at a steady rate, as lines of numbers, on a clock that adds up what reading, following
-and answering take here. As in `tactile-viewgcn live`, answers are skipped while more frames wait.
+Frames arrive at a steady rate, as lines of numbers. The clock adds up the CPU time of reading,
+following and answering. As in `tactile-viewgcn live`, answers are skipped while more frames wait.
 """
 
 import os
@@ -27,23 +27,25 @@ GLOVE_RATE = 100  # frames a second
 CHANNELS_RATE = 1000
 CHANNELS = 14
 CHANNEL_OBJECTS = 5
-CHANNEL_RECORDINGS = 12  # of each object
-CHANNEL_FRAMES = 300  # of each recording
-STREAMED = 4  # recordings of the glove that are streamed
+CHANNEL_RECORDINGS = 12  # recordings of each object
+CHANNEL_FRAMES = 300  # frames of each recording
+STREAMED = 4  # number of the glove's recordings that are streamed
 EVERY_MEMBER = ["kernel", "pooled_kernel", "svm", "trees", "network"]
 ONE_EPOCH = {"pretrain.epochs": 1, "finetune.epochs": 1}
-TEXT = """Speed of live answers on one core of {processor}, in one thread. Times are those of the
-processor, since other programs ran too.
+TEXT = """Speed of live answers on one core of {processor}, in one thread. Times are CPU times,
+since other programs ran too.
 
-- frames/s: what the core takes without answers: reading a line, the baseline, contact.
-- answer, ms: from a frame's line to its answer, with the time that the frame waits. Frames come at
-  `rate` a second. While more frames wait, answers are skipped; no frame is.
+- frames/s: frames that the core can take without answers. The work is to read a line, to subtract
+  the baseline and to look for contact.
+- answer, ms: time from a frame's line to its answer, including the time that the frame waits.
+  Frames arrive at `rate` a second. While more frames wait, answers are skipped, but no frames.
 - wait, ms: the longest time until a frame was taken.
-- skipped, %: of the answers to frames in contact.
+- skipped, %: share of the answers to frames in contact that were skipped.
 
 The glove's recordings are simulated, and interpolated to {rate} frames a second. `best` has all
-five members. `network` and `view_gcn` were trained for one epoch, which changes their answers, not
-their speed. The channels hold noise; all their frames count as contact, in grasps of 2,000 frames.
+five members. `network` and `view_gcn` were trained for one epoch. That changes their answers, but
+not their speed. The channels hold noise. All their frames count as contact, in grasps of 2,000
+frames.
 """
 
 
@@ -55,12 +57,12 @@ class Labelled(NamedTuple):
 
 
 class Timed(NamedTuple):
-    """What a stream did with n frames.
+    """Times and answers of a stream of n frames.
 
     Attributes:
-        taken: seconds (n,) of the processor's work on each frame.
-        waited: seconds (n,) until each frame was taken.
-        answered: bool (n,) frames that brought an answer.
+        taken: (n,) s, CPU time of each frame.
+        waited: (n,) s, time until each frame was taken.
+        answered: bool (n,), whether each frame brought an answer.
         skipped: number of answers that were skipped.
     """
 
@@ -72,7 +74,7 @@ class Timed(NamedTuple):
 
 @benchmark
 def live(params: Params, quick: bool) -> Result:
-    """Measure how many frames a second live answers hold, and how soon they come."""
+    """Measure how many frames a second live answers can follow, and how soon they come."""
     classifiers = {"kernels": TactileClassifier("kernels")}
     if not quick:
         classifiers |= {
@@ -94,10 +96,10 @@ def live(params: Params, quick: bool) -> Result:
 def glove_recordings() -> tuple[Labelled, np.ndarray]:
     """Return the simulated recordings of all sessions but the last, and frames of the last one.
 
-    The frames (n, H, W) are of four recordings, at `GLOVE_RATE`.
+    The frames (n, H, W) are from `STREAMED` recordings, at `GLOVE_RATE`.
 
     Raises:
-        UserError: there are no simulated recordings; `dvc repro` makes them.
+        UserError: there are no simulated recordings, which `dvc repro` makes.
     """
     with recordings_of(VIRTUAL) as table:
         recordings = _with_objects(table)
@@ -127,9 +129,9 @@ def resampled(counts: np.ndarray, seconds: np.ndarray, rate: float) -> np.ndarra
     """Return a recording at another rate, interpolated and rounded.
 
     Args:
-        counts: (T, H, W) integers.
-        seconds: (T,), rising from 0.
-        rate: frames a second.
+        counts: (T, H, W) integers, frames of the recording.
+        seconds: (T,) s, times of the frames, rising from 0.
+        rate: new rate, frames a second.
     """
     wanted = np.arange(0, seconds[-1], 1 / rate)
     before = np.searchsorted(seconds, wanted, side="right") - 1
@@ -141,7 +143,7 @@ def resampled(counts: np.ndarray, seconds: np.ndarray, rate: float) -> np.ndarra
 
 
 def channels(seed: int) -> tuple[Labelled, np.ndarray]:
-    """Return labelled recordings (T, 14) of noise around a mean, and ten seconds of frames."""
+    """Return labelled recordings (T, 14) of noise around a mean, and frames of ten seconds."""
     rng = np.random.default_rng(seed)
     known = Labelled([], [])
     for number in range(CHANNEL_OBJECTS * CHANNEL_RECORDINGS):
@@ -158,15 +160,15 @@ def measured(name: str, recogniser: Recogniser, frames: np.ndarray, rate: float)
     """Return the row of a system.
 
     Args:
-        name: of the system.
-        recogniser: of it.
-        frames: (n, H, W).
+        name: name of the system.
+        recogniser: recogniser of the system.
+        frames: (n, H, W) frames to stream.
         rate: frames a second.
     """
     with one_core():
         reader = FrameLines(recogniser.shape, recogniser.plan.channel_names)
         stream = recogniser.stream()
-        stream.push(frames[0])  # what is loaded by the first frame
+        stream.push(frames[0])  # so that loading at the first frame is not measured
         stream.close()
         timed = timed_frames(stream, reader, frames, rate)
     delay = 1e3 * (timed.waited + timed.taken)[timed.answered]
@@ -204,9 +206,9 @@ def timed_frames(stream: LiveStream, reader: FrameLines, frames: np.ndarray, rat
     """Return how long the work on each frame takes, and how long each frame waits for it.
 
     Args:
-        stream: a new one.
-        reader: of lines.
-        frames: (n, H, W).
+        stream: a new stream.
+        reader: reader of lines.
+        frames: (n, H, W) frames to stream.
         rate: frames a second.
     """
     lines = [",".join(map(str, frame.ravel().tolist())).encode() for frame in frames]

@@ -1,8 +1,8 @@
-"""Errors of the classifier and of plain methods, on the same folds of labelled recordings.
+"""Error rates of the classifier and of simple methods, on the same folds of labelled recordings.
 
-A set is a folder of OBJECT/RECORDING.npy, (T, C) or (T, H, W). Its groups.csv, if any, has columns
-file and group. With `--groups sessions` it is any source that the package reads, and its sessions,
-such as persons, are the groups.
+A set is a folder of files OBJECT/RECORDING.npy, each (T, C) or (T, H, W). It can have a groups.csv
+with the columns file and group. With `--groups sessions` a set is any source that the package
+reads, and its sessions, such as persons, are the groups.
 """
 
 from collections.abc import Callable
@@ -31,10 +31,10 @@ from tactile_viewgcn.tables.recordings import frames_by_recording, recordings_of
 Recordings = list[np.ndarray]  # each (T, H, W)
 
 SEED = 0
-# columns of a method
+# names of the columns of a method
 ERROR = "{}, error, %"
 SECONDS = "{}, s"
-SIMPLE: dict[str, Callable[[], Any]] = {  # on statistics of a recording
+SIMPLE: dict[str, Callable[[], Any]] = {  # methods on statistics of a recording
     "trees": lambda: ExtraTreesClassifier(300, random_state=SEED),
     "svc": lambda: make_pipeline(StandardScaler(), SVC(C=10)),
     "logistic": lambda: make_pipeline(StandardScaler(), LogisticRegression(max_iter=1000)),
@@ -43,7 +43,7 @@ OURS = "ours"
 MINIROCKET = "minirocket"
 METHODS = [OURS, *SIMPLE, MINIROCKET]
 WITH_AEON = METHODS if find_spec("aeon") else METHODS[:-1]  # methods that can run here
-LEAST_LENGTH = 9  # frames of a kernel of MiniRocket
+LEAST_LENGTH = 9  # number of frames that a kernel of MiniRocket needs
 COLUMNS = ["set", "channels", "recordings", "classes", "groups"]
 for _method in METHODS:
     COLUMNS += [ERROR.format(_method), SECONDS.format(_method)]
@@ -54,8 +54,8 @@ class LabelledSet(NamedTuple):
 
     Attributes:
         recordings: n arrays (T, H, W).
-        labels: (n,) object of each.
-        groups: (n,) number of the group that each is held out with.
+        labels: (n,) object of each recording.
+        groups: (n,) number of the group with which each recording is held out.
     """
 
     recordings: Recordings
@@ -70,33 +70,43 @@ class LabelledSet(NamedTuple):
     required=True,
     type=click.Path(exists=True, file_okay=False, path_type=Path),
 )
-@click.option("--folds", default=4, show_default=True, help="Fewer where a set has fewer groups.")
+@click.option(
+    "--folds",
+    default=4,
+    show_default=True,
+    help="Number of folds. A set with fewer groups has fewer folds.",
+)
 @click.option(
     "--groups",
     type=click.Choice(["file", "sessions", "none"]),
     default="file",
     show_default=True,
-    help="What is held out together. file: the groups of groups.csv, else each recording; "
-    "sessions: sessions, such as persons; none: each recording.",
+    help="What is held out together. file: the groups of groups.csv, or each recording if there is "
+    "no such file; sessions: sessions, such as persons; none: each recording.",
 )
 @click.option(
     "--layout",
     default="auto",
     show_default=True,
-    help="With --groups sessions: data.layout of the sets.",
+    help="Value of data.layout for the sets, with --groups sessions.",
 )
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    help="CSV with a row of each set; what it has of others stays.",
+    help="CSV file with a row for each set. Rows of other sets stay in it.",
 )
-@click.option("--only", default=",".join(WITH_AEON), show_default=True, help="Methods to run.")
+@click.option(
+    "--only",
+    default=",".join(WITH_AEON),
+    show_default=True,
+    help="Methods to run, with commas between them.",
+)
 def main(
     folders: tuple[Path, ...], folds: int, groups: str, layout: str, out: Path | None, only: str
 ) -> None:
     """Compare methods on the sets in FOLDERS.
 
-    Regret: error of ours above the least error of trees, svc and logistic.
+    The regret is the error rate of ours minus the lowest error rate of trees, svc and logistic.
     """
     methods = only.split(",")
     check_methods(methods)
@@ -124,8 +134,8 @@ def main(
     regret = (table[ERROR.format(OURS)] - least).dropna()
     if len(regret):
         click.echo(
-            f"\nRegret: {regret.mean():.1f} points in the mean, {regret.max():.1f} at most, "
-            f"on {regret.idxmax()}."
+            f"\nRegret: mean {regret.mean():.1f} points, largest {regret.max():.1f} points "
+            f"({regret.idxmax()})."
         )
 
 
@@ -145,8 +155,8 @@ def read_folder(folder: Path, *, by_file: bool) -> LabelledSet:
 
     Args:
         folder: the set.
-        by_file: whether the groups are those of groups.csv, if there is one; else each recording is
-            a group.
+        by_file: whether groups.csv has the groups, if there is one. Otherwise each recording is a
+            group.
     """
     paths = sorted(folder.glob("*/*.npy"))
     recordings = []
@@ -169,10 +179,10 @@ def read_sessions(folder: Path, layout: str) -> LabelledSet:
 
     Args:
         folder: the source.
-        layout: as data.layout in params.yaml.
+        layout: value of data.layout, see params.yaml.
 
     Raises:
-        UserError: it is no source, or has one session only.
+        UserError: the folder is no source, or has only one session.
     """
     recordings = []
     labels = []
@@ -184,19 +194,20 @@ def read_sessions(folder: Path, layout: str) -> LabelledSet:
             groups.append(table.columns["session"][index[0]])
     if len(set(groups)) < 2:
         raise UserError(
-            f"{folder}: one session; expected two or more, or --layout such as SESSION/OBJECT/FILE"
+            f"{folder}: one session; expected two or more. If folders are the sessions, give "
+            "--layout, such as SESSION/OBJECT/FILE"
         )
     return LabelledSet(recordings, np.array(labels), np.array(groups))
 
 
 def measured(labelled: LabelledSet, folds: int, methods: list[str]) -> Row:
-    """Return the row of a set: error in %, and seconds to learn and answer, for each method.
+    """Return the row of a set: error rate in %, and seconds to learn and answer, for each method.
 
-    The seconds are the mean over folds. A method that fails has neither.
+    The seconds are the mean over folds. A method that fails has NaN for both.
 
     Args:
         labelled: the set.
-        folds: their number; fewer where the set has fewer groups.
+        folds: number of folds; fewer if the set has fewer groups.
         methods: some of `METHODS`.
     """
     recordings, labels, groups = labelled
@@ -230,8 +241,8 @@ def answers(method: str, known: LabelledSet, new: Recordings) -> np.ndarray:
 
     Args:
         method: one of `METHODS`.
-        known: the recordings that it learns from.
-        new: recordings to answer.
+        known: the recordings that the method learns from.
+        new: the recordings to answer.
     """
     if method == MINIROCKET:
         return minirocket(known, new)
@@ -246,13 +257,14 @@ def answers(method: str, known: LabelledSet, new: Recordings) -> np.ndarray:
 
 
 def minirocket(known: LabelledSet, new: Recordings) -> np.ndarray:
-    """Return labels by MiniRocket of aeon.
+    """Return the labels (n,) that MiniRocket of aeon gives to n new recordings.
 
-    It needs one length: all recordings are resampled to the median of the known ones.
+    MiniRocket needs recordings of one length. So all recordings are resampled to the median length
+    of the known ones.
 
     Args:
-        known: the recordings that it learns from.
-        new: recordings to answer.
+        known: the recordings that the method learns from.
+        new: the recordings to answer.
     """
     from aeon.classification.convolution_based import MiniRocketClassifier
     from aeon.transformations.collection.unequal_length import Resizer
@@ -271,9 +283,9 @@ def _series(recordings: Recordings) -> list[np.ndarray]:
 
 
 def statistics(recordings: Recordings) -> np.ndarray:
-    """Return statistics (n, 5C) of each channel over all frames.
+    """Return statistics (n, 5C) of n recordings, five of each channel over all frames.
 
-    They are mean, standard deviation, minimum, maximum and median.
+    The statistics are mean, standard deviation, minimum, maximum and median.
     """
     kinds = (np.mean, np.std, np.min, np.max, np.median)
     rows = []

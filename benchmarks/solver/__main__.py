@@ -16,8 +16,8 @@ from benchmarks.solver.other_integrators import (
     integrate_with_scipy,
 )
 from benchmarks.solver.scenes import FRAMES, SETTINGS, ball_grasp, stiffness
-from tactile_viewgcn.glove.contact import Mechanics
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
+from tactile_viewgcn.glove.mechanics import Mechanics
 from tactile_viewgcn.glove.objects import select_objects
 from tactile_viewgcn.glove.simulation import RATE, TOLERANCE, Simulation, recipe_from_params
 from tactile_viewgcn.params import Params
@@ -25,15 +25,15 @@ from tactile_viewgcn.params import Params
 Methods = Mapping[str, Sequence[float]]  # settings of each method, see `solve`
 
 SEED = 3000
-TOLERANCES = (0.2, 0.05, 0.02, 0.005)  # of our integrator
-RTOLS = (1e-1, 1e-2, 1e-3, 1e-4)  # of SciPy's methods
-STEPS = {"ours, fixed steps": (1, 4), "explicit Euler": (1, 8, 64, 256)}  # a frame
-# of the reference, Radau
+TOLERANCES = (0.2, 0.05, 0.02, 0.005)  # tolerances of our integrator
+RTOLS = (1e-1, 1e-2, 1e-3, 1e-4)  # relative tolerances of SciPy's methods
+STEPS = {"ours, fixed steps": (1, 4), "explicit Euler": (1, 8, 64, 256)}  # steps in a frame
+# relative tolerances of the reference, Radau
 BALL_RTOL = 1e-10
 OBJECTS_RTOL = 1e-7
 QUICK_RTOL = 1e-5
-MAX_EVALUATIONS = 10_000  # of a method on a ball
-NO_LIMIT = 1_000_000  # evaluations of references, and on objects
+MAX_EVALUATIONS = 10_000  # of a method on the grasp of a ball
+NO_LIMIT = 1_000_000  # evaluations of a reference, and of a method on the grasps of all objects
 STYLES = {
     "ours": "o-",
     "ours, fixed steps": "o:",
@@ -42,24 +42,25 @@ STYLES = {
     "BDF": "s-",
     "Radau": "D-",
 }
-# errors at the axis' ends
+# errors at the ends of the axis
 LOWEST = 1e-6
 HIGHEST = 1e2
 FAILED = 60.0  # error at which a failed run is drawn
-TEXT = f"""Relative error of the sensors' forces against CPU time: one grasp of {FRAMES} frames,
-simulated.
-The default tolerance of ours is {{tolerance:g}}.
-The reference is Radau at {{ball_rtol:g}}, for the whole set at {{objects_rtol:g}}.
-All implicit methods are given the Gauss-Newton Hessian. Ours stops at every frame, where the
-scene's drive has its kinks; SciPy's methods step over them, at most a frame at a time."""
+TEXT = f"""Relative error of the sensors' forces against CPU time, for one simulated grasp of
+{FRAMES} frames.
+The default tolerance of our integrator is {{tolerance:g}}.
+The reference is Radau with a relative tolerance of {{ball_rtol:g}}, and of {{objects_rtol:g}} for
+the whole set.
+All implicit methods get the Gauss-Newton Hessian. The scene's drive has a kink at every frame. Our
+integrator stops there; SciPy's methods step over kinks, at most a frame at a time."""
 
 
 @benchmark
 def solver(params: Params, quick: bool) -> Result:
     """Time integrators on one grasp of a ball, from soft to stiff, and of every object.
 
-    Takes about 50 minutes of one core (AMD EPYC with AVX2); --quick is a soft ball and a coin, two
-    settings of each method, and a coarser reference.
+    It takes about 50 minutes of one core (AMD EPYC with AVX2). With --quick there are a soft ball
+    and a coin, two settings of each method, and a coarser reference.
     """
     recipe = replace(
         recipe_from_params(params.glove), sessions=1, frames=FRAMES, grasps=1, seed=SEED
@@ -91,14 +92,14 @@ def measure(
 ) -> list[Row]:
     """Return a row for each method and setting: error, seconds, evaluations, and why it failed.
 
-    The scene is named by its stiffness lambda h, or where there are several hands by their number.
-    Each row is printed.
+    A scene of one hand is named by its stiffness lambda h, and a scene of several hands by their
+    number. Each row is also printed.
 
     Args:
         simulation: one grasp of one or several hands.
         methods: settings of each method.
         reference_rtol: relative tolerance of the reference.
-        max_evaluations: of each method.
+        max_evaluations: largest number of evaluations of a method.
     """
     mechanics = simulation.mechanics(0, FRAMES)
     exact = solve("Radau", reference_rtol, mechanics, NO_LIMIT)[0]
@@ -117,7 +118,7 @@ def measure(
                 states, evaluations = solve(method, setting, mechanics, max_evaluations)
             except IntegrationFailed as reason:
                 remark = str(reason)
-            seconds = time.process_time() - begin  # of the CPU: other programs do not count
+            seconds = time.process_time() - begin  # CPU time, so that other programs do not count
             outcome = remark
             if not remark:
                 pressure = simulation.sensor_inputs(mechanics, states)[0]
@@ -138,12 +139,13 @@ def solve(
 
     Args:
         method: one of `STYLES`.
-        setting: the tolerance of ours and of SciPy's methods, else the number of steps in a frame.
+        setting: tolerance of our integrator and of SciPy's methods. For methods with fixed steps it
+            is the number of steps in a frame.
         mechanics: the equation of B hands.
-        max_evaluations: SciPy's methods solve hand by hand, each within this limit.
+        max_evaluations: limit for each hand, since SciPy's methods solve hand by hand.
 
     Raises:
-        IntegrationFailed: as in `other_integrators`.
+        IntegrationFailed: the method diverged, failed, or used up its evaluations.
     """
     y = mechanics.initial_state()
     frame = 1 / RATE
@@ -178,11 +180,11 @@ def relative_error(pressure: np.ndarray, exact: np.ndarray) -> float:
     """Return the norm of the difference over the norm of the exact pressure.
 
     Args:
-        pressure: (B, T, S) of recordings, frames and sensors.
-        exact: (B, T, S).
+        pressure: (B, T, S) pressure in recordings, frames and sensors.
+        exact: (B, T, S) exact pressure.
 
     Returns:
-        The median of the recordings.
+        The median over the recordings.
     """
     difference = np.linalg.norm((pressure - exact).reshape(len(exact), -1), axis=1)
     size = np.linalg.norm(exact.reshape(len(exact), -1), axis=1)
@@ -192,7 +194,7 @@ def relative_error(pressure: np.ndarray, exact: np.ndarray) -> float:
 def diagram(rows: list[Row]) -> Figure:
     """Return a picture of error against seconds: a panel for each scene, a line for each method.
 
-    Crosses at the top are failed runs.
+    A cross at the top is a run that failed.
 
     Args:
         rows: see `measure`.

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from benchmarks.solver.scenes import hessian
-from tactile_viewgcn.glove.contact import Balance, Mechanics
+from tactile_viewgcn.glove.mechanics import Balance, Mechanics
 
 
 class IntegrationFailed(RuntimeError):
@@ -16,17 +16,17 @@ class IntegrationFailed(RuntimeError):
 def explicit_euler(
     mechanics: Mechanics, y: np.ndarray, frames: int, frame: float, steps: int
 ) -> np.ndarray:
-    """Return states (B, frames, n) from y (B, n).
+    """Return states (B, frames, n) at the frames' ends, by the explicit Euler method.
 
     Args:
         mechanics: the equation of B hands.
-        y: first state.
+        y: (B, n) first states.
         frames: number of frames.
-        frame: seconds of a frame.
+        frame: length of a frame, s.
         steps: number of steps in each frame.
 
     Raises:
-        IntegrationFailed: it diverged.
+        IntegrationFailed: the method diverged.
     """
     states = np.empty((len(y), frames, y.shape[1]))
     rows = np.arange(len(y))
@@ -41,7 +41,7 @@ def explicit_euler(
 
 
 class _Hand:
-    """The equation of one hand, as SciPy's methods take it.
+    """The equation of one hand, in the form that SciPy's methods take.
 
     Attributes:
         evaluations: number of evaluations so far.
@@ -68,7 +68,7 @@ class _Hand:
     def _evaluate(self, t: float, y: np.ndarray) -> Balance:
         self.evaluations += 1
         if self.evaluations > self._max_evaluations:
-            raise IntegrationFailed(f"spent {self._max_evaluations:,} evaluations")
+            raise IntegrationFailed(f"used up {self._max_evaluations:,} evaluations")
         if not np.isfinite(y).all():
             raise IntegrationFailed("diverged")
         rows = np.array([self._row])
@@ -87,7 +87,7 @@ def integrate_with_scipy(
     rtol: float,
     max_evaluations: int,
 ) -> tuple[np.ndarray, int]:
-    """Return states (frames, n) of one hand from y (n,), and the number of evaluations.
+    """Return states (frames, n) of one hand at the frames' ends, and the number of evaluations.
 
     Implicit methods get the same Hessian as the glove's integrator.
 
@@ -95,14 +95,14 @@ def integrate_with_scipy(
         method: RK45, BDF or Radau.
         mechanics: the equation of several hands.
         row: number of the hand.
-        y: first state.
+        y: (n,) first state.
         frames: number of frames.
-        frame: seconds of a frame.
-        rtol: relative tolerance; the absolute one is rtol / 1000.
-        max_evaluations: limit of the evaluations.
+        frame: length of a frame, s.
+        rtol: relative tolerance. The absolute tolerance is rtol / 1000.
+        max_evaluations: largest number of evaluations.
 
     Raises:
-        IntegrationFailed: it failed, diverged, or took more than `max_evaluations`.
+        IntegrationFailed: the method failed, diverged, or took more than `max_evaluations`.
     """
     hand = _Hand(mechanics, row, frame, max_evaluations)
     options: dict[str, Any] = {"rtol": rtol, "atol": rtol * 1e-3, "max_step": frame}

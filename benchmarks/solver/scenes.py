@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactile_viewgcn.glove.contact import Balance, Layer, Mechanics
+from tactile_viewgcn.glove.mechanics import Balance, Layer, Mechanics
 from tactile_viewgcn.glove.objects import select_objects
 from tactile_viewgcn.glove.simulation import Recipe, Simulation
 
@@ -26,14 +26,16 @@ SETTINGS = (
 def ball_grasp(
     skin: float, surface: float, joint_damping: float, object_damping: float, *, seed: int
 ) -> Simulation:
-    """Return one grasp of a ball; the first four arguments are one of `SETTINGS`.
+    """Return one grasp of a ball.
+
+    The first four arguments are one of `SETTINGS`.
 
     Args:
         skin: stiffness of the skin, Pa/m.
         surface: stiffness of the ball, Pa/m.
-        joint_damping: N m s / rad.
-        object_damping: N s / m.
-        seed: of the recipe.
+        joint_damping: damping of the joints, N m s / rad.
+        object_damping: damping of the object, N s / m.
+        seed: seed of the recipe.
     """
     ball = replace(select_objects(["ball"])[1], stiffness=surface)
     layer = Layer(skin, THICKNESS, joint_damping, object_damping)
@@ -45,7 +47,7 @@ def hessian(mechanics: Mechanics, balance: Balance) -> np.ndarray:
 
     Args:
         mechanics: the equation.
-        balance: its values at R states.
+        balance: the blocks of the Hessian at R states.
     """
     whole = np.zeros((*balance.residual.shape, mechanics.size))
     for finger in range(5):
@@ -64,8 +66,8 @@ def stiffness(mechanics: Mechanics, states: np.ndarray, frame: float) -> float:
 
     Args:
         mechanics: the equation of B hands.
-        states: (B, T, n).
-        frame: seconds of a frame.
+        states: (B, T, n) states at the frames' ends.
+        frame: length of a frame, s.
     """
     rows = np.arange(len(states))
     root = np.sqrt(mechanics.damping)

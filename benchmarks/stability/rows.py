@@ -1,7 +1,8 @@
 """A row of the stability table, and the measures of its error.
 
-A quantity is `right` when its error is no more than its tolerance. It is `refused` when the project
-says in one line that it cannot compute it. Otherwise its check fails, and no table is written.
+A quantity is `right` if its error is no larger than its tolerance. It is `refused` if the project
+says in one line that it cannot compute the quantity. Otherwise the check fails, and no table is
+written.
 """
 
 from dataclasses import dataclass
@@ -19,12 +20,12 @@ class Quantity:
     """One quantity of a check.
 
     Attributes:
-        name: what is compared with what.
-        error: see `max_rel_error` and `share_different`, or a count that should be 0; NaN is never
-            right.
-        tolerance: the largest error that is right.
-        remark: what the number does not say.
-        refused: by the project, as it should.
+        name: name that says which two things are compared.
+        error: error as in `max_rel_error` or `share_different`, or a count that should be 0. NaN is
+            never right.
+        tolerance: largest error that is right.
+        remark: anything that the number does not say.
+        refused: whether the project refused to compute it, as it should.
     """
 
     name: str
@@ -35,17 +36,18 @@ class Quantity:
 
     @property
     def holds(self) -> bool:
-        """Whether it is right or refused."""
+        """Whether the quantity is right or refused."""
         return self.refused or self.error <= self.tolerance
 
     def row(self, part: str, check: str, seconds: float, folder: Path) -> dict[str, Any]:
-        """Return the row of the table.
+        """Return the quantity's row of the table.
 
         Args:
             part: part of the project.
             check: name of the check.
-            seconds: its run time.
-            folder: paths in the remark are relative to it, or to the working folder.
+            seconds: run time of the check.
+            folder: folder that paths in the remark become relative to, as they do to the working
+                folder.
         """
         row: dict[str, Any] = {"part": part, "check": check, "quantity": self.name}
         if self.refused:
@@ -64,12 +66,12 @@ class Quantity:
 def max_rel_error(values: object, exact: object) -> float:
     """Return the largest difference of two arrays over the largest number of the exact one.
 
-    It is absolute where the exact array is all 0, and infinite where the shapes differ or a number
-    is not finite.
+    If the exact array is all 0, the difference itself is returned. If the shapes differ or a number
+    is not finite, the result is infinite.
 
     Args:
-        values: numbers.
-        exact: what they should be.
+        values: computed numbers.
+        exact: exact numbers.
     """
     computed = np.asarray(values, dtype=np.float64)
     expected = np.asarray(exact, dtype=np.float64)
@@ -84,11 +86,11 @@ def max_rel_error(values: object, exact: object) -> float:
 
 
 def share_different(values: object, expected: object) -> float:
-    """Return the share of the entries in which two arrays differ; infinite where the shapes do.
+    """Return the share of the entries in which two arrays differ; infinite if the shapes differ.
 
     Args:
-        values: entries.
-        expected: what they should be.
+        values: computed entries.
+        expected: expected entries.
     """
     computed = np.asarray(values)
     exact = np.asarray(expected)

@@ -1,132 +1,34 @@
-"""Contact mechanics: an elastic skin in series with the object's surface, all overdamped.
+"""The search for contacts: which sensors of a hand lie inside which primitives of its object."""
 
-The unknowns y of a hand are ten joint coordinates (5, 2) in rad and, where the object moves, its
-position (3,) in m:
-
-    D dy/dt = drive(t) - dU/dy,    U = sum_s k A_s d_s^2 / 2  +  joints  +  joint limits  +
-    holding.
-
-D is the damping, d_s the depth of sensor s inside the object, and A_s the sensor's area. The
-stiffness k per area is that of skin and object in series: an elastic, or Winkler, foundation
-(Johnson, "Contact Mechanics" (1985), section 4.3). The force on a sensor is k A_s d_s along the
-object's normal. There is no separate friction: a spring, `holding`, pulls the object to the
-position that the scene prescribes. The Hessian of U omits the curvature of the contact
-(Gauss-Newton) and is therefore never indefinite.
-"""
-
-import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.glove.hand import COUPLING, LINK_PATCHES, LINKS_OF_FINGER, Hands, Pose
+from tactile_viewgcn.glove.hand import LINK_PATCHES, Hands, Pose
 from tactile_viewgcn.glove.shapes import Solids
 
-LIMITS = np.array([[-0.3, 1.6], [-0.1, 1.9]])  # rad: range of the two coordinates of a finger
-JOINT = np.array([0.25, 0.16])  # N m / rad: springs towards the posture
-LIMIT = 6.0  # N m / rad: spring beyond LIMITS
-TENDON = np.array([1.0, 0.5])  # share of a finger's squeeze that acts on each of its coordinates
-HOLDING = 1500.0  # N/m: spring between the object and its prescribed position
-HOLDING_HESSIAN = HOLDING * np.eye(3)
-GRAVITY = 9.81  # m/s^2
-LEVER = 0.05  # m: converts between forces and torques of comparable size
-FINGERS = 5
-JOINT_COORDINATES = 2 * FINGERS  # unknowns of the joints, the first of a state y
-PARTS = FINGERS + 1  # of a hand: its fingers and the palm
 ROUNDING = 1e-9  # m: more than the rounding errors of a distance
 
 
 @dataclass(frozen=True)
-class Layer:
-    """Skin and glove as an elastic layer, and the damping, which decide how stiff the equation is.
-
-    Args:
-        stiffness: Pa/m of skin and glove, modulus over thickness.
-        thickness: m; the integrator counts errors of positions in it.
-        joint_damping: N m s / rad.
-        object_damping: N s / m.
-    """
-
-    stiffness: float
-    thickness: float
-    joint_damping: float
-    object_damping: float
-
-
-@dataclass(frozen=True)
-class Drive:
-    """Prescribed motion and loads at K knots one frame apart, linear in between.
-
-    Attributes:
-        posture: (B, K, 5, 2) rad, zero of the joints' springs.
-        squeeze: (B, K, 5) N m, torque that closes each finger.
-        opposition: (B, K) rad of the thumb.
-        position: (B, K, 3) m, where a spring draws the object.
-        rotation: (B, K, 3) rotation vector of the object, rad.
-        load: (B, K, 3) N on the object.
-    """
-
-    posture: np.ndarray
-    squeeze: np.ndarray
-    opposition: np.ndarray
-    position: np.ndarray
-    rotation: np.ndarray
-    load: np.ndarray
-
-    def at(self, rows: np.ndarray, time: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the values of rows (R,) at their times, by name.
-
-        Args:
-            rows: (R,) indices of hands.
-            time: (R,) in frames since the first knot.
-        """
-        last = self.squeeze.shape[1] - 1
-        knot = np.minimum(time.astype(int), last - 1)
-        fraction = np.minimum(time - knot, 1.0)
-        before = self._joined[rows, knot]
-        after = self._joined[rows, knot + 1]
-        joined = before + fraction[:, None] * (after - before)
-        now = dict[str, np.ndarray]()
-        start = 0
-        for name in DRIVEN:
-            shape = getattr(self, name).shape[2:]
-            stop = start + math.prod(shape)
-            now[name] = joined[:, start:stop].reshape(len(rows), *shape)
-            start = stop
-        return now
-
-    @cached_property
-    def _joined(self) -> np.ndarray:
-        """Return all values (B, K, n) side by side: gathered at once they take a third."""
-        hands, knots = self.opposition.shape
-        values = [getattr(self, name).reshape(hands, knots, -1) for name in DRIVEN]
-        return np.concatenate(values, axis=2)
-
-
-#: names of the prescribed values
-DRIVEN = tuple(field.name for field in fields(Drive))
-
-
-@dataclass(frozen=True)
 class Contacts:
-    """C contacts of one sensor with one primitive, sorted by row and sensor.
+    """C contacts, each of one sensor with one primitive, sorted by row and sensor.
 
-    Where primitives of an object overlap, a sensor has a contact with each of them. So the force on
-    it changes continuously as it slides from one into the other. A sensor pressed past the middle
-    of a wall is pushed out on the far side.
+    If primitives of an object overlap, a sensor inside both has a contact with each. So the force
+    on it changes continuously as it slides from one into the other. A sensor that is pressed past
+    the middle of a wall is pushed out on the far side.
 
     Attributes:
         row: (C,) index of the hand among the rows of the search.
         sensor: (C,) index of the sensor.
-        patch: (C,) patch that carries it.
+        patch: (C,) patch that carries the sensor.
         depth: (C,) m, above 0.
         local: (C, 3) m, position of the sensor in the primitive's axes.
-        centre: (C, 3) m, of the primitive.
-        axes: (C, 3, 3) of the primitive.
+        centre: (C, 3) m, centre of the primitive.
+        axes: (C, 3, 3) axes of the primitive.
         primitive: (C,) index of the primitive in its object.
-        hand: (C,) index of the hand among all hands, and of its object.
+        hand: (C,) index of the hand among all hands, and of its object among all objects.
         hands: all hands.
         solids: all objects.
         pose: pose of the hands of the search.
@@ -147,7 +49,7 @@ class Contacts:
 
     @cached_property
     def normal(self) -> np.ndarray:
-        """Return the unit vectors (C, 3) out of the object. A search for tunnels needs none."""
+        """Return the unit vectors (C, 3) out of the object; the search for tunnels needs none."""
         gradient = self.solids.gradient(self.hand, self.primitive, self.local)
         normal: np.ndarray = np.einsum("nij,nj->ni", self.axes, gradient)
         return normal
@@ -167,320 +69,6 @@ class Contacts:
         return facing
 
 
-@dataclass(frozen=True)
-class Balance:
-    """Forces, energy and Hessian of R hands at one state.
-
-    Attributes:
-        residual: (R, n) dU/dy - drive; 0 in equilibrium.
-        energy: (R,) J, U - drive . y.
-        fingers: (R, 5, 2, 2) the Hessian's blocks of the fingers.
-        cross: (R, 5, 2, 3) its blocks between fingers and object.
-        object: (R, 3, 3) its block of the object; (R, 0, 0) without motion.
-        contacts: the C contacts.
-        force: (C,) N along the contact's normal.
-        slope: (C, 5) derivative of the depth by the two coordinates of the sensor's finger and the
-            object's three.
-    """
-
-    residual: np.ndarray
-    energy: np.ndarray
-    fingers: np.ndarray
-    cross: np.ndarray
-    object: np.ndarray
-    contacts: Contacts
-    force: np.ndarray
-    slope: np.ndarray
-
-
-class Mechanics:
-    """The differential equation of B hands.
-
-    Args:
-        hands: B hands.
-        solids: the B objects that they hold.
-        stiffness: (B,) Pa/m of the objects' surfaces.
-        drive: prescribed motion and loads.
-        layer: skin and damping.
-        motion: whether the object's position is unknown too; n is 13 then, else 10.
-
-    Attributes:
-        stiffness: (B,) Pa/m of skin and object in series.
-        size: n.
-        damping: (n,) N m s / rad, and N s / m of the object.
-        lever: (n,) makes torques on joints and forces on the object comparable.
-    """
-
-    def __init__(
-        self,
-        hands: Hands,
-        solids: Solids,
-        stiffness: np.ndarray,
-        drive: Drive,
-        layer: Layer,
-        *,
-        motion: bool,
-    ):
-        self.hands = hands
-        self.solids = solids
-        self.drive = drive
-        self.layer = layer
-        self.motion = motion
-        # in series
-        self.stiffness = 1 / (1 / layer.stiffness + 1 / np.asarray(stiffness, dtype=float))
-        self.size = JOINT_COORDINATES
-        if motion:
-            self.size += 3
-        self.damping = np.full(self.size, layer.joint_damping)
-        self.damping[JOINT_COORDINATES:] = layer.object_damping
-        self.lever = np.ones(self.size)
-        self.lever[JOINT_COORDINATES:] = LEVER
-
-    def initial_state(self) -> np.ndarray:
-        """Return the states (B, n) in the prescribed posture and position of the first knot."""
-        y = np.zeros((len(self.stiffness), self.size))
-        posture = self.drive.posture[:, 0]
-        y[:, :JOINT_COORDINATES] = posture.reshape(-1, JOINT_COORDINATES)
-        if self.motion:
-            y[:, JOINT_COORDINATES:] = self.drive.position[:, 0]
-        return y
-
-    def evaluate(self, rows: np.ndarray, time: np.ndarray, y: np.ndarray, *, palm: bool) -> Balance:
-        """Return the forces, the energy and the Hessian of some hands.
-
-        Args:
-            rows: (R,) indices of the hands.
-            time: (R,) in frames since the first knot.
-            y: (R, n) states.
-            palm: whether the palm's sensors are tested for contact; their forces matter only where
-                the object moves.
-        """
-        count = len(rows)
-        now = self.drive.at(rows, time)
-        q = y[:, :JOINT_COORDINATES].reshape(-1, FINGERS, 2)
-        contacts = self._touch(rows, y, now, palm=palm)
-        slope = _slopes(contacts)
-        stiffness = self._sensor_stiffness(rows, contacts)
-        force = stiffness * contacts.depth
-        gradient, blocks = _sums_by_part(contacts, count, force, stiffness, slope)
-        residual = np.zeros((count, self.size))
-        bend = q - now["posture"]
-        beyond = q - np.clip(q, LIMITS[:, 0], LIMITS[:, 1])
-        torque = now["squeeze"][..., None] * TENDON
-        on_joints = JOINT * bend + LIMIT * beyond + gradient[:, :FINGERS, :2] - torque
-        residual[:, :JOINT_COORDINATES] = on_joints.reshape(count, JOINT_COORDINATES)
-        springs = 0.5 * (JOINT * bend**2 + LIMIT * beyond**2).sum(axis=(1, 2))
-        energy = springs - (torque * q).sum(axis=(1, 2))
-        energy += 0.5 * np.bincount(contacts.row, force * contacts.depth, count)
-        fingers = blocks[:, :FINGERS, :2, :2].copy()
-        fingers[..., [0, 1], [0, 1]] += JOINT + LIMIT * (beyond != 0)
-        on_object = np.empty((count, 0, 0))
-        if self.motion:
-            on_object = blocks[:, :, 2:, 2:].sum(axis=1) + HOLDING_HESSIAN
-            position = y[:, JOINT_COORDINATES:]
-            offset = position - now["position"]
-            pressed = gradient[:, :, 2:].sum(axis=1)
-            residual[:, JOINT_COORDINATES:] = HOLDING * offset + pressed - now["load"]
-            held = 0.5 * HOLDING * (offset**2).sum(axis=1)
-            energy += held - (now["load"] * position).sum(axis=1)
-        return Balance(
-            residual=residual,
-            energy=energy,
-            fingers=fingers,
-            cross=blocks[:, :FINGERS, :2, 2:],
-            object=on_object,
-            contacts=contacts,
-            force=force,
-            slope=slope,
-        )
-
-    def _sensor_stiffness(self, rows: np.ndarray, contacts: Contacts) -> np.ndarray:
-        """Return the stiffness (C,) N/m of contacts of the hands `rows` (R,)."""
-        hand = rows[contacts.row]
-        stiffness: np.ndarray = self.stiffness[hand] * self.hands.area[hand, contacts.sensor]
-        return stiffness
-
-    def contacts(
-        self, rows: np.ndarray, time: np.ndarray, y: np.ndarray, *, palm: bool
-    ) -> Contacts:
-        """Return the contacts of some hands; arguments are those of `evaluate`."""
-        return self._touch(rows, y, self.drive.at(rows, time), palm=palm)
-
-    def _touch(
-        self, rows: np.ndarray, y: np.ndarray, now: dict[str, np.ndarray], *, palm: bool
-    ) -> Contacts:
-        """Return the contacts of some hands, with the drive `now`."""
-        q = y[:, :JOINT_COORDINATES].reshape(-1, FINGERS, 2)
-        position = now["position"]
-        if self.motion:
-            position = y[:, JOINT_COORDINATES:]
-        pose = self.hands.pose(rows, q, now["opposition"])
-        rotation = Rotation.from_rotvec(now["rotation"]).as_matrix()
-        return collisions(self.hands, self.solids, rows, pose, position, rotation, palm=palm)
-
-    def force_change(self, balance: Balance, rows: np.ndarray, dy: np.ndarray) -> np.ndarray:
-        """Return the change (C,) N of the contacts' forces for a change of the state.
-
-        It is of first order.
-
-        Args:
-            balance: of the hands at their state.
-            rows: (R,) indices of the hands.
-            dy: (R, n) the change.
-        """
-        row = balance.contacts.row
-        # the palm's slope by a joint is 0, so that any finger may stand for it
-        finger = np.minimum(balance.contacts.patch // LINKS_OF_FINGER, FINGERS - 1)
-        bend = dy[:, :JOINT_COORDINATES].reshape(-1, FINGERS, 2)[row, finger]
-        deeper = np.einsum("ni,ni->n", balance.slope[:, :2], bend)
-        if self.motion:
-            deeper += np.einsum("ni,ni->n", balance.slope[:, 2:], dy[row, JOINT_COORDINATES:])
-        change: np.ndarray = self._sensor_stiffness(rows, balance.contacts) * deeper
-        return change
-
-    def shifted_hessian(self, balance: Balance, scaled_step: np.ndarray) -> "ShiftedHessian":
-        """Return the matrix of Newton's equations of R hands in a stage: Hessian + damping / h'.
-
-        Args:
-            balance: with the Hessian of the hands.
-            scaled_step: (R,) s, h'.
-        """
-        count = len(scaled_step)
-        shift = self.damping / scaled_step[:, None]
-        block = balance.fingers.copy()
-        block[..., [0, 1], [0, 1]] += shift[:, :JOINT_COORDINATES].reshape(count, FINGERS, 2)
-        inverse = _inverse_2x2(block)
-        if not self.motion:
-            none = np.empty((count, 0, 0))
-            return ShiftedHessian(shift, inverse, balance.cross, through=none, schur=none)
-        through = np.einsum("rfji,rfjk->rfik", balance.cross, inverse)
-        schur = balance.object - np.einsum("rfij,rfjk->rik", through, balance.cross)
-        schur[:, [0, 1, 2], [0, 1, 2]] += shift[:, JOINT_COORDINATES:]
-        return ShiftedHessian(shift, inverse, balance.cross, through, schur)
-
-
-@dataclass(frozen=True)
-class ShiftedHessian:
-    """The matrices Hessian + diag(shift) of R hands, prepared for several right-hand sides.
-
-    The fingers are coupled only through the object, so a 3 x 3 Schur complement is solved, then
-    each finger.
-
-    Attributes:
-        shift: (R, n).
-        inverse: (R, 5, 2, 2) of the fingers' blocks.
-        cross: (R, 5, 2, 3) the blocks between fingers and object.
-        through: (R, 5, 3, 2) the blocks between object and fingers times these inverses; empty
-            without motion.
-        schur: (R, 3, 3) the Schur complement of the fingers; empty without motion.
-    """
-
-    shift: np.ndarray
-    inverse: np.ndarray
-    cross: np.ndarray
-    through: np.ndarray
-    schur: np.ndarray
-
-    def solve(self, residual: np.ndarray) -> np.ndarray:
-        """Return the solution x (R, n) of (Hessian + diag(shift)) x = residual (R, n)."""
-        count = len(residual)
-        on_fingers = residual[:, :JOINT_COORDINATES].reshape(count, FINGERS, 2)
-        if self.shift.shape[1] == JOINT_COORDINATES:  # without motion
-            x: np.ndarray = np.einsum("rfij,rfj->rfi", self.inverse, on_fingers)
-            return x.reshape(count, JOINT_COORDINATES)
-        from_fingers = np.einsum("rfij,rfj->ri", self.through, on_fingers)
-        on_object = residual[:, JOINT_COORDINATES:] - from_fingers
-        x_object = np.linalg.solve(self.schur, on_object[..., None])[..., 0]
-        remainder = on_fingers - np.einsum("rfij,rj->rfi", self.cross, x_object)
-        x_fingers = np.einsum("rfij,rfj->rfi", self.inverse, remainder)
-        return np.concatenate([x_fingers.reshape(count, JOINT_COORDINATES), x_object], axis=1)
-
-
-def part_of(patch: np.ndarray) -> np.ndarray:
-    """Return the part (C,) of the hand that carries patches (C,): finger 0 to 4, or 5, the palm."""
-    part: np.ndarray = np.minimum(patch // LINKS_OF_FINGER, FINGERS)
-    return part
-
-
-def _slopes(contacts: Contacts) -> np.ndarray:
-    """Return `slope` (C, 5) of `Balance`.
-
-    The slope by a joint's angle is hinge x arm along the normal; by the object's position it is the
-    normal.
-    """
-    pose = contacts.pose
-    slope = np.zeros((len(contacts.row), 5))
-    slope[:, 2:] = contacts.normal
-    on_link = contacts.patch < LINK_PATCHES
-    row = contacts.row[on_link]
-    finger, link = np.divmod(contacts.patch[on_link], LINKS_OF_FINGER)
-    # n . (hinge x arm) = -arm . (hinge x n)
-    spin = _cross(pose.hinge[row, finger], contacts.normal[on_link])
-    joints = LINKS_OF_FINGER * finger[:, None] + np.arange(LINKS_OF_FINGER)
-    # (C, 3 joints, 3)
-    arm = contacts.point[on_link, None] - pose.origin[row[:, None], joints]
-    moves = np.arange(LINKS_OF_FINGER) <= link[:, None]
-    by_joint = np.einsum("nji,ni->nj", arm, spin) * moves
-    slope[on_link, :2] = by_joint @ COUPLING
-    return slope
-
-
-def _sums_by_part(
-    contacts: Contacts, count: int, force: np.ndarray, stiffness: np.ndarray, slope: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return sums over the contacts of each part of a hand, its five fingers and the palm.
-
-    Contacts are sorted by hand and part.
-
-    Args:
-        contacts: C contacts of R hands.
-        count: R.
-        force: (C,) N.
-        stiffness: (C,) N/m.
-        slope: (C, 5) of the depths.
-
-    Returns:
-        The sums (R, 6, 5) of force * slope, and (R, 6, 5, 5) of stiffness * slope slope'.
-    """
-    sums = np.zeros((count * PARTS, 5))
-    outer = np.zeros((count * PARTS, 5, 5))
-    if len(force):
-        group = contacts.row * PARTS + part_of(contacts.patch)
-        is_first = np.ones(len(group), dtype=bool)
-        is_first[1:] = group[1:] != group[:-1]
-        starts = np.flatnonzero(is_first)
-        present = group[starts]
-        sums[present] = np.add.reduceat(force[:, None] * slope, starts)
-        weighted = (stiffness[:, None] * slope)[:, :, None]
-        outer[present] = np.add.reduceat(weighted * slope[:, None, :], starts)
-    return sums.reshape(count, PARTS, 5), outer.reshape(count, PARTS, 5, 5)
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the cross products (n, 3) of vectors a and b (n, 3), faster than numpy.cross."""
-    product = np.empty_like(b)
-    for axis in range(3):
-        following = (axis + 1) % 3
-        last = (axis + 2) % 3
-        product[:, axis] = a[:, following] * b[:, last] - a[:, last] * b[:, following]
-    return product
-
-
-def _inverse_2x2(block: np.ndarray) -> np.ndarray:
-    """Return the inverses of matrices (..., 2, 2)."""
-    a = block[..., 0, 0]
-    b = block[..., 0, 1]
-    c = block[..., 1, 0]
-    d = block[..., 1, 1]
-    inverse = np.empty_like(block)
-    inverse[..., 0, 0] = d
-    inverse[..., 0, 1] = -b
-    inverse[..., 1, 0] = -c
-    inverse[..., 1, 1] = a
-    inverse /= (a * d - b * c)[..., None, None]
-    return inverse
-
-
 def collisions(
     hands: Hands,
     solids: Solids,
@@ -493,15 +81,15 @@ def collisions(
 ) -> Contacts:
     """Return the contacts of some hands with their objects.
 
-    Pairs of patch and primitive whose bounding spheres do not overlap are skipped.
+    Pairs of a patch and a primitive whose bounding spheres do not overlap are skipped.
 
     Args:
         hands: B hands.
         solids: the B objects that they hold.
         rows: (R,) indices of R of these hands.
         pose: pose of the R hands.
-        position: (R, 3) m of the objects.
-        rotation: (R, 3, 3) from the object's axes to the palm's.
+        position: (R, 3) m, positions of the objects.
+        rotation: (R, 3, 3) rotations from the object's axes to the palm's.
         palm: whether the palm's sensors are tested too.
     """
     # centres of the bounding spheres of primitives (R, P, 3)
@@ -521,9 +109,9 @@ def collisions(
     pair = np.repeat(np.arange(len(r)), count)
     sensor = first + np.arange(len(pair))
     hand = rows[r]
-    # of a sensor among those of all hands
+    # index of a sensor among the sensors of all hands
     number = hand[pair] * len(hands.patch) + sensor
-    # A sensor is at most as much deeper as it is far from the patch's centre.
+    # A sensor can be deeper than its patch's centre only by its distance from the centre.
     may_touch = np.flatnonzero(gap[pair] < hands.from_centre.take(number) + ROUNDING)
     pair = pair[may_touch]
     sensor = sensor[may_touch]
@@ -562,7 +150,7 @@ def _close_pairs(
     rotation: np.ndarray,
     patches: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the pairs of a patch and a primitive that may be in contact.
+    """Return the pairs of a patch and a primitive that can be in contact.
 
     The bounding spheres of a pair overlap, and the patch's sphere reaches into the primitive.
 
@@ -572,12 +160,12 @@ def _close_pairs(
         rows: (R,) indices of R of these hands.
         pose: pose of the R hands.
         primitive: (R, P, 3) m, centres of the primitives' spheres.
-        rotation: (R, 3, 3) from the object's axes to the palm's.
+        rotation: (R, 3, 3) rotations from the object's axes to the palm's.
         patches: N, number of patches that are tested.
 
     Returns:
         Indices of hand, patch and primitive, (n,) each; the axes (n, 3, 3) of the primitives; and
-        their signed distances (n,) m from the patches' centres.
+        the signed distances (n,) m of the patches' centres from the primitives.
     """
     # centres of the bounding spheres of patches (R, N, 3)
     patch = pose.origin[:, :patches] + np.einsum(

@@ -1,13 +1,13 @@
 """The hand: a palm and five jointed fingers that carry STAG's 548 sensors.
 
-Axes of the palm: x towards the fingertips, y from the little finger to the thumb, z out of the palm
-towards the object. Lengths are in m, and the wrist is at x = 0. Each finger has three flexion
-joints and two coordinates, as the tendons of a human finger couple them. The base joint bends by
-q[0], the middle one by q[1] and the last one by 2/3 q[1]. The opposition angle rotates the thumb's
-plane of flexion about x.
+The palm has three axes: x points towards the fingertips, y from the little finger to the thumb, and
+z out of the palm towards the object. Lengths are in m, and the wrist is at x = 0. Each finger has
+three flexion joints and two coordinates, since the tendons of a human finger couple the joints. The
+base joint bends by q[0], the middle one by q[1] and the last one by 2/3 q[1]. The opposition angle
+rotates the thumb's plane of flexion about x.
 
-Where the sensors sit in the 32 x 32 frame follows the description of STAG (Sundaram et al., Nature
-569, 698-702 (2019)); lengths are those of an adult hand.
+The cells of the sensors in the 32 x 32 frame follow the description of STAG (Sundaram et al.,
+Nature 569, 698-702 (2019)). The lengths are typical of an adult hand.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ import numpy as np
 SHAPE = (32, 32)
 # a finger's joint angles (3) from its unknowns (2)
 COUPLING = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 2 / 3]])
-# m: proximal, middle and distal link of little to index finger; metacarpal to distal of the thumb
+# m: proximal to distal link of little to index finger; metacarpal to distal link of the thumb
 LINKS = np.array(
     [
         [0.033, 0.020, 0.018],
@@ -40,16 +40,18 @@ BASES = np.array(  # m: the base joint of each finger
 FINGER_SPREAD = np.array([-0.16, -0.06, 0.02, 0.10])
 THUMB_ANGLE = 0.98  # rad between x and the straight, unopposed thumb
 RADIUS = 0.008  # m from a finger's bone to its skin
-SIDE_TILT = 0.45  # rad by which a finger's outer rows of sensors are tilted aside
+SIDE_TILT = 0.45  # rad by which the outer rows of a finger's sensors are tilted aside
 PALM = (0.090, 0.084)  # m: length and width that the sensors cover
-PALM_CUP = 0.007  # m by which the palm's edges are higher than its middle
+PALM_CUP = 0.007  # m by which the edges of the palm are higher than its middle
 TILE = 6  # a patch of the palm has TILE x TILE sensors
+FINGERS = 5
 LINKS_OF_FINGER = 3
 THUMB = 4  # number of the last finger
-# the first patches are the fingers' links, three each; the others belong to the palm
-LINK_PATCHES = 5 * LINKS_OF_FINGER
-# (3, 5, 3): along each straight finger, aside, and out of its skin; what turns with the thumb's
-# opposition is 0
+PARTS = FINGERS + 1  # parts of a hand: its fingers and the palm
+# the first patches are the links of the fingers, three for each; the others belong to the palm
+LINK_PATCHES = FINGERS * LINKS_OF_FINGER
+# (3, 5, 3): axes along each straight finger, aside, and out of its skin; entries that turn with the
+# thumb's opposition are 0 here
 UNOPPOSED = np.zeros((3, 5, 3))
 UNOPPOSED[0, :THUMB, 0] = np.cos(FINGER_SPREAD)
 UNOPPOSED[0, :THUMB, 1] = np.sin(FINGER_SPREAD)
@@ -57,8 +59,8 @@ UNOPPOSED[1, :THUMB, 0] = -np.sin(FINGER_SPREAD)
 UNOPPOSED[1, :THUMB, 1] = np.cos(FINGER_SPREAD)
 UNOPPOSED[2, :THUMB, 2] = 1
 UNOPPOSED[:2, THUMB, 0] = [np.cos(THUMB_ANGLE), -np.sin(THUMB_ANGLE)]
-#: of a hand: its size relative to the usual one, and m along and aside by which its glove is
-#: shifted
+#: Fit of a glove: size of the hand relative to the usual one, and shift of the glove along and
+#: aside, in m.
 Fit = tuple[float, tuple[float, float]]
 USUAL: Fit = (1.0, (0.0, 0.0))
 
@@ -68,8 +70,8 @@ class Pose:
     """Positions and orientations of the N patches of R hands, in the palm's axes.
 
     Attributes:
-        origin: (R, N, 3) m, the joint of a link; 0 for the palm.
-        axes: (R, N, 3, 3), columns: along the link, aside, and out of the skin.
+        origin: (R, N, 3) m, position of a link's joint; 0 for the palm.
+        axes: (R, N, 3, 3) axes as columns: along the link, aside, and out of the skin.
         hinge: (R, 5, 3) axis about which each finger flexes.
     """
 
@@ -80,23 +82,24 @@ class Pose:
 
 @dataclass
 class Hands:
-    """B hands with the same S sensors, sorted by the patch that carries them, of N patches.
+    """B hands with the same S sensors on the same N patches.
 
-    A patch belongs to one link or to the palm. The hands differ in size and in the glove's shift.
+    A patch belongs to one link or to the palm. Sensors are sorted by patch. The hands differ in
+    size and in the shift of the glove.
 
     Attributes:
-        row, column: (S,) cell in the frame.
-        patch: (S,) 3 x finger + link, or LINK_PATCHES and above on the palm.
+        row, column: (S,) cell of each sensor in the frame.
+        patch: (S,) patch of each sensor: 3 x finger + link, or LINK_PATCHES and above on the palm.
         local: (B, S, 3) m, position in the patch's axes. The axes of a link point along it from its
-            joint, aside, and out of the skin; on the palm they are the palm's.
-        normal: (B, S, 3) unit vector out of the skin in the patch's axes.
-        area: (B, S) m^2 of skin under each sensor.
-        bases: (B, 5, 3) m, the fingers' base joints.
+            joint, aside, and out of the skin. Patches on the palm have the palm's axes.
+        normal: (B, S, 3) unit vector out of the skin, in the patch's axes.
+        area: (B, S) m^2, area of skin under each sensor.
+        bases: (B, 5, 3) m, positions of the fingers' base joints.
         links: (B, 5, 3) m, lengths of the fingers' links.
-        start: (N,) first sensor of each patch.
-        count: (N,) number of its sensors.
-        centre: (B, N, 3) m in the patch's axes, of a sphere around each patch's sensors.
-        bounding_radius: (N,) m, of that sphere.
+        start: (N,) index of the first sensor of each patch.
+        count: (N,) number of sensors of each patch.
+        centre: (B, N, 3) m, centre of a sphere around each patch's sensors, in the patch's axes.
+        bounding_radius: (N,) m, radius of that sphere.
         from_centre: (B, S) m, distance of each sensor from the centre of its patch's sphere.
     """
 
@@ -130,7 +133,7 @@ class Hands:
         Args:
             rows: (R,) indices of the hands.
             q: (R, 5, 2) rad, joint coordinates.
-            opposition: (R,) rad of the thumbs.
+            opposition: (R,) rad, opposition of the thumbs.
         """
         count = len(rows)
         along, aside, skin = _finger_axes(opposition)  # (R, 5, 3) each
@@ -151,11 +154,17 @@ class Hands:
         return Pose(origin, axes, -aside)
 
 
+def part_of(patch: np.ndarray) -> np.ndarray:
+    """Return the part (C,) of the hand that carries patches (C,): finger 0 to 4, or 5, the palm."""
+    part: np.ndarray = np.minimum(patch // LINKS_OF_FINGER, FINGERS)
+    return part
+
+
 def stag_hands(*fits: Fit) -> Hands:
     """Return hands with STAG's sensors.
 
     Args:
-        *fits: of each hand; without any there is one hand of the usual size.
+        *fits: fit of each hand. Without any there is one hand of the usual size.
     """
     fits = fits or (USUAL,)
     sensors = [_stag_sensors(*fit) for fit in fits]
@@ -167,7 +176,7 @@ def stag_hands(*fits: Fit) -> Hands:
 def _stag_sensors(scale: float, slip: tuple[float, float]) -> list[np.ndarray]:
     """Return row, column, patch, local, normal and area of the sensors of one hand.
 
-    They are sorted by patch. For scale and slip see `Fit`.
+    The sensors are sorted by patch. For scale and slip see `Fit`.
     """
     parts = list[tuple[np.ndarray, ...]]()
     for finger, first in enumerate((0, 6, 10, 15)):
@@ -195,9 +204,9 @@ def _on_finger(
     """Return patch, local, normal and area of a finger's n sensors.
 
     Args:
-        finger: 0 to 4.
-        along: (n,) from 0 at the base to 1 at the tip.
-        aside: (n,) rows from the middle one.
+        finger: number of the finger, 0 to 4.
+        along: (n,) place along the finger, from 0 at the base to 1 at the tip.
+        aside: (n,) number of rows from the middle one.
         across: number of rows.
         scale: see `Fit`.
         slip: see `Fit`.
@@ -241,7 +250,7 @@ def _finger_axes(opposition: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
     """Return the axes of straight fingers, (R, 5, 3) each: along, aside, and out of the skin.
 
     Args:
-        opposition: (R,) rad of the thumbs.
+        opposition: (R,) rad, opposition of the thumbs.
     """
     along, aside, skin = np.repeat(UNOPPOSED[:, None], len(opposition), axis=1)
     cos = np.cos(opposition)

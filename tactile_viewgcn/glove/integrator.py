@@ -8,12 +8,12 @@ Appl. Numer. Math. 20 (1996), 21-37) and converted to an error of the sensors' f
 
 A step in which a finger tunnels through an object is rejected too. Without contact the equation is
 linear and its steps are long. The contacts are known only at the stages of a step, and a Newton
-iteration may jump over one. So the straight path between the two states of a step is sampled before
-the step is accepted. That is done if the path is longer than a finger's thickness or the inradius
-of the object's thinnest part.
+iteration can jump over one. So the straight path between the two states of a step is sampled before
+the step is accepted. This happens only if the path is longer than a finger's thickness or the
+inradius of the object's thinnest part.
 
-The hands do not wait for each other: each evaluation of the mechanics serves all hands, each in its
-own step, stage and Newton iteration.
+The hands do not wait for each other. Each evaluation of the mechanics serves all hands, although
+each hand is in a step, a stage and a Newton iteration of its own.
 """
 
 from collections import Counter
@@ -22,39 +22,36 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tactile_viewgcn.glove.contact import (
-    FINGERS,
+from tactile_viewgcn.glove.hand import COUPLING, FINGERS, PARTS, RADIUS, part_of
+from tactile_viewgcn.glove.mechanics import (
     JOINT_COORDINATES,
     LEVER,
-    PARTS,
     Balance,
     Mechanics,
     ShiftedHessian,
-    part_of,
 )
-from tactile_viewgcn.glove.hand import COUPLING, RADIUS
 
 GAMMA = 1 - np.sqrt(0.5)
-NEWTON = 16  # iterations of a stage
+NEWTON = 16  # largest number of iterations of a stage
 NEWTON_OF_FIXED_STEP = 5 * NEWTON  # a fixed step cannot be repeated with a shorter one
-STAGE_TOLERANCE = 0.2  # of the integrator's tolerance
+STAGE_TOLERANCE = 0.2  # tolerance of a stage, as a share of the integrator's tolerance
 ARMIJO = 1e-4  # share of the expected descent that a Newton step must reach
 SAFETY = 0.8  # factor on the ideal length of the next step
-SHRINK = 0.2  # least ratio of the next step to this one
-GROW = 4.0  # largest ratio
-SMALLEST_ERROR = 1e-12  # in tolerances: keeps the ideal length finite
+SHRINK = 0.2  # smallest ratio of the next step to this one
+GROW = 4.0  # largest ratio of the next step to this one
+SMALLEST_ERROR = 1e-12  # in tolerances; it keeps the ideal length finite
 UNSOLVED = 4.0  # error, in tolerances, of a step with an unsolved stage or with tunnelling
-# of a frame: shorter steps are not tried, and this one is accepted whatever its error
+# share of a frame: shorter steps are not tried, and a step of this length is always accepted
 SMALLEST = 1e-3
-ARRIVED = 1e-9  # of a frame: a smaller rest of it is rounding
-PATIENCE = 2  # iterations in which the energy may rise before the solver returns to the best state
+ARRIVED = 1e-9  # share of a frame: a smaller rest of it is a rounding error
+PATIENCE = 2  # iterations with a rising energy before the solver goes back to the best state
 BACKTRACK = 0.4  # factor on a Newton step whose energy rose
-SHORTEST = 1e-6  # share of a Newton step that is still tried
-ROUNDING = 1e-12  # relative rise of the energy that counts as rounding
+SHORTEST = 1e-6  # smallest share of a Newton step that is tried
+ROUNDING = 1e-12  # relative rise of the energy that counts as a rounding error
 FORCE_FLOOR = 0.05  # N: errors of smaller forces are relative to this one
-# m, largest distance of two samples of a path: the thickness of a finger
+# m, largest distance between two samples of a path: the thickness of a finger
 SAMPLE_DISTANCE = 2 * RADIUS
-MAX_SAMPLES = 64  # samples of one path
+MAX_SAMPLES = 64  # largest number of samples of one path
 
 
 class StageSolver:
@@ -66,18 +63,18 @@ class StageSolver:
     Args:
         y: (B, n) states at the start.
         tolerance: relative error of the forces at which a stage counts as solved.
-        iterations: most iterations of a stage.
+        iterations: largest number of iterations of a stage.
 
     Attributes:
-        base: (B, n) start of the stage.
+        base: (B, n) state at the start of the stage.
         scaled_step: (B,) s, h'.
         best: (B, n) the best state so far.
         tried: (B, n) the state to evaluate next.
         direction: (B, n) the Newton step from the best state.
-        length: (B,) share of that step which is tried.
-        energy: (B,) J, of the best state.
+        length: (B,) share of that step that is tried.
+        energy: (B,) J, energy of the best state.
         descent: (B,) J, slope of the energy along the step.
-        patience: (B,) iterations in which the energy may still rise.
+        patience: (B,) number of iterations in which the energy may still rise.
         iteration: (B,) number of iterations of the stage.
     """
 
@@ -103,7 +100,7 @@ class StageSolver:
 
         Args:
             rows: (R,) indices of the hands.
-            base: (R, n) start of the stages.
+            base: (R, n) states at the start of the stages.
             scaled_step: (R,) s, h'.
             first_try: (R, n) states from which the iterations start.
         """
@@ -126,10 +123,10 @@ class StageSolver:
             rows: (R,) indices of the hands.
             mechanics: the equation.
             balance: the mechanics of these hands, evaluated at `tried`.
-            matrix: of Newton's equations there.
+            matrix: matrix of Newton's equations there.
 
         Returns:
-            Which stages have ended, bool (R,), and which of them are solved, bool (R,).
+            Which stages have ended, and which are solved; bool (R,) each.
         """
         tried = self.tried[rows]
         moved = tried - self.base[rows]
@@ -149,8 +146,8 @@ class StageSolver:
         self.descent[better] = (residual * newton).sum(axis=1)[lower]
         self.length[better] = 1.0
         self.patience[better] = PATIENCE
-        # In stiff contact on a curved path a full step climbs and the next one descends below the
-        # start: allow it.
+        # In stiff contact on a curved path a full step raises the energy, and the next one
+        # takes it below the start. So a rise is allowed for some iterations.
         waits = ~lower & (self.patience[rows] > 0)
         self.patience[rows[waits]] -= 1
         back = rows[~lower & ~waits]
@@ -172,23 +169,24 @@ class ImplicitIntegrator:
         frame: s between two frames.
         tolerance: allowed relative error of the sensors' forces in a step that is longer than
             SMALLEST.
-        step: s, a fixed step instead; the last one of a frame may be shorter.
-        statistics: cost, summed over hands. `steps` counts all steps; `rejected` the steps that
-            were repeated with a shorter one; `forced` those that were accepted in spite of their
-            error because they are as short as SMALLEST; `evaluations` those of the mechanics;
-            `unsolved` the stages whose Newton iteration did not converge.
-        on_frames: called with the number of frames, of all hands together, that were completed in a
-            step.
+        step: s, a fixed step, for which no error is controlled. The last step of a frame can be
+            shorter.
+        statistics: cost, summed over hands. `steps` counts all steps, and `rejected` the steps that
+            were repeated with a shorter one. `forced` counts the steps that were accepted in spite
+            of their error, since they are as short as SMALLEST. `evaluations` counts evaluations of
+            the mechanics, and `unsolved` the stages whose Newton iteration did not converge.
+        on_frames: called after steps with the number of frames that they completed, of all hands
+            together.
 
     Attributes:
         y: (B, n) state at the start of each hand's step.
-        slope: (B, n) of its first stage.
-        knot: (B,) frames completed.
-        elapsed: (B,) s in the current frame.
-        h: (B,) s, size of the step.
-        proposed: (B,) s, the step that the error control wants.
-        second: bool (B,), in the second stage.
-        solved: bool (B,), no stage of the step has failed.
+        slope: (B, n) slope of the first stage of the step.
+        knot: (B,) number of completed frames.
+        elapsed: (B,) s since the start of the current frame.
+        h: (B,) s, length of the step.
+        proposed: (B,) s, length of the next step as the error control proposes it.
+        second: bool (B,), whether the hand is in the second stage.
+        solved: bool (B,), whether no stage of the step has failed so far.
     """
 
     mechanics: Mechanics
@@ -226,7 +224,7 @@ class ImplicitIntegrator:
         while len(rows):
             tried = solver.tried[rows]
             part = np.where(self.second[rows], 1.0, GAMMA)
-            # in frames
+            # frames since the first knot
             time = self.knot[rows] + (self.elapsed[rows] + part * self.h[rows]) / self.frame
             balance = mechanics.evaluate(rows, time, tried, palm=mechanics.motion)
             matrix = mechanics.shifted_hessian(balance, solver.scaled_step[rows])
@@ -254,7 +252,7 @@ class ImplicitIntegrator:
         self.solver.start(rows, self.y[rows], GAMMA * self.h[rows], self.y[rows])
 
     def _begin_second(self, rows: np.ndarray) -> None:
-        """Begin the second stage, extrapolated from the first."""
+        """Begin the second stage of some hands, extrapolated from the first stage."""
         scaled = GAMMA * self.h[rows]
         self.slope[rows] = (self.solver.best[rows] - self.y[rows]) / scaled[:, None]
         base = self.y[rows] + ((1 - GAMMA) * self.h[rows])[:, None] * self.slope[rows]
@@ -267,9 +265,9 @@ class ImplicitIntegrator:
 
         Args:
             rows: (R,) indices of the hands.
-            error: (R,) of their steps, in tolerances; the error of a step that tunnels becomes
-                UNSOLVED.
-            states: (B, frames, n) receives the states of completed frames.
+            error: (R,) error of each hand's step, in tolerances. For a step that tunnels UNSOLVED
+                takes its place.
+            states: (B, frames, n) array that receives the states of completed frames.
         """
         error = np.where(self.solved[rows], error, UNSOLVED)
         if self.step is None:
@@ -287,7 +285,7 @@ class ImplicitIntegrator:
         if self.step is None:
             ratio = SAFETY / np.sqrt(np.maximum(error, SMALLEST_ERROR))
             ideal = self.h[rows] * np.clip(ratio, SHRINK, GROW)
-            # A step cut short by the frame's end says little about the next one.
+            # A step that the frame's end cut short says little about the next one.
             ideal = np.where(accepted & arrived, np.maximum(self.proposed[rows], ideal), ideal)
             self.proposed[rows] = np.clip(ideal, SMALLEST * self.frame, self.frame)
         complete = rows[accepted & arrived]
@@ -299,11 +297,11 @@ class ImplicitIntegrator:
         self._begin(rows)
 
     def _tunnelling(self, rows: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """Return which of the rows take a step that would be accepted and tunnels, as indices.
+        """Return the rows whose step tunnels although its error is small, as indices into `rows`.
 
         Args:
-            rows: (R,) indices of hands.
-            error: (R,) of their steps, in tolerances.
+            rows: (R,) indices of the hands.
+            error: (R,) error of each hand's step, in tolerances.
         """
         candidates = np.flatnonzero((error <= 1) & (self.h[rows] > SMALLEST * self.frame))
         hands = rows[candidates]
@@ -347,20 +345,21 @@ def tunnels(
 ) -> tuple[np.ndarray, int]:
     """Return which hands pass through their objects on the straight path between two states.
 
-    A finger or the palm does where the depth on the path exceeds the depth at both ends by enough.
-    Enough is the distance from a finger's skin to its bone, or half of the inradius of the object's
-    thinnest part. Shallower contacts may be passed.
+    A finger or the palm passes through if the depth on the path exceeds the depth at both ends by
+    more than a limit. The limit is the smaller of two lengths: the distance from a finger's skin to
+    its bone, and half of the inradius of the object's thinnest part. Shallower contacts are allowed
+    to be passed over.
 
     Args:
         mechanics: the equation.
-        rows: (R,) the hands.
-        begin: (R,) times in frames.
+        rows: (R,) indices of the hands.
+        begin: (R,) times at the start of the paths, in frames.
         before: (R, n) states at these times.
-        end: (R,) times in frames.
+        end: (R,) times at the end of the paths, in frames.
         after: (R, n) states at these times.
 
     Returns:
-        bool (R,), and the number of states that were evaluated.
+        Whether each hand passes through, bool (R,), and the number of states that were evaluated.
     """
     spacing = np.minimum(SAMPLE_DISTANCE, mechanics.solids.inradius[rows])
     intervals = np.ceil(_path_length(mechanics, rows, begin, before, end, after) / spacing)
@@ -395,7 +394,7 @@ def _path_length(
 ) -> np.ndarray:
     """Return an upper bound (R,) m of how far object and fingertips move relative to each other.
 
-    It is 0 without an object. Arguments are those of `tunnels`.
+    The bound is 0 without an object. The arguments are the same as of `tunnels`.
     """
     first = mechanics.drive.at(rows, begin)
     last = mechanics.drive.at(rows, end)

@@ -1,8 +1,8 @@
-"""The 26 objects of STAG as solids: plausible sizes (m), STAG's weights, a stiffness of each.
+"""The 26 objects of STAG as solids, with plausible sizes (m), STAG's weights, and a stiffness.
 
-Names, their order and the weights in grams are those of the data set of Sundaram et al., Nature
-569, 698-702 (2019); shapes and materials are ours. The z axis of an object is its long or round
-axis; `orientation` rotates it into the palm's axes, see `hand.py`.
+The names, their order and the weights in grams are from the data set of Sundaram et al., Nature
+569, 698-702 (2019). Shapes and materials are our own. The z axis of an object is its long or round
+axis. `orientation` rotates the object into the palm's axes, see `hand.py`.
 """
 
 from collections.abc import Sequence
@@ -42,12 +42,12 @@ class GraspObject:
     """An object to grasp.
 
     Args:
-        name: its class.
-        weight: g.
+        name: name of its class.
+        weight: g, its weight.
         stiffness: Pa/m, pressure on its surface per depth.
-        parts: primitives whose union is the object; none for the empty hand.
+        parts: primitives whose union is the object; the empty hand has none.
         orientation: usual rotation vector (rad) from the object's axes to the palm's.
-        pinch: whether fingertips hold it, and not the palm.
+        pinch: whether the fingertips hold it without the palm.
     """
 
     name: str
@@ -59,14 +59,14 @@ class GraspObject:
 
     @property
     def inradius(self) -> float:
-        """Return the inradius (m) of its thinnest part; infinite for the empty hand."""
+        """Return the inradius (m) of the thinnest part; infinite for the empty hand."""
         return min([part.inradius for part in self.parts], default=inf)
 
     def lowest(self, rotation: np.ndarray) -> float:
         """Return the distance (m) that the object reaches below its origin, along -z.
 
         Args:
-            rotation: (3, 3) from the object's axes to the palm's; cuts are ignored.
+            rotation: (3, 3) rotation from the object's axes to the palm's. Cuts are ignored.
         """
         reaches = list[float]()
         for part in self.parts:
@@ -89,7 +89,7 @@ def _at(
 
 
 def _chain_link(index: int) -> Primitive:
-    """Return one of the five links of the chain, each turned against the last."""
+    """Return one of the five links of the chain, which is turned against its neighbours."""
     rotation = (0.0, pi / 2, 0.0)
     if index % 2:
         rotation = (pi / 2, 0.0, 0.0)
@@ -169,7 +169,7 @@ def select_objects(selection: str | Sequence[str]) -> tuple[GraspObject, ...]:
     """Return the objects to simulate, the empty hand first.
 
     Args:
-        selection: "all", or names of objects.
+        selection: "all", or the names of objects.
     """
     if selection == "all":
         return OBJECTS

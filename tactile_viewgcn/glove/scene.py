@@ -2,32 +2,34 @@
 
 A recording is one long manipulation. It begins with the open hand; then the object is grasped again
 and again. In each grasp the object arrives, and the fingers close until they touch it. They squeeze
-it more the heavier it is, hold it while it moves a little, and let go without opening wholly. The
-numbers below belong to the calibrated constants, see VERSION in `simulation.py`.
+it more the heavier it is, hold it while it moves a little, and let go without opening completely.
+The constants below are calibrated, see VERSION in `simulation.py`.
 """
 
 import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from tactile_viewgcn.glove.contact import FINGERS, GRAVITY, Drive, collisions, part_of
-from tactile_viewgcn.glove.hand import Hands
+from tactile_viewgcn.glove.contact import collisions
+from tactile_viewgcn.glove.hand import FINGERS, Hands, part_of
+from tactile_viewgcn.glove.mechanics import Drive
 from tactile_viewgcn.glove.objects import GraspObject
 from tactile_viewgcn.glove.shapes import Solids
 
+GRAVITY = 9.81  # m/s^2
 OPEN = np.array([0.15, 0.15])  # rad: posture of an open finger
 CLOSED = np.array([1.35, 1.45])  # rad: posture of a closed finger
 RELAXED = 0.4  # closure, 0 open to 1 closed, of a finger that touches nothing
-IDLE = 0.2  # closure of an empty hand
+IDLE = 0.2  # closure of the fingers of an empty hand
 ASIDE = 0.3  # rad: the thumb's opposition while the hand is open
-AWAY = 0.03  # m above its position in the grasp: the object before and after a grasp
-# m: where an object lies against the palm, its lower side at z
+AWAY = 0.03  # m by which the object is above its position in the grasp, before and after a grasp
+# m: where an object lies against the palm, with its lower side at z
 POWER = np.array([0.080, 0.002, 0.001])
 PINCH = np.array([0.080, 0.018, 0.070])  # m: where the fingertips meet the thumb's
 DIP = 0.001  # m by which the prescribed position may press an object into the palm
-CORRELATION = 0.7  # of a drifting grip, from frame to frame
-CLOSURES = 28  # closures at which a finger is tested for contact
-#: standard deviations: of an object from the next, of a recording, of a grasp, and within a grasp
+CORRELATION = 0.7  # correlation of the grip's drift from frame to frame
+CLOSURES = 28  # number of closures at which a finger is tested for contact
+# Standard deviations between objects, between recordings, between grasps, and within a grasp.
 # m, of the object
 POSITION = {"object": 0.008, "recording": 0.001, "grasp": 0.010, "within": 0.005}
 ROTATION = {"object": 0.35, "recording": 0.05, "grasp": 0.6, "within": 0.25}  # rad, of the object
@@ -36,13 +38,13 @@ FINGER = {"object": 0.6, "recording": 0.08, "grasp": 0.8, "within": 0.45}
 THUMB = {"object": 0.12, "recording": 0.05, "grasp": 0.2}  # rad, of the opposition
 OPPOSITION = 0.95  # rad
 LARGEST_OPPOSITION = 1.4  # rad
-ROLL = 0.6  # rad, of a grasp, about the object's axis; every second grasp has half a turn more
+ROLL = 0.6  # rad, of a grasp, about the object's axis; about half of the grasps turn by pi too
 PINCHED = 0.3  # share of these deviations that an object between the fingertips has
-SQUEEZE = (0.04, 0.60)  # N m of a weightless object, and N m per kg of weight
+SQUEEZE = (0.04, 0.60)  # N m for a weightless object, and N m per kg of weight
 OPENING = 8  # frames of the open hand before the first grasp
-# frames; `hold` fills the grasp
+# frames of each phase; `hold` takes the rest of the grasp
 PHASES = {"arrive": 1, "close": 4, "squeeze": 2, "hold": 0, "release": 2}
-HOLD = list(PHASES).index("hold")  # number of the steady phase
+HOLD = list(PHASES).index("hold")  # number of the phase in which the grasp is steady
 LOOSE = 0.4  # share of the next grasp's closure that a hand keeps between two grasps
 
 
@@ -63,9 +65,9 @@ def plan(
         grasp_objects: the B objects.
         hands: the B hands.
         solids: the B objects as solids.
-        habits: B generators of the usual grasp of each object.
-        rngs: B generators of each recording's deviations from it.
-        frames: T.
+        habits: B generators, which draw the usual grasp of each object.
+        rngs: B generators, which draw the deviations of each recording from the usual grasp.
+        frames: T, number of frames.
         grasps: number of grasps in a recording.
         effects: see `simulation.EFFECTS`.
     """
@@ -116,14 +118,14 @@ def _weights(grasp_objects: list[GraspObject]) -> np.ndarray:
 
 
 def _courses(phase: np.ndarray, progress: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return how far the object has arrived, the fingers have closed, and they squeeze.
+    """Return how far the object has arrived and the fingers have closed, and how hard they squeeze.
 
     Args:
         phase: (T,) see `schedule`.
         progress: (T,) see `schedule`.
 
     Returns:
-        Three arrays (T,), 0 to 1.
+        Three arrays (T,) from 0 to 1.
     """
     arrive, close, squeeze, hold, release = (phase == number for number in range(len(PHASES)))
     near = np.select([phase < 0, arrive, release], [0, progress, 1 - progress], 1.0)
@@ -135,7 +137,7 @@ def _courses(phase: np.ndarray, progress: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _drift(rng: np.random.Generator, frames: int) -> np.ndarray:
-    """Return a recording's drift (T, 11): autoregressive, of order 1 and unit variance."""
+    """Return a recording's drift (T, 11), autoregressive of order 1 with unit variance."""
     noise = rng.normal(size=(frames, 11))
     noise[1:] *= np.sqrt(1 - CORRELATION**2)
     drift: np.ndarray = lfilter([1.0], [1.0, -CORRELATION], noise, axis=0)
@@ -143,7 +145,7 @@ def _drift(rng: np.random.Generator, frames: int) -> np.ndarray:
 
 
 def _with_first_knot(values: np.ndarray) -> np.ndarray:
-    """Return values (B, T + 1, ...) at the knots, of which the first equals the second."""
+    """Return values (B, T + 1, ...) at the knots: the first knot has the values of the second."""
     return np.concatenate([values[:, :1], values], axis=1)
 
 
@@ -151,12 +153,12 @@ def schedule(frames: int, grasps: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
     """Return the phase, its progress and the grasp of each frame.
 
     Args:
-        frames: T.
+        frames: T, number of frames.
         grasps: number of grasps. Each has more frames than all phases but `hold` need.
 
     Returns:
-        Number of the phase (T,), -1 for the open hand before the first grasp; progress of the phase
-        (T,) at the frame's end, 0 to 1; number of the grasp (T,).
+        Three arrays (T,): the number of the phase, or -1 for the open hand before the first grasp;
+        the progress of the phase at the frame's end, from 0 to 1; and the number of the grasp.
     """
     grasp_frames = (frames - OPENING) // grasps
     hold = grasp_frames - sum(PHASES.values())
@@ -165,7 +167,7 @@ def schedule(frames: int, grasps: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
     since_first_grasp = np.arange(frames) - (frames - grasps * grasp_frames)
     is_before = since_first_grasp < 0
     grasp = np.where(is_before, 0, since_first_grasp // grasp_frames)
-    frame = np.where(is_before, -1, since_first_grasp % grasp_frames)  # of the grasp
+    frame = np.where(is_before, -1, since_first_grasp % grasp_frames)  # number in the grasp
     phase = np.searchsorted(starts, frame, side="right") - 1
     progress = (frame + 1 - starts[phase]) / lengths[phase]
     return phase, progress, grasp
@@ -179,12 +181,12 @@ def closure(
     Args:
         hands: the B hands.
         solids: the B objects.
-        position: (B, 3) m of the objects.
-        rotation: (B, 3) rad, their rotation vectors.
-        opposition: (B,) rad of the thumbs.
+        position: (B, 3) m, positions of the objects.
+        rotation: (B, 3) rad, rotation vectors of the objects.
+        opposition: (B,) rad, opposition of the thumbs.
 
     Returns:
-        0 open to 1 closed; a usual closure for a finger that touches nothing.
+        Closures from 0, open, to 1, closed. A finger that touches nothing has a usual closure.
     """
     count = len(position)
     rows = np.arange(count)
@@ -205,7 +207,7 @@ def closure(
 def _closures(
     hands: Hands, solids: Solids, position: np.ndarray, rotation: np.ndarray, opposition: np.ndarray
 ) -> np.ndarray:
-    """Return the closure (B, G, 5) of each grasp; arguments are those of `closure`, by grasp."""
+    """Return the closure (B, G, 5) of each grasp; the arguments are as in `closure`, by grasp."""
     closures = list[np.ndarray]()
     for grasp in range(position.shape[1]):
         closures.append(
@@ -223,7 +225,7 @@ def _draw(
         grasp_object: the object.
         habit: draws the usual grasp of the object.
         rng: draws the deviations of a recording and of its grasps.
-        grasps: G.
+        grasps: G, number of grasps.
 
     Returns:
         Position (G, 3) m, rotation vector (G, 3) rad, opposition (G,) rad and squeeze (G, 5) N m.
@@ -259,9 +261,9 @@ def _deviations(
 
     Args:
         habit: draws the deviation of the object.
-        rng: draws those of the recording and of its grasps.
-        std: the three standard deviations.
-        shape: (G, size).
+        rng: draws the deviations of the recording and of its grasps.
+        std: standard deviations `object`, `recording` and `grasp`.
+        shape: (G, size), shape of the result.
     """
     _, size = shape
     of_object = habit.normal(0, std["object"], size)
@@ -270,9 +272,9 @@ def _deviations(
 
 
 def _freedom(grasp_object: GraspObject) -> float:
-    """Return the share of the deviations of a grasp that an object has.
+    """Return the factor on all deviations of a grasp.
 
-    With more, fingertips would lose a thin object.
+    It is smaller for an object between the fingertips, which would lose it otherwise.
     """
     if grasp_object.pinch:
         return PINCHED

@@ -1,7 +1,8 @@
 """From pressure to counts: a piezoresistive matrix of 32 x 32 wires, read with 10 bits.
 
-Each effect is a separate step, skipped where a recipe does not name it. The constants are set
-against STAG's frames (baseline, noise, percentiles of the excess), see VERSION in `simulation.py`.
+Each effect is a separate step, which is skipped if the recipe does not name it. The constants are
+set against STAG's frames: their baseline, their noise, and percentiles of the readings above the
+baseline. See VERSION in `simulation.py`.
 """
 
 import numpy as np
@@ -10,26 +11,26 @@ from tactile_viewgcn.glove.hand import SHAPE, Hands
 from tactile_viewgcn.randomness import stream
 
 NO_SENSOR = 510  # counts of a cell without a sensor
-MAX_COUNT = 1023  # of a 10-bit converter
+MAX_COUNT = 1023  # largest count of a 10-bit converter
 SATURATION = 1.5e4  # Pa at which a sensor reads half of a linear sensor's counts
 SENSITIVITY = 1.4e-3  # counts per Pa of a sensor of gain 1, at low pressure
-HYSTERESIS = 0.25  # share of a reading that follows its recent peak
-RECOVERY = 0.6  # share of the peak that is left a frame later
-# shares of its row's and its column's mean that a sensor adds to its reading
+HYSTERESIS = 0.25  # share of the way to its recent peak by which a reading is raised
+RECOVERY = 0.6  # share of the peak that remains a frame later
+# shares of the mean of its row, and of its column, that are added to a sensor's reading
 CROSSTALK = (0.3, 0.3)
 DRIFT = 0.95  # correlation of the common mode from frame to frame
 GAIN = 0.75  # standard deviation of the logarithm of a sensor's gain
-GAIN_OF_SESSION = 0.1  # the same, from session to session
+GAIN_OF_SESSION = 0.1  # standard deviation of the same logarithm from session to session
 DEAD = 0.02  # share of sensors that read no pressure
-STUCK = 0.004  # share of sensors that always read the same
-MOST_STUCK = 5  # counts above the baseline that a stuck sensor reads at most
+STUCK = 0.004  # share of sensors that always read the same count
+MOST_STUCK = 5  # largest number of counts above the baseline that a stuck sensor reads
 BASELINE = (515.0, 1.2)  # counts, mean and standard deviation of a session's baseline
-ROW = 0.6  # counts, standard deviation of a row from that baseline
-SENSOR = 0.3  # counts, standard deviation of a sensor from it
+ROW = 0.6  # counts, standard deviation of a row from the session's baseline
+SENSOR = 0.3  # counts, standard deviation of a sensor from the baseline of its row
 NOISE = (0.89, 0.09)  # counts, median of a sensor's noise, and standard deviation of its logarithm
 COMMON = (0.2, 0.55)  # counts, range of a session's common mode
-ROW_NOISE = 0.19  # counts
-BENDING = 1.2  # counts per rad of flexion, of a typical sensor
+ROW_NOISE = 0.19  # counts, standard deviation of the noise that a row shares
+BENDING = 1.2  # counts per rad of flexion that a typical sensor reads
 
 
 class Sensors:
@@ -38,20 +39,20 @@ class Sensors:
     Hysteresis and common mode carry over from one block to the next.
 
     Args:
-        hands: with the cells of the S sensors.
+        hands: hands with the cells of the S sensors.
         seed: seed of the glove and its sessions.
-        sessions: (B,) session of each recording; gain, baseline and common mode differ between
+        sessions: session of each of the B recordings. Gain, baseline and common mode differ between
             sessions.
-        rngs: B generators of the noise.
+        rngs: B generators, which draw the noise.
         effects: the effects of `simulation.EFFECTS` that are simulated.
 
     Attributes:
-        gain: (B, S) relative to SENSITIVITY; 0 for a dead sensor.
+        gain: (B, S) gain relative to SENSITIVITY; 0 for a dead sensor.
         stuck: (B, S) counts above the baseline that a stuck sensor always reads; NaN for all
             others.
         bend: (B, S) counts per rad of flexion of the joint under the sensor.
-        baseline: (B, S) counts.
-        noise: (B, S) counts, standard deviation.
+        baseline: (B, S) counts without pressure.
+        noise: (B, S) counts, standard deviation of each sensor's noise.
         common: (B,) counts, standard deviation of the noise that all sensors share.
     """
 
@@ -65,7 +66,7 @@ class Sensors:
     ):
         self.hands = hands
         self.effects = effects
-        # for the sensors' noise, and for the common mode
+        # one generator for the sensors' noise of each recording, and one for its common mode
         self.rngs = [(rng, *rng.spawn(1)) for rng in rngs]
         electronics = [
             self._electronics(stream(seed, "glove"), stream(seed, "glove session", session))
@@ -86,7 +87,7 @@ class Sensors:
     ) -> tuple[np.ndarray | float, ...]:
         """Return gain, stuck, bend, baseline and noise (S,), and the common mode.
 
-        They are drawn for a glove in a session.
+        The generators draw them for a glove in one of its sessions.
         """
         count = len(self.hands.row)
         gain = np.exp(glove.normal(0, GAIN, count) - GAIN**2 / 2)
@@ -108,8 +109,8 @@ class Sensors:
         """Return the counts int16 (B, T, 32, 32) of a block.
 
         Args:
-            pressure: (B, T, S) Pa.
-            flexion: (B, T, S) rad.
+            pressure: (B, T, S) Pa, pressure on the sensors.
+            flexion: (B, T, S) rad, flexion under the sensors.
         """
         effects = self.effects
         excess = SENSITIVITY * self.gain[:, None] * pressure
@@ -134,7 +135,7 @@ class Sensors:
     def _add_noise(self, counts: np.ndarray) -> None:
         """Add noise and common mode to counts (B, T, S), in place.
 
-        They are added frame by frame, so that the length of a block is free.
+        They are added frame by frame, so the result does not depend on the length of a block.
         """
         _, frames, sensors = counts.shape
         rows = SHAPE[0]
@@ -153,7 +154,7 @@ class Sensors:
     def _crosstalk(self, excess: np.ndarray) -> np.ndarray:
         """Return readings (B, T, S) with the leakage of a passive matrix.
 
-        A share of the mean of its row, and of its column, is added to each sensor.
+        Each sensor reads a share of the mean of its row, and of its column, in addition.
         """
         leaked = excess.copy()
         for share, line_of_sensor, lines in (

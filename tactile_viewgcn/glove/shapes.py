@@ -1,12 +1,14 @@
 """Solids as signed distance functions: primitives, plane cuts and unions, in batches.
 
-There are two families of primitives. A solid of revolution about z is a rounded rectangle in the
-half-plane (rho, z): its centre is `offset` from the axis, its half sizes are `half`, its corners
-are rounded by `round`. A sphere has half = (0, 0) and a capsule half = (0, c). A torus has offset >
-0, and a tube half = (wall / 2, c) too. A box is rounded in the same way and has three half sizes.
-Outside a primitive the distance is exact; inside it is the distance to the nearest face. A cut
-takes the larger of two distances and a union the smaller. That bounds the true distance (Hart,
-"Sphere tracing", The Visual Computer 12 (1996)).
+There are two families of primitives. The first is a solid of revolution about z: a rounded
+rectangle in the half-plane (rho, z). Its centre is at the distance `offset` from the axis, its half
+sizes are `half`, and its corners are rounded by `round`. A sphere has half = (0, 0), and a capsule
+half = (0, c). A torus has offset > 0. A tube has offset > 0 and half = (wall / 2, c). The second
+family is a box, which is rounded in the same way and has three half sizes.
+
+Outside a primitive the distance is exact. Inside, it is the distance to the nearest face. A cut
+takes the larger of two distances, and a union the smaller. The result bounds the true distance
+(Hart, "Sphere tracing", The Visual Computer 12 (1996)).
 """
 
 from dataclasses import dataclass
@@ -25,14 +27,14 @@ class Primitive:
     """One primitive and its place in the object. Lengths are in m.
 
     Args:
-        half: half sizes without the rounding: two, (rho, z), make a solid of revolution, three, (x,
-            y, z), a box.
+        half: half sizes without the rounding. Two, (rho, z), make a solid of revolution, and
+            three, (x, y, z), make a box.
         round: radius of the rounding.
-        offset: distance of a solid of revolution's section from its axis.
-        centre: (3,) in the object's axes.
+        offset: distance between the axis and the section of a solid of revolution.
+        centre: (3,) centre in the object's axes.
         rotation: (3,) rotation vector from the primitive's axes to the object's, rad.
-        cut: (nx, ny, nz, c), in the primitive's axes: keeps the points x with n . x <= c; n has
-            length 1.
+        cut: (nx, ny, nz, c), in the primitive's axes. It keeps the points x with n . x <= c, where
+            n has length 1.
     """
 
     half: tuple[float, ...]
@@ -44,19 +46,19 @@ class Primitive:
 
     @property
     def is_box(self) -> bool:
-        """Return whether it is a box, else a solid of revolution."""
+        """Return whether the primitive is a box; otherwise it is a solid of revolution."""
         return len(self.half) == 3
 
     @property
     def bounding_radius(self) -> float:
-        """Return the radius (m) of the smallest sphere about its centre that contains it uncut."""
+        """Return the radius (m) of the smallest sphere about the centre that holds it, uncut."""
         if self.is_box:
             return float(np.linalg.norm(self.half)) + self.round
         return float(np.hypot(self.offset + self.half[0], self.half[1])) + self.round
 
     @property
     def inradius(self) -> float:
-        """Return half of its thickness (m) where it is thinnest, uncut."""
+        """Return half of the thickness (m) of the uncut primitive where it is thinnest."""
         return min(self.half) + self.round
 
 
@@ -72,7 +74,7 @@ def sphere(radius: float, **placement: Any) -> Primitive:
     """Return a sphere.
 
     Args:
-        radius: m.
+        radius: radius, m.
         **placement: `centre`, `rotation` and `cut` of `Primitive`.
     """
     return Primitive((0, 0), radius, 0, **placement)
@@ -82,9 +84,9 @@ def box(x: float, y: float, z: float, round: float = 0.0, **placement: Any) -> P
     """Return a box.
 
     Args:
-        x: full size, m.
-        y: full size, m.
-        z: full size, m.
+        x: full size along x, m.
+        y: full size along y, m.
+        z: full size along z, m.
         round: radius of its edges, m.
         **placement: `centre`, `rotation` and `cut` of `Primitive`.
     """
@@ -96,8 +98,8 @@ def cylinder(radius: float, length: float, round: float = 0.0, **placement: Any)
     """Return a cylinder about z.
 
     Args:
-        radius: m.
-        length: m.
+        radius: radius, m.
+        length: length, m.
         round: radius of its edges, m.
         **placement: `centre`, `rotation` and `cut` of `Primitive`.
     """
@@ -109,8 +111,8 @@ def capsule(radius: float, length: float, **placement: Any) -> Primitive:
     """Return a cylinder about z that ends in hemispheres.
 
     Args:
-        radius: m.
-        length: m, the hemispheres included.
+        radius: radius, m.
+        length: length, m, including the hemispheres.
         **placement: `centre`, `rotation` and `cut` of `Primitive`.
     """
     return Primitive((0, _inner_half(length, radius)), radius, 0, **placement)
@@ -120,7 +122,7 @@ def torus(ring: float, tube: float, **placement: Any) -> Primitive:
     """Return a torus about z.
 
     Args:
-        ring: m from its centre to the centre of the tube.
+        ring: distance from the centre to the middle of the tube, m.
         tube: radius of the tube, m.
         **placement: `centre`, `rotation` and `cut` of `Primitive`.
     """
@@ -133,9 +135,9 @@ def tube(
     """Return a hollow cylinder about z.
 
     Args:
-        inner: radius, m.
-        outer: radius, m.
-        length: m.
+        inner: inner radius, m.
+        outer: outer radius, m.
+        length: length, m.
         round: radius of its edges, m.
         **placement: `centre`, `rotation` and `cut` of `Primitive`.
     """
@@ -144,18 +146,19 @@ def tube(
 
 
 class Solids:
-    """B unions of up to P primitives each, as arrays; a union may be empty.
+    """B unions of up to P primitives each, as arrays. A union can be empty.
 
     Args:
         parts: the primitives of each union.
 
     Attributes:
-        bounding_radius: (B, P) m, of a sphere around each primitive; -inf where there is none.
-        revolved: bool (B, P), solids of revolution.
+        bounding_radius: (B, P) m, radius of a sphere around each primitive; -inf if there is none.
+        revolved: bool (B, P), whether it is a solid of revolution.
         half, round, offset, cut: (B, P, ...) see `Primitive`.
-        centre: (B, P, 3) m.
-        rotation: (B, P, 3, 3) from the primitive's axes to the object's.
-        inradius: (B,) m, of the thinnest primitive of each union; infinite for an empty one.
+        centre: (B, P, 3) m, centres of the primitives.
+        rotation: (B, P, 3, 3) rotations from the primitive's axes to the object's.
+        inradius: (B,) m, inradius of the thinnest primitive of each union; infinite for an empty
+            union.
     """
 
     def __init__(self, parts: list[list[Primitive]]):
@@ -235,18 +238,18 @@ class Solids:
     def _section(
         self, primitive: np.ndarray, x: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return points as seen by a box, into which both families of primitives are folded.
+        """Return points in the coordinates of a box, so that both families take the same formula.
 
-        A solid of revolution's point is (rho - offset, z, .), and its third face infinitely far
-        inside.
+        For a solid of revolution the point is (rho - offset, z, .). The point is infinitely far
+        inside its third face.
 
         Args:
             primitive: (n,) numbers of primitives, see `_number`.
             x: (n, 3) m, points in the axes of these primitives.
 
         Returns:
-            The points (n, 3), how far they are from the box's faces (n, 3), and which belong to a
-            solid of revolution, bool (n,).
+            The points (n, 3), their distances from the box's faces (n, 3), and whether they belong
+            to a solid of revolution, bool (n,).
         """
         revolved = self.revolved.take(primitive)
         folded = x.copy()

@@ -1,4 +1,4 @@
-"""A recipe of recordings, and its simulation, block by block: scenes, mechanics, sensors."""
+"""A recipe of recordings, and its simulation block by block: scenes, mechanics, sensors."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -12,16 +12,9 @@ import h5py
 import numpy as np
 from joblib import Parallel, delayed
 
-from tactile_viewgcn.glove.contact import (
-    DRIVEN,
-    FINGERS,
-    JOINT_COORDINATES,
-    Drive,
-    Layer,
-    Mechanics,
-)
 from tactile_viewgcn.glove.hand import (
     COUPLING,
+    FINGERS,
     LINK_PATCHES,
     LINKS_OF_FINGER,
     USUAL,
@@ -29,6 +22,7 @@ from tactile_viewgcn.glove.hand import (
     stag_hands,
 )
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
+from tactile_viewgcn.glove.mechanics import DRIVEN, JOINT_COORDINATES, Drive, Layer, Mechanics
 from tactile_viewgcn.glove.objects import GraspObject, select_objects
 from tactile_viewgcn.glove.scene import HOLD, OPEN, OPENING, plan, schedule
 from tactile_viewgcn.glove.sensor import Sensors
@@ -37,39 +31,39 @@ from tactile_viewgcn.params import Effect
 from tactile_viewgcn.progress import is_shown, progress, shown
 from tactile_viewgcn.randomness import stream
 
-#: Version of the constants in this folder, an attribute of every file. They are set only against
-#: published and measured facts of STAG, on glove seed 7, and frozen: a changed constant needs a new
-#: version.
+#: Version of the constants in this folder, which every file has as an attribute. The constants were
+#: set only against published and measured facts of STAG, on glove seed 7. They are frozen: a change
+#: needs a new version.
 VERSION = 2
 LAYER = Layer(stiffness=1e7, thickness=4e-3, joint_damping=0.02, object_damping=60.0)
-RATE = 7.35  # frames a second, STAG's
+RATE = 7.35  # frames a second, as in STAG's data
 TOLERANCE = 0.02  # relative error of the sensors' forces in a step of the solver
 EFFECTS = get_args(Effect)
-TRAINING_SESSIONS = 2  # as in STAG; the others are the test set
-BLOCK = 96  # frames that are solved and read together
-# in the mean; with fewer, starting a process takes longer than it saves
+TRAINING_SESSIONS = 2  # as in STAG's data; the other sessions are the test set
+BLOCK = 96  # number of frames that are solved and read together
+# mean number; with fewer recordings it takes longer to start a process than it saves
 MIN_RECORDINGS_PER_WORKER = 20
 SLIP_STD = 0.002  # m: the glove's shift from session to session
 SCALE_STD = 0.02  # share: the hand's size from session to session
 
-SessionObject = tuple[int, int]  # the recording of a session's and an object's number
+SessionObject = tuple[int, int]  # a recording, as the numbers of its session and its object
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """A recording of every object in every session.
+    """What is simulated: a recording of every object in every session.
 
     Args:
         objects: the objects, with the empty hand.
-        sessions: number of sessions; the first TRAINING_SESSIONS are the training set, but never
-            all of them.
+        sessions: number of sessions. The first TRAINING_SESSIONS are the training set, but at least
+            one session is left for the test set.
         frames: number of frames in each recording.
         grasps: number of grasps in each recording.
         seed: seed of every random draw.
         layer: skin, glove and damping.
-        effects: the effects of EFFECTS that are simulated; the others are not computed. Without
-            `weight` nothing pulls on the object, but the squeeze still follows its weight. `weight`
-            needs `motion`.
+        effects: names in EFFECTS of the effects that are simulated; others are not computed.
+            Without `weight` nothing pulls on the object, but the squeeze still follows its weight.
+            `weight` needs `motion`.
     """
 
     objects: tuple[GraspObject, ...]
@@ -112,12 +106,12 @@ class Simulation:
         recordings: its recordings to simulate; None for all.
 
     Attributes:
-        names: of the objects.
+        names: name of each recording's object.
         hands: a hand with a glove for each recording.
-        solids: their objects.
-        stiffness: (B,) Pa/m of the objects' surfaces.
+        solids: the object of each recording.
+        stiffness: (B,) Pa/m, stiffness of the objects' surfaces.
         drive: prescribed motion and loads of the recordings.
-        sensors: their sensors.
+        sensors: sensors of the recordings.
         statistics: cost of the integration so far, see `ImplicitIntegrator`.
     """
 
@@ -151,8 +145,8 @@ class Simulation:
         """Yield the counts int16 (B, T, 32, 32) of all B recordings, block by block.
 
         Args:
-            on_frames: is called with the number of frames, of all recordings together, that were
-                solved in a step.
+            on_frames: called with the number of frames that were solved since the last call, of all
+                recordings together.
 
         Yields:
             Blocks of at most BLOCK frames.
@@ -170,7 +164,7 @@ class Simulation:
             yield self.sensors.read(*self.sensor_inputs(mechanics, states))
 
     def mechanics(self, start: int, stop: int) -> Mechanics:
-        """Return the equation of frames `start` to `stop`.
+        """Return the equation for frames `start` to `stop`.
 
         Its first knot is one frame before `start`.
         """
@@ -192,10 +186,10 @@ class Simulation:
 
         Args:
             mechanics: the equation of T frames.
-            states: (B, T, n) at the frames' ends.
+            states: (B, T, n) states at the frames' ends.
 
         Returns:
-            Pressure (B, T, S) Pa, and flexion (B, T, S) rad.
+            Pressure (B, T, S) in Pa, and flexion (B, T, S) in rad.
         """
         hands, frames, _ = states.shape
         rows = np.arange(hands)
@@ -231,7 +225,7 @@ class Simulation:
         return scale, (along, aside)
 
     def _streams(self, purpose: str) -> list[np.random.Generator]:
-        """Return a generator for each recording, the same whatever other recordings there are."""
+        """Return a generator for each recording, which does not depend on the other recordings."""
         return [
             stream(self.recipe.seed, f"glove {purpose} {name}", session, 0)
             for name, (session, _) in zip(self.names, self.recordings, strict=True)
@@ -241,16 +235,16 @@ class Simulation:
 def simulate(recipe: Recipe, folder: Path, *, workers: int = 1) -> Counter[str]:
     """Write a recipe's recordings to `folder`/SESSION/NUMBER-OBJECT.h5.
 
-    The recordings do not depend on the number of worker processes. Memory holds a block of
-    pressures, and all counts. The first process shows its progress, where the caller shows any.
+    The recordings do not depend on the number of worker processes. Memory holds all counts, and one
+    block of pressures. If the caller shows progress, the first process shows its own.
 
     Args:
         recipe: the recipe.
-        folder: of the sessions' folders.
+        folder: folder of the sessions' folders.
         workers: largest number of processes.
 
     Returns:
-        The cost, see `Simulation.statistics`.
+        The cost of all processes, see `Simulation.statistics`.
     """
     workers = max(1, min(workers, len(recipe.recordings) // MIN_RECORDINGS_PER_WORKER))
     write = delayed(_write)
@@ -264,9 +258,9 @@ def simulate(recipe: Recipe, folder: Path, *, workers: int = 1) -> Counter[str]:
 def deal(recipe: Recipe, workers: int) -> list[list[SessionObject]]:
     """Return each process's recordings.
 
-    The slowest hand of a process decides how often the mechanics are evaluated, which costs as much
-    as twenty hands do. Thin objects need the most evaluations. So their recordings share a process,
-    the first one, which has half as many recordings as each of the others.
+    The slowest hand of a process decides how often the mechanics are evaluated. An evaluation for
+    one hand costs about as much as for twenty. Thin objects need the most evaluations, so their
+    recordings share the first process. It has half as many recordings as each of the others.
     """
     by_thickness = sorted(
         recipe.recordings, key=lambda recording: recipe.objects[recording[1]].inradius
@@ -298,7 +292,7 @@ def _write(
 def _hdf5(recipe: Recipe, recording: SessionObject, counts: np.ndarray) -> bytes:
     """Return the content of a recording's file, from its counts (T, 32, 32).
 
-    It is made in memory, since HDF5 may say nothing where a disk is full.
+    The content is made in memory, since HDF5 can stay silent if the disk is full.
     """
     session, number = recording
     grasp_object = recipe.objects[number]

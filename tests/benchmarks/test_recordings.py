@@ -1,4 +1,4 @@
-"""The benchmark of recordings, on two tiny sets, with a stand-in for the slow classifier."""
+"""The benchmark of recordings, with two tiny sets and a stand-in for the slow classifier."""
 
 from typing import ClassVar
 
@@ -12,7 +12,7 @@ from benchmarks.recordings.__main__ import COLUMNS, MINIROCKET, SIMPLE, main
 
 
 def write_set(folder, shape, level, sessions):
-    """Two objects of 8 recordings whose readings differ by `level`, in some sessions, or none."""
+    """Write 16 recordings of two objects, which differ by `level`; 0 sessions: no groups."""
     rng, groups = np.random.default_rng(0), {}
     for number in range(16):
         file = folder / "ab"[number % 2] / f"{number}.npy"
@@ -27,7 +27,7 @@ def write_set(folder, shape, level, sessions):
 
 
 class OnlyA:
-    """Answers "a", and takes three axes alone; `asked` has the groups and shape of each fold."""
+    """Answers "a", and takes only three axes; `asked` has the groups and shape of each fold."""
 
     asked: ClassVar[list] = []
 
@@ -54,7 +54,7 @@ def test_sets_have_errors_on_held_out_groups_and_a_later_run_keeps_what_an_earli
     first = run.invoke(main, [*sets, "--out", str(out), "--only", "trees,svc,logistic"])
     assert first.exit_code == 0 and "Regret" not in first.output
     second = run.invoke(main, [*sets[::-1], "--out", str(out), "--only", "ours"])
-    assert second.output.endswith("\nRegret: 50.0 points in the mean, 50.0 at most, on far.\n")
+    assert second.output.endswith("\nRegret: mean 50.0 points, largest 50.0 points (far).\n")
     # folds: four, or as many as there are groups
     assert OnlyA.asked == [(12, (2, 2))] * 4 + [(1, (1, 3))] * 2
     table = pd.read_csv(out, index_col="set")
@@ -80,7 +80,7 @@ class KnowsFolds(OnlyA):
 
 
 def test_persons_of_a_source_s_folders_are_held_out_together(tmp_path, monkeypatch):
-    """Two objects of three persons, two recordings each; and the same without groups."""
+    """Write two objects of three persons, two recordings each, and the same without groups."""
     monkeypatch.setattr(recordings, "TactileClassifier", KnowsFolds)
     monkeypatch.setattr(KnowsFolds, "asked", [])
     rng = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""The work-precision benchmark: all integrators solve one equation; it measures their error."""
+"""The benchmark of integrators: all solve one equation, and it measures their error."""
 
 import numpy as np
 import pytest

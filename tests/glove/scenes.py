@@ -1,4 +1,4 @@
-"""Small scenes of the virtual glove with a known end, or which SciPy's Radau solves quickly."""
+"""Small scenes of the virtual glove whose end is known, or which SciPy's Radau solves quickly."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -8,17 +8,18 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.solver.other_integrators import integrate_with_scipy
 from benchmarks.solver.scenes import THICKNESS, ball_grasp, stiffness
-from tactile_viewgcn.glove.contact import HOLDING, Drive, Layer, Mechanics
 from tactile_viewgcn.glove.hand import BASES, LINK_PATCHES, LINKS, USUAL, Hands, Pose, stag_hands
+from tactile_viewgcn.glove.mechanics import HOLDING, Drive, Layer, Mechanics
 from tactile_viewgcn.glove.objects import OBJECTS, select_objects
 from tactile_viewgcn.glove.scene import OPEN
 from tactile_viewgcn.glove.shapes import Primitive, Solids, box, capsule, sphere
 from tactile_viewgcn.glove.simulation import EFFECTS, Recipe, Simulation
 
-RATE = 7.35  # frames a second, STAG's
+RATE = 7.35  # frames a second, as in STAG's data
 FRAME = 1 / RATE  # s
 LAYER = Layer(2.5e7, THICKNESS, 0.02, 60.0)
-#: of a grasp, for each decade of lambda h: skin Pa/m, object Pa/m, joints N m s/rad, object N s/m
+# settings of a grasp, one for each decade of lambda h: stiffness of skin and object, Pa/m;
+# damping of the joints, N m s/rad, and of the object, N s/m
 GRASPS = (
     (3e4, 1e6, 5.0, 2e4),
     (3e4, 1e6, 0.5, 2e3),
@@ -34,23 +35,24 @@ GRASPS = (
 BALL, BALL_AT = sphere(0.034), (0.075, 0.0, 0.037)
 TILES = 4  # patches of a bed along each side
 SPHERE_RADIUS = 0.1  # m, of the sphere on a bed
-RTOL, MOST = 1e-6, 60_000  # of Radau, and the evaluations it may take
+RTOL, MOST = 1e-6, 60_000  # of Radau: its tolerance, and its largest number of evaluations
 FLAT = (0.08, 0.04, 0.03)  # m: a plate that lies on the palm between the fingers and the thumb
-# m: its x; N/m of its sensors together, or more: so it sinks in by less than
+# of the plate: its x in m; the least stiffness of its sensors together, N/m
 MIDDLE, FIRM = 0.02, 15_000.0
-SUNK = 2e-4  # m: its two outer rows of sensors carry it, the next ones are 0.5 mm lower
+SUNK = 2e-4  # m by which it sinks in at most: the sensors beside the two rows are 0.5 mm lower
 OBJECTS_BY_NAME = {one.name: one for one in OBJECTS}
 GRIPPED = [
     OBJECTS_BY_NAME[name]
     for name in ("ball", "mug", "chain", "empty_hand", "tea_box", "safety_glasses")
 ]
-# of the hands that grip them
+# fits of the hands that grip them
 FITS = [USUAL, (1.03, (0, 0)), (1.0, (0.002, -0.001)), USUAL, (0.97, (0, 0)), USUAL]
 
 
 def bed(count: int, width: float, *, hands: int = 1) -> Hands:
-    """Flat palms of count x count sensors that fill a square about the origin, z up; the fingers
-    feel nothing.
+    """Return flat palms of count x count sensors that fill a square about the origin, with z up.
+
+    The fingers have no sensors.
     """
     pitch = width / count
     row, column = np.mgrid[:count, :count].reshape(2, -1)
@@ -81,10 +83,10 @@ def scene(
     rotation=(0.0, 0.0, 0.0),
     load=(0.0, 0.0, 0.0),
 ) -> Mechanics:
-    """B hands around objects, the drive the same at all knots: one union of `parts` for all, or one
-    each.
+    """Return the mechanics of B hands around objects, with the same drive at all knots.
 
-    B is the number of positions (B, 3) m; without `hands` they are STAG's.
+    B is the number of positions (B, 3) m. `parts` has one union for all hands, or one for each.
+    Without `hands` the hands are STAG's.
     """
     position = np.atleast_2d(np.asarray(position, dtype=float))
     count = len(position)
@@ -118,8 +120,9 @@ def scene(
 
 
 def gripping_hands(*, motion: bool, seed: int = 0) -> tuple[Mechanics, np.ndarray]:
-    """Half-closed fingers around the objects of GRIPPED, pressed a little into the palm, and their
-    state (B, n).
+    """Return half-closed fingers around the objects of GRIPPED, and their state (B, n).
+
+    The objects are pressed a little into the palm.
     """
     rng = np.random.default_rng(seed)
     rotations = [
@@ -145,8 +148,9 @@ def gripping_hands(*, motion: bool, seed: int = 0) -> tuple[Mechanics, np.ndarra
 
 
 def sphere_on_bed() -> tuple[Mechanics, np.ndarray]:
-    """A sphere that stays in contact with all of a small bed's sensors while it moves, and its
-    state (1, 13).
+    """Return a sphere on a small bed, and its state (1, 13).
+
+    The sphere stays in contact with all sensors of the bed while it moves.
     """
     mechanics = scene(
         [[sphere(SPHERE_RADIUS)]],
@@ -162,7 +166,7 @@ def sphere_on_bed() -> tuple[Mechanics, np.ndarray]:
 
 
 def free_finger(*, posture=0.3, squeeze=0.0, knots=2, **layer: float) -> Mechanics:
-    """Fingers and an object's position without any contact."""
+    """Return fingers and an object without any contact."""
     layer = replace(LAYER, **layer)
     return scene(
         [[]],
@@ -176,7 +180,7 @@ def free_finger(*, posture=0.3, squeeze=0.0, knots=2, **layer: float) -> Mechani
 
 
 def rod(damping: float) -> Mechanics:
-    """Fingers, with a `damping` in N m s/rad, that would close behind a rod within a frame."""
+    """Return fingers that would close behind a rod within a frame; `damping` is in N m s/rad."""
     across, layer = (
         capsule(0.012, 0.2, rotation=(np.pi / 2, 0, 0)),
         replace(LAYER, joint_damping=damping),
@@ -187,17 +191,17 @@ def rod(damping: float) -> Mechanics:
 
 
 def skin(setting: tuple[float, float, float, float]) -> Layer:
-    """The layer of one of GRASPS."""
+    """Return the layer of one of GRASPS."""
     return Layer(setting[0], THICKNESS, *setting[2:])
 
 
 def lambda_h(mechanics: Mechanics, states: np.ndarray) -> str:
-    """How stiff a scene was."""
+    """Return a text that says how stiff a scene was."""
     return f"lambda h = {stiffness(mechanics, states, FRAME):.1e}"
 
 
 def around_a_ball(setting: tuple[float, float, float, float], posture, **drive) -> Mechanics:
-    """A hand around a ball above the palm, the stiffness and damping one of GRASPS."""
+    """Return a hand around a ball above the palm, with stiffness and damping from one of GRASPS."""
     options = {
         "posture": posture,
         "layer": skin(setting),
@@ -208,14 +212,15 @@ def around_a_ball(setting: tuple[float, float, float, float], posture, **drive) 
 
 
 def grasp(setting: tuple[float, float, float, float], *, seed: int, frames: int) -> Mechanics:
-    """A grasp of a ball from the moment the fingers begin to close; the ball is in place and the
-    hand open.
+    """Return a grasp of a ball from the moment when the fingers begin to close.
+
+    The ball is in place then, and the hand is open.
     """
     return ball_grasp(*setting, seed=seed).mechanics(9, 9 + frames)
 
 
 def forces(mechanics: Mechanics, states: np.ndarray) -> np.ndarray:
-    """(B, T, S) N on the sensors, whichever way they face, at states (B, T, n) of the frames."""
+    """Return the forces (B, T, S) N on sensors at states (B, T, n), whichever way they face."""
     hands, frames, _ = states.shape
     out, rows = np.zeros((hands, frames, len(mechanics.hands.patch))), np.arange(hands)
     for t in range(frames):
@@ -227,7 +232,7 @@ def forces(mechanics: Mechanics, states: np.ndarray) -> np.ndarray:
 def radau(
     mechanics: Mechanics, y: np.ndarray, frames: int, *, frame: float = FRAME, rtol: float = RTOL
 ) -> np.ndarray:
-    """States (1, frames, n) of the first hand from y (1, n)."""
+    """Return states (1, frames, n) of the first hand from y (1, n), by Radau."""
     states, _ = integrate_with_scipy(
         "Radau", mechanics, 0, y[0], frames, frame, rtol=rtol, max_evaluations=MOST
     )
@@ -235,18 +240,18 @@ def radau(
 
 
 def rel_norm_error(values: np.ndarray, exact: np.ndarray) -> float:
-    """Norm of the difference over frames and sensors, over the exact values' norm; NaN where that
-    is 0.
+    """Return the norm of the difference over the norm of the exact values.
+
+    The norms are over frames and sensors. The result is NaN if the exact values are 0.
     """
     return float(np.linalg.norm(values - exact) / np.linalg.norm(exact))
 
 
 def plate(lambda_h: float, *, frames: int) -> tuple[Mechanics, np.ndarray, np.ndarray]:
-    """A plate that lies on two rows of the palm's sensors and is loaded more and less from frame to
-    frame.
+    """Return a plate on two rows of the palm's sensors, whose load changes from frame to frame.
 
     As long as the same sensors carry it, its equation is linear: D dd/dt = f(t) - K d for the depth
-    d, f linear between the frames, so that d has a closed form.
+    d. Between the frames f is linear, so d has a closed form.
 
     Returns:
         The mechanics, the state (1, 13) at first, and the exact forces (1, frames, S) N on the
@@ -261,8 +266,8 @@ def plate(lambda_h: float, *, frames: int) -> tuple[Mechanics, np.ndarray, np.nd
     whole = damping * lambda_h / FRAME  # N/m: sensors and holding
     per_area = (whole - HOLDING) / area[carry].sum()
     height = z[carry].mean() + FLAT[2] / 2
-    # Layer and plate in series, half as stiff as each; the open fingers are no stiffer than the
-    # plate.
+    # Layer and plate are in series, so together they are half as stiff as each. The open fingers
+    # are not stiffer than the plate.
     layer = Layer(2 * per_area, THICKNESS, max(LAYER.joint_damping, FRAME / lambda_h), damping)
     place = [MIDDLE, 0, height]
     mechanics = scene(
@@ -295,15 +300,16 @@ def plate(lambda_h: float, *, frames: int) -> tuple[Mechanics, np.ndarray, np.nd
 
 
 def points(hands: Hands, hand: int, pose: Pose, row: int) -> np.ndarray:
-    """Positions (S, 3) m of the sensors of one of the hands, which is a row of the pose, computed
-    one by one.
+    """Return the positions (S, 3) m of the sensors of one hand, computed one by one.
+
+    The hand is a row of the pose.
     """
     sensors = zip(hands.patch, hands.local[hand], strict=True)
     return np.array([pose.origin[row, n] + pose.axes[row, n] @ local for n, local in sensors])
 
 
 def recipe(objects=("ball", "coin"), *, without=(), **changes) -> Recipe:
-    """Two sessions of one grasp, 22 frames, all effects but those in `without`."""
+    """Return two sessions of one grasp, 22 frames, with all effects but those in `without`."""
     defaults = {"sessions": 2, "frames": 22, "grasps": 1, "seed": 0, "layer": LAYER}
     return Recipe(
         select_objects(list(objects)),
@@ -313,6 +319,6 @@ def recipe(objects=("ball", "coin"), *, without=(), **changes) -> Recipe:
 
 
 def simulated_counts(recipe: Recipe) -> tuple[np.ndarray, Simulation]:
-    """Counts (B, T, S) of all recordings of a recipe, and the simulation."""
+    """Return the counts (B, T, S) of all recordings of a recipe, and the simulation."""
     run = Simulation(recipe)
     return np.concatenate(list(run.blocks()), axis=1)[..., run.hands.row, run.hands.column], run

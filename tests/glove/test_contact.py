@@ -1,75 +1,13 @@
-"""Contact: forces are slopes of the energy, and a sphere on a flat bed obeys the elastic
-foundation's closed form.
-"""
+"""The search for contacts: a loop over every sensor and primitive finds the same ones."""
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from benchmarks.solver.scenes import hessian
 from tactile_viewgcn.glove.contact import collisions
 from tactile_viewgcn.glove.hand import LINK_PATCHES
-from tactile_viewgcn.glove.shapes import sphere
-from tests.glove.scenes import GRIPPED, LAYER, bed, gripping_hands, points, scene
-
-WIDTH, RADIUS, DEPTH = 0.04, 0.1, 0.001  # m: of the bed; of a sphere, and how deep it is in the bed
-
-
-def balanced(mechanics, y):
-    return mechanics.evaluate(np.arange(len(y)), np.zeros(len(y)), y, palm=True)
-
-
-def pressed(count, position):
-    """Contact of spheres at (B, 3) with a bed of count x count sensors that fill WIDTH."""
-    hands = bed(count, WIDTH, hands=len(position))
-    mechanics = scene([[sphere(RADIUS)]], position, hands=hands, stiffness=1e9, motion=False)
-    return balanced(mechanics, np.zeros((len(position), 10)))
-
-
-@pytest.mark.parametrize("motion", [False, True])
-def test_the_residual_is_the_slope_of_the_energy(motion):
-    mechanics, y = gripping_hands(motion=motion)
-    balance = balanced(mechanics, y)
-    on_palm = balance.contacts.patch >= LINK_PATCHES
-    for row in (0, 1, 4):
-        assert {False, True} == set(on_palm[balance.contacts.row == row])  # fingers and palm
-    step = 1e-7
-    for unknown in range(mechanics.size):
-        ahead, behind = y.copy(), y.copy()
-        ahead[:, unknown] += step
-        behind[:, unknown] -= step
-        slope = (balanced(mechanics, ahead).energy - balanced(mechanics, behind).energy) / (
-            2 * step
-        )
-        np.testing.assert_allclose(balance.residual[:, unknown], slope, rtol=2e-5, atol=2e-6)
-
-
-@settings(max_examples=20, deadline=None)
-@given(seed=st.integers(0, 1000), motion=st.booleans())
-def test_solving_by_blocks_equals_solving_the_whole(seed, motion):
-    mechanics, y = gripping_hands(motion=motion, seed=seed)
-    balance = balanced(mechanics, y)
-    rng = np.random.default_rng(seed)
-    matrix = mechanics.shifted_hessian(balance, scaled_step=rng.uniform(0.01, 1, len(y)))
-    whole = hessian(mechanics, balance) + matrix.shift[:, :, None] * np.eye(mechanics.size)
-    for residual in rng.normal(size=(2, *y.shape)):
-        expected = np.linalg.solve(whole, residual[..., None])[..., 0]
-        np.testing.assert_allclose(matrix.solve(residual), expected, rtol=1e-7, atol=1e-10)
-
-
-@pytest.mark.parametrize("motion", [False, True])
-def test_the_change_of_the_forces_is_that_of_a_small_step(motion):
-    mechanics, y = gripping_hands(motion=motion)
-    balance = balanced(mechanics, y)
-    dy = 1e-7 * np.random.default_rng(0).normal(size=y.shape)
-    after = balanced(mechanics, y + dy)
-    np.testing.assert_array_equal(after.contacts.sensor, balance.contacts.sensor)
-    change = mechanics.force_change(balance, np.arange(len(y)), dy)
-    np.testing.assert_allclose(
-        change, after.force - balance.force, atol=1e-3 * np.abs(change).max()
-    )
+from tests.glove.scenes import GRIPPED, gripping_hands, points
+from tests.glove.test_mechanics import DEPTH, RADIUS, pressed
 
 
 @pytest.mark.parametrize("palm", [True, False])
@@ -108,36 +46,7 @@ def test_collisions_are_those_of_a_loop_over_every_sensor_and_primitive(palm, se
 def test_facing_is_the_cosine_between_the_skin_and_the_pressure():
     balance = pressed(16, [(0, 0, RADIUS - DEPTH)])
     np.testing.assert_allclose(balance.contacts.facing, -balance.contacts.normal[:, 2], rtol=1e-12)
-    # a sphere that comes from behind presses no sensor
+    # a sphere that comes from behind does not press a sensor
     under = pressed(16, [(0, 0, DEPTH - RADIUS)])
     assert len(under.contacts.facing) == len(balance.contacts.facing)
     assert not under.contacts.facing.any()
-
-
-def test_finer_beds_come_ever_closer_to_the_closed_form():
-    """The exact form: depth R - s at distance s from the centre, R - d <= s <= R, so F_z = pi k (R
-    - d) d^2.
-    """
-    stiff, height = 1 / (1 / LAYER.stiffness + 1 / 1e9), RADIUS - DEPTH
-    load = np.pi * stiff * height * DEPTH**2
-    # of the forces' sizes, whatever their directions
-    total = np.pi * stiff * (RADIUS * DEPTH**2 - 2 / 3 * DEPTH**3)
-    edge = np.sqrt(2 * RADIUS * DEPTH - DEPTH**2)
-    errors = []
-    for count in (8, 16, 32, 64):
-        pitch = WIDTH / count
-        aside = np.random.default_rng(0).uniform(-0.5, 0.5, (16, 2)) * pitch
-        balance = pressed(count, np.c_[aside, np.full(16, height)])
-        row = balance.contacts.row
-        away = np.linalg.norm(balance.contacts.point[:, :2] - aside[row], axis=1)
-        furthest = np.array([away[row == one].max() for one in range(16)])
-        assert (np.abs(furthest - edge) < pitch).all()
-        shares = np.stack([
-            np.bincount(row, -balance.force * balance.contacts.normal[:, 2]) / load,
-            np.bincount(row, balance.force) / total,
-            # the radius of a disc of the same area
-            np.sqrt(np.bincount(row) / np.pi) * pitch / edge,
-        ])  # fmt: skip
-        errors.append(np.sqrt(((shares - 1) ** 2).mean(axis=1)))
-    assert (np.array(errors[0]) < 0.05).all() and (np.array(errors[-1]) < 1e-3).all()
-    assert (np.diff(errors, axis=0) < 0).all()

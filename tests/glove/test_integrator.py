@@ -1,17 +1,18 @@
-"""Integration: its order, its tolerance, what a far too long step does, and that no hand waits for
-another.
+"""Integration: its order, its tolerance, and steps that are far too long.
+
+No hand waits for another.
 """
 
 import numpy as np
 import pytest
 
 from tactile_viewgcn.glove import integrator
-from tactile_viewgcn.glove.contact import HOLDING, JOINT, TENDON
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
+from tactile_viewgcn.glove.mechanics import HOLDING, JOINT, TENDON
 from tests.glove.scenes import LAYER, free_finger, radau, sphere_on_bed
 
 FRAME = 0.1  # s
-# m per rad and per m: makes errors of joints and positions comparable
+# m per rad and m per m: factors that make errors of joints and positions comparable
 UNITS = np.array([0.05] * 10 + [1.0] * 3)
 
 

@@ -4,9 +4,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tactile_viewgcn.glove import scene
-from tactile_viewgcn.glove.contact import GRAVITY, collisions
+from tactile_viewgcn.glove.contact import collisions
 from tactile_viewgcn.glove.hand import LINK_PATCHES, USUAL, stag_hands
-from tactile_viewgcn.glove.scene import closure, plan, schedule
+from tactile_viewgcn.glove.scene import GRAVITY, closure, plan, schedule
 from tactile_viewgcn.glove.shapes import Solids
 from tactile_viewgcn.randomness import stream
 from tests.glove.scenes import OBJECTS_BY_NAME
@@ -14,7 +14,7 @@ from tests.glove.scenes import OBJECTS_BY_NAME
 FIXED = sum(scene.PHASES.values())
 FRAMES, GRASPS = 50, 2
 PHASE, _, GRASP = schedule(FRAMES, GRASPS)
-# knots before the object is held
+# knots at which the object is not held yet
 ARRIVED = 1 + np.flatnonzero(list(scene.PHASES).index("arrive") >= PHASE)
 
 
@@ -23,7 +23,7 @@ def solids(objects):
 
 
 def planned(names, *effects):
-    """The drive of one recording of each object."""
+    """Return the drive of one recording of each object."""
     objects = [OBJECTS_BY_NAME[name] for name in names]
     habits, rngs = (
         [stream(0, name) for name in names],
@@ -34,7 +34,7 @@ def planned(names, *effects):
 
 
 def holds(grasp):
-    """Knots of the steady part of a grasp."""
+    """Return the knots of the steady part of a grasp."""
     return 1 + np.flatnonzero((PHASE == scene.HOLD) & (grasp == GRASP))
 
 
@@ -56,7 +56,7 @@ def test_a_recording_begins_with_an_open_hand_and_between_grasps_the_object_is_a
     )
     np.testing.assert_array_equal(drive.squeeze[:, ARRIVED], 0)
     for values in vars(drive).values():
-        # before the first frame all stands still
+        # before the first frame nothing moves
         np.testing.assert_array_equal(values[:, 0], values[:, 1])
 
 
@@ -79,7 +79,7 @@ def test_fingers_close_until_they_touch():
     share = closure(hands, shapes, position, rotation, np.full(3, 0.95))
 
     def touched(part):
-        """(B, 5): whether fingers that are closed so far are inside the object."""
+        """Return which fingers, bool (B, 5), are inside the object if they are closed so far."""
         pose = hands.pose(
             rows, scene.OPEN + part[..., None] * (scene.CLOSED - scene.OPEN), np.full(3, 0.95)
         )

@@ -12,7 +12,7 @@ from tactile_viewgcn.randomness import stream
 HAND = stag_hands()
 COUNT = len(HAND.row)
 FLAT = np.zeros((1, 1, 1))  # no flexion
-PA = 1 / sensor.SENSITIVITY  # of one count at little pressure
+PA = 1 / sensor.SENSITIVITY  # Pa for one count at low pressure
 
 
 PLAIN = {
@@ -22,8 +22,9 @@ PLAIN = {
 
 
 def frames_of(pressure, *effects, flexion=FLAT, **changes):
-    """Frames (B, T, 32, 32) of gloves of equal sensors, with baseline 100 and gain 1, for pressures
-    (B, T, S) Pa.
+    """Return frames (B, T, 32, 32) for pressures (B, T, S) Pa.
+
+    The sensors of the gloves are equal, with baseline 100 and gain 1.
     """
     count = len(pressure)
     glove = Sensors(
@@ -35,8 +36,9 @@ def frames_of(pressure, *effects, flexion=FLAT, **changes):
 
 
 def read(pressure, *effects, **changes):
-    """Counts (T, S) above the baseline of pressures (T, S), or (T,) alike on all sensors, given in
-    counts.
+    """Return counts (T, S) above the baseline.
+
+    The pressures are in counts: (T, S), or (T,) if they are the same for all sensors.
     """
     pressure = np.asarray(pressure, dtype=float)
     if pressure.ndim == 1:
@@ -56,7 +58,7 @@ def test_counts_follow_pressure_and_with_bending_the_flexion_each_sensor_by_its_
 
 
 def test_at_the_saturation_pressure_a_sensor_reads_half_and_never_less_when_pressed_more():
-    """Its gain would make 800 counts there, were it linear."""
+    """A linear sensor with this gain would read 800 counts there."""
     pressure = sensor.SATURATION * sensor.SENSITIVITY
     options = {"gain": np.full(COUNT, 800 / pressure), "baseline": np.zeros(COUNT)}
     counts = read(np.linspace(0, 10, 101) * pressure, "saturation", **options)[:, 0]
@@ -80,7 +82,7 @@ def test_counts_are_integers_of_ten_bits_and_510_where_no_sensor_is():
 
 
 def test_hysteresis_by_hand():
-    # the peak fades, and is above 40
+    # the peak fades, but stays above the second pressure, 40
     pressure, peak = [100.0, 40.0, 0.0, 0.0], 100 * sensor.RECOVERY ** np.arange(4.0)
     expected = [
         now + sensor.HYSTERESIS * (top - now) for now, top in zip(pressure, peak, strict=True)

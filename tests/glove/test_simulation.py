@@ -9,9 +9,9 @@ import pytest
 
 from tactile_viewgcn.files import md5
 from tactile_viewgcn.glove import simulation
-from tactile_viewgcn.glove.contact import Mechanics
 from tactile_viewgcn.glove.hand import stag_hands
 from tactile_viewgcn.glove.integrator import ImplicitIntegrator
+from tactile_viewgcn.glove.mechanics import Mechanics
 from tactile_viewgcn.glove.scene import HOLD, OPEN, OPENING, schedule
 from tactile_viewgcn.glove.simulation import (
     EFFECTS,
@@ -58,7 +58,7 @@ def test_sensor_inputs_are_force_per_area_where_the_skin_faces_it_and_the_joints
     np.testing.assert_allclose(pressure[:, frame], naive)
     assert naive[1].max() > 0
     bend = np.maximum(states[1, frame, :10].reshape(5, 2) - OPEN, 0)
-    # the last one is coupled to the middle one
+    # the last joint is coupled to the middle one
     joints = np.array([bend[:, 0], bend[:, 1], 2 / 3 * bend[:, 1]])
     for sensor, patch in enumerate(HAND.patch):
         expected = bend[:, 0].mean() if patch >= 15 else joints[patch % 3, patch // 3]
@@ -76,7 +76,7 @@ def test_every_effect_changes_the_counts(all_effects, effect):
     assert without.shape == all_effects.shape == (2, 22, 548)
     changed = without != all_effects
     assert np.count_nonzero(changed) >= 5
-    # of the object: to an empty hand only the solver's steps differ, by rounding
+    # effects on an object: for an empty hand only the solver's steps differ, by rounding errors
     if effect in ("weight", "shift"):
         assert np.abs(without[0] - all_effects[0]).max() <= 1 and changed[0].mean() < 1e-3
 

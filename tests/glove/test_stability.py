@@ -1,10 +1,10 @@
 """The virtual glove's contact: stiff, sudden, deep and for long.
 
-The contact is solved with `ImplicitIntegrator`, as the pipeline does. Where forces are compared,
-the error is the norm of the difference over frames and sensors relative to the reference's. What is
-right follows from the integrator's own tolerance: it allows the sensors' forces a relative error of
-TOLERANCE in a step. Steps of a frame may add their errors up, though on the way to rest they fade;
-so TOLERANCE for a whole grasp asks for more.
+The contact is solved with `ImplicitIntegrator`, as in the pipeline. The error of forces is the norm
+of the difference from the reference, over frames and sensors, relative to the norm of the
+reference. The integrator's own tolerance decides which error is right: it allows the sensors'
+forces a relative error of TOLERANCE in a step. The errors of a frame's steps can add up, but fade
+on the way to rest. So TOLERANCE for a whole grasp is a stricter demand.
 """
 
 from dataclasses import replace
@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from benchmarks.stability.rows import share_not_finite
-from tactile_viewgcn.glove.contact import HOLDING, JOINT, LEVER, TENDON
 from tactile_viewgcn.glove.integrator import FORCE_FLOOR, ImplicitIntegrator
+from tactile_viewgcn.glove.mechanics import HOLDING, JOINT, LEVER, TENDON
 from tactile_viewgcn.glove.scene import AWAY
 from tactile_viewgcn.glove.shapes import sphere
 from tests.glove.scenes import (
@@ -41,7 +41,7 @@ HALF_CLOSED = 0.7  # rad
 
 
 def solved(mechanics, y, frames, **options):
-    """States (B, frames, n), and a remark on the integrator's work."""
+    """Return states (B, frames, n), and a remark about the integrator's work."""
     integrator = ImplicitIntegrator(mechanics, FRAME, **options)
     states = integrator.run(y, frames)
     names = {
@@ -56,8 +56,9 @@ def solved(mechanics, y, frames, **options):
 
 
 def wedge(setting):
-    """A ball amid the tips of thumb and index finger, which lean towards each other and squeeze
-    ever harder.
+    """Return a ball between the tips of thumb and index finger.
+
+    The two lean towards each other and squeeze ever harder.
     """
     posture, layer = np.array([[0.1, 0.1]] * 3 + [[0.8, 0.64], [0.3, 0.24]]), skin(setting)
     options = {
@@ -73,7 +74,7 @@ def wedge(setting):
 
 
 def case(check, make, frames):
-    """A case of the test below."""
+    """Return a case of the test below."""
     return pytest.param(
         make, frames, marks=[pytest.mark.stability(check), pytest.mark.slow], id=check
     )
@@ -103,8 +104,9 @@ def test_the_sensors_forces_are_radau_s(row, make, frames):
 
 @pytest.mark.stability("stiffness of a plate")
 def test_a_loaded_plate_on_the_palm_has_the_forces_of_its_closed_form(row):
-    """From lambda h = 1e4 on the plate is at rest at every moment, and only that it is solved at
-    all is asked for.
+    """From lambda h = 1e4 on the plate is at rest at every moment.
+
+    Then the test only asks that the integrator solves the equation at all.
     """
     for decade in range(-2, 9):
         mechanics, y, exact = plate(10.0**decade, frames=4)
@@ -119,9 +121,7 @@ def test_a_loaded_plate_on_the_palm_has_the_forces_of_its_closed_form(row):
 @pytest.mark.stability("steps of a whole frame")
 @pytest.mark.parametrize("setting", GRASPS[3:7], ids=lambda setting: f"{setting[0]:g}")
 def test_steps_far_too_long_stay_bounded_and_come_to_the_same_rest(row, setting):
-    """Bounded: the object stays nearer than the AWAY that it comes from, the fingers within half a
-    turn.
-    """
+    """The object stays nearer than AWAY, where it comes from, and fingers within half a turn."""
     mechanics = around_a_ball(setting, HALF_CLOSED, knots=13, squeeze=0.1, load=(0.1, -0.2, -0.5))
     y = mechanics.initial_state()
     y[:, :10] = 0.15
@@ -136,8 +136,9 @@ def test_steps_far_too_long_stay_bounded_and_come_to_the_same_rest(row, setting)
 
 @pytest.mark.stability("damping")
 def test_with_next_to_no_damping_the_hand_is_where_the_springs_balance(row):
-    """Right: a torque within Newton's goal, 0.2 TOLERANCE of the least force counted, and the
-    damping's own torque.
+    """A torque is right within Newton's goal and the torque of the damping itself.
+
+    Newton's goal is 0.2 TOLERANCE of the least force that counts.
     """
     goal = 0.2 * TOLERANCE * FORCE_FLOOR
     for smallness in (1e-3, 1e-6, 1e-9):
@@ -154,7 +155,7 @@ def test_with_next_to_no_damping_the_hand_is_where_the_springs_balance(row):
         states, work = solved(mechanics, mechanics.initial_state(), 4)
         exact = mechanics.drive.posture[0, 1:] + 0.1 * TENDON / JOINT
         torque = np.abs(states[0, :, :10].reshape(4, 5, 2) - exact).max(axis=(0, 1)) * JOINT
-        lag = 0.2 / FRAME * joint  # N m: behind a posture that moves
+        lag = 0.2 / FRAME * joint  # N m: torque of the damping behind a posture that moves
         stiff = lambda_h(mechanics, states)
         row(f"torque that is not balanced, N m, {stiff}", torque.max(), goal * LEVER + lag, work)
         force = HOLDING * np.abs(states[0, :, 12] - (0.3 - 3.0 / HOLDING)).max()

@@ -1,4 +1,4 @@
-"""Tunnelling: what counts as it, and that the integrator rejects steps with it."""
+"""Tunnelling: which paths count as tunnelling, and that the integrator rejects such steps."""
 
 import numpy as np
 
@@ -12,8 +12,9 @@ BALL, NOTHING = [sphere(RADIUS)], []
 
 
 def over_a_bed(paths, parts=(BALL,)):
-    """Whether balls, or objects of these parts, on paths (B, 2, 3) m tunnel through a bed at z = 0;
-    evaluations.
+    """Return which paths (B, 2, 3) m tunnel through a bed at z = 0, and the evaluations.
+
+    Balls, or objects of these parts, move along the paths.
     """
     paths, count = np.asarray(paths, dtype=float), len(paths)
     mechanics = scene(list(parts), paths[:, 0], hands=bed(20, 0.04, hands=count), stiffness=1e9)
@@ -32,7 +33,7 @@ def test_what_is_deeper_between_its_ends_than_at_them_tunnels():
         [[-side, 0, deep], [side, 0, deep]],
         [[-side, 0, shallow], [side, 0, shallow]],
         [[-side, 0, 0.06], [side, 0, 0.06]],  # over it
-        [[0, 0, 0.2], [0, 0, deep]],  # into it: the step's end knows
+        [[0, 0, 0.2], [0, 0, deep]],  # into it: the end of the step shows the contact
         [[0, 0, deep], [0, 0, 0.2]],  # out of it
         [[0, 0, 0.2], [0, 0, 0.2 - 0.9 * SAMPLE_DISTANCE]],  # nowhere
     ])  # fmt: skip

@@ -15,15 +15,16 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture
 def place(tmp_path) -> Path:
-    """A folder with params.yaml."""
+    """Return a folder with params.yaml."""
     shutil.copy(ROOT / "params.yaml", tmp_path)
     return tmp_path
 
 
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory) -> Path:
-    """A workspace with the files of a finished run and its MLflow store, of four objects and no
-    network.
+    """Return a workspace with the files of a finished run, and its MLflow store.
+
+    The run has four objects and no network.
     """
     place = tmp_path_factory.mktemp("workspace")
     shutil.copy(ROOT / "params.yaml", place)

@@ -1,4 +1,4 @@
-"""Stages run from their command line, in this process; programs run in a folder."""
+"""Stages that run from their command line in this process, and programs that run in a folder."""
 
 import os
 import re
@@ -45,12 +45,12 @@ FILES = {
 
 
 def record_of(stage) -> str:
-    """Path of a stage's record."""
+    """Return the path of a stage's record."""
     return f"{'results' if stage == 'evaluate' else 'runs'}/{stage}.json"
 
 
 def sh(*words, cwd, **variables):
-    """The output of a command, without this session's settings of DVC and MLflow."""
+    """Return the output of a command that runs without DVC's and MLflow's settings from here."""
     environment = {
         key: value for key, value in os.environ.items() if not key.startswith(("DVC_", "MLFLOW_"))
     }
@@ -65,12 +65,12 @@ def sh(*words, cwd, **variables):
 
 
 def ran(output) -> list[str]:
-    """The stages that DVC says it ran, in its order."""
+    """Return the stages that DVC says it ran, in its order."""
     return re.findall(r"^Running stage '(?:.*:)?(\w+)'", output, re.MULTILINE)
 
 
 def copy_repository(place, without=()) -> None:
-    """All files of this repository, but for those that git ignores."""
+    """Return all files of this repository, except the files that git ignores."""
     for name in sh("git", "ls-files", "-co", "--exclude-standard", cwd=ROOT).splitlines():
         (place / name).parent.mkdir(parents=True, exist_ok=True)
         if (ROOT / name).is_file() and name not in without:
@@ -97,8 +97,9 @@ def set_params(place, section, **values) -> None:
 
 
 def run_stage(name, *words, cwd, store="disabled", clock=lambda: 0.0):
-    """A stage from its command line, in this process: exit code and output; by `clock` it says that
-    it goes on.
+    """Run a stage from its command line in this process, and return exit code and output.
+
+    The stage tells its progress by `clock`.
     """
     program = str(ROOT / "stages" / f"{name}.py")
     return captured(
@@ -111,7 +112,7 @@ def run_stage(name, *words, cwd, store="disabled", clock=lambda: 0.0):
 
 
 def captured(call, *words, cwd, store="disabled", clock=lambda: 0.0):
-    """A call that reads these words from the command line: exit code and output."""
+    """Call a function with these words as its command line, and return exit code and output."""
     before, code, out, err = signal.getsignal(signal.SIGTERM), 0, StringIO(), StringIO()
     with ExitStack() as stack:
         stack.enter_context(
@@ -133,12 +134,12 @@ def captured(call, *words, cwd, store="disabled", clock=lambda: 0.0):
 
 
 def changed(*changes):
-    """Changes of parameters as words of a command line."""
+    """Return changes of parameters as words of a command line."""
     return [word for change in changes for word in ("--set", change)]
 
 
 def refused(result) -> str:
-    """The one line of a refused run."""
+    """Return the one line of a refused run."""
     lines = result.stderr.strip().splitlines()
     assert result.returncode == 1, result.stderr
     assert len(lines) == 1 and lines[0].startswith("Error: "), result.stderr
@@ -146,7 +147,7 @@ def refused(result) -> str:
 
 
 def left(place) -> set[str]:
-    """Names of the files that stages have written into a folder."""
+    """Return the names of the files that stages have written into a folder."""
     return {path.name for path in place.iterdir()} - {
         "params.yaml",
         "metadata.mat",

@@ -1,4 +1,4 @@
-"""What every stage's command line shares: parameters are checked first, errors are one line."""
+"""The command line that all stages share: it checks parameters first, and an error is one line."""
 
 import os
 import runpy
@@ -85,7 +85,7 @@ def test_an_input_that_is_not_there_is_named(place):
 
 
 def test_a_source_that_a_temporary_workspace_lacks_is_named_with_its_path_in_the_clone(place):
-    """Such a workspace has what git or DVC tracks, and no other folder."""
+    """A temporary workspace has only files that git or DVC tracks."""
     workspace = place / "workspace"
     workspace.mkdir()
     shutil.copy(place / "params.yaml", workspace)
@@ -145,7 +145,7 @@ def test_notes_and_epochs_are_kept_for_the_record_and_epochs_logged_at_once():
     assert job.record.notes == [Note("slow", stage="pretrain")]
     for epoch in (1, 2):
         job.epoch(epoch, {"loss": 1.0 / epoch})
-    # with those before an interruption
+    # with the seconds before an interruption
     assert job.record.curves == {"loss": [1.0, 0.5]} and job.seconds > 1e6
     assert epochs == [("log_metrics", {"loss": 1.0}, 1), ("log_metrics", {"loss": 0.5}, 2)]
 

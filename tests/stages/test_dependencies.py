@@ -1,5 +1,6 @@
-"""What DVC watches for each stage, in dvc.yaml: the code that it imports, and the parameters that
-it reads.
+"""The code and the parameters that DVC watches for each stage, in dvc.yaml.
+
+They are the code that the stage imports, and the parameters that it reads.
 """
 
 import ast
@@ -15,8 +16,8 @@ STAGES = stages()
 PARAMS = load(ROOT / "params.yaml")
 SYSTEM = "tactile_viewgcn/systems/${model.system}.py"
 SYSTEMS = sorted(path.stem for path in (ROOT / "tactile_viewgcn" / "systems").glob("[!_]*.py"))
-#: Files that change no result but by rounding: they start a stage, store and show results, or
-#: report mistakes
+#: Files that change results by rounding errors at most. They start a stage, store and show results,
+#: or report mistakes.
 NEUTRAL = {
     "stages/command.py",
     "stages/job.py",
@@ -38,7 +39,7 @@ CASES = [
 
 
 def watched(name, system=""):
-    """The code that the `deps` of a stage name, files and folders."""
+    """Return the code that the `deps` of a stage name, files and folders."""
     deps = [dep.replace("${model.system}", system) for dep in STAGES[name]["deps"]]
     return [dep for dep in deps if dep.startswith(("stages", "tactile_viewgcn"))]
 
@@ -48,7 +49,7 @@ def is_below(file, deps):
 
 
 def imported(name, system=""):
-    """The code that changes a stage's result."""
+    """Return the code that changes a stage's result."""
     starts = [f"stages/{name}.py"] + [SYSTEM.replace("${model.system}", system)] * bool(system)
     return set().union(*(imported_files(start, NEUTRAL) for start in starts))
 
@@ -71,7 +72,7 @@ def test_every_dep_is_there_and_imported(name):
         if dep.endswith(".yaml"):  # a preset
             continue
         assert (ROOT / dep).exists() and any(is_below(file, [dep]) for file in files), dep
-    # another system's code
+    # not the code of another system
     assert not is_below("tactile_viewgcn/systems/mvcnn.py", watched(name, "view_gcn"))
 
 

@@ -1,5 +1,6 @@
-"""A disk that is full when a stage writes: output and record are one, and the line names what had
-no room.
+"""A disk that is full when a stage writes.
+
+Output and record appear together or not at all, and the line names the file without room.
 """
 
 import shutil
@@ -13,26 +14,26 @@ from tests.full_disk import room_for
 from tests.glove_data import SMALL, fewer_anchors, table
 from tests.stages.running import FILES, SENSORS, changed, record_of, refused, run_stage, set_params
 
-ROOM = 30_000_000  # bytes, more than any output here has
+ROOM = 30_000_000  # bytes, more than any output needs here
 GLOVE = {"objects": ["ball"], "sessions": 2, "grasps": 1, "grasp_frames": 17}  # the smallest
 SIMULATE = "--out data/virtual/recordings"
 OUTPUTS = FILES | {"simulate": SIMULATE}
 
 
 def command(stage) -> list[str]:
-    """The words of a stage's command line."""
+    """Return the words of a stage's command line."""
     record = "data/virtual/recordings.json" if stage == "simulate" else record_of(stage)
     return [*OUTPUTS[stage].split(), "--record", record, *changed(*SENSORS)]
 
 
 def written(stage) -> tuple[str, str]:
-    """The paths of a stage's output and record."""
+    """Return the paths of a stage's output and record."""
     words = command(stage)
     return words[words.index("--out") + 1], words[words.index("--record") + 1]
 
 
 def contents(place) -> dict[str, bytes]:
-    """Every file that stages leave, but for what is kept in `checkpoints` for the next run."""
+    """Return all files that stages leave, except those in `checkpoints` for the next run."""
     files = [file for file in place.rglob("*") if file.is_file()]
     names = {file.relative_to(place).as_posix(): file for file in files}
     return {
@@ -44,7 +45,7 @@ def contents(place) -> dict[str, bytes]:
 
 @pytest.fixture
 def workspace(finished, tmp_path):
-    """A copy of a finished run, with the smallest simulation."""
+    """Return a copy of a finished run, with the smallest simulation."""
     place = tmp_path / "workspace"
     shutil.copytree(finished, place)
     set_params(place, "glove", **GLOVE)
@@ -55,13 +56,13 @@ def workspace(finished, tmp_path):
 
 @pytest.fixture
 def long_records(monkeypatch):
-    """Records that need more room than any output."""
+    """Make records that need more room than any output."""
     text = Record.text.fget
     monkeypatch.setattr(Record, "text", property(lambda record: text(record) + " " * ROOM))
 
 
 def no_room(stage, place, room) -> str:
-    """The one line of a stage that runs where no file has more than this room."""
+    """Return the one line of a stage that runs where no file can be larger than this room."""
     with room_for(room):
         result = run_stage(stage, *command(stage), cwd=place)
     assert result.stdout.count("simulate: ") == 0

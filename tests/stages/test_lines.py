@@ -1,6 +1,4 @@
-"""The lines that the product prints, run as printed in one clone: gloves of different form, one
-after the other.
-"""
+"""The lines that the product prints, run as printed, in one clone for several gloves in turn."""
 
 import csv
 import re
@@ -13,13 +11,13 @@ from tactile_viewgcn.recognition.recogniser import Recogniser
 from tests.readers.files import save
 from tests.stages.running import commit, copy_repository, sh
 
-# the warnings are MLflow's own
+# MLflow's own warnings
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("default")]
 SESSIONS, REPEATS = 2, 3
 
 
 def recordings(objects, shape, frames=30):
-    """Object, session, number and counts (frames, *shape) of recordings easily told apart."""
+    """Yield object, session, number and counts (frames, *shape) of easily told recordings."""
     rng = np.random.default_rng(0)
     patterns = {name: 90 * (rng.random(shape) < 0.5) for name in objects}
     rise = np.clip(np.linspace(-0.5, 1, frames), 0, 1).reshape(-1, *[1] * len(shape))
@@ -33,14 +31,14 @@ def recordings(objects, shape, frames=30):
 
 
 def flat_arrays(place):
-    """Arrays (frames, 48) whose names begin with the object, of which the lines have to say so."""
+    """Write arrays (frames, 48) whose names begin with the object, which the lines have to say."""
     for name, session, number, counts in recordings(("cup", "pen", "tin"), (48,)):
         save(place / f"{name}_{session}{number}.npy", counts)
     return ["--shape", "6", "8", "--set", "data.layout=OBJECT_FILE"]
 
 
 def table(place):
-    """One table of four channels, with a column for the session."""
+    """Write one table of four channels, with a column for the session."""
     place.mkdir()
     with (place / "all.csv").open("w", newline="") as file:
         csv.writer(file).writerow(
@@ -54,7 +52,7 @@ def table(place):
 
 
 def folders(place):
-    """Arrays (frames, 6, 8) in a folder for each session and object."""
+    """Write arrays (frames, 6, 8) into a folder for each session and object."""
     for name, session, number, counts in recordings(("ball", "mug"), (6, 8)):
         save(place / session / name / f"{number}.npy", counts)
     return []
@@ -76,12 +74,12 @@ def clone(tmp_path_factory):
 
 
 def run(line, place):
-    """A line, as a shell takes it."""
+    """Run a line as a shell takes it."""
     return sh("bash", "-c", line, cwd=place, MLFLOW_TRACKING_URI="disabled", PYTHONPATH=str(place))
 
 
 def printed(text):
-    """The first command of an inspection that trains, which goes on after each backslash."""
+    """Return the first command of an inspection that trains, with its continued lines."""
     return re.search(r"^dvc exp run (?:.*\\\n)*.*", text, re.MULTILINE)[0]
 
 

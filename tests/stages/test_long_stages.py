@@ -1,5 +1,6 @@
-"""What a stage says that takes long: how far it is and about how long it still takes, by a clock of
-the test's own.
+"""The progress of a long stage: how far it is, and about how long it still takes.
+
+The clock is the test's own.
 """
 
 import re
@@ -17,8 +18,9 @@ STEP = re.compile(r"(\w[\w /,-]*): ([\d,]+) of ([\d,]+) ([\w ]+)")
 
 
 def said(stage, *words, cwd) -> dict[str, set[str]]:
-    """The numbers that were said of each step of a stage whose every look at the clock is a minute
-    later.
+    """Return the numbers in the messages about each step of a stage.
+
+    The clock is a minute later at every look.
     """
     minutes = count(step=60.0)
     result = run_stage(stage, *words, cwd=cwd, clock=lambda: next(minutes))

@@ -1,5 +1,6 @@
-"""A glove of several persons: the errors for a new recording and for a new person, from one run and
-by every way.
+"""A glove of several persons: the errors for a new recording and for a new person.
+
+Both come from one run, in every way.
 """
 
 import json
@@ -29,8 +30,9 @@ NEW = "a new session (a person, a day, a new fitting)"
 
 
 def write_glove(place, layout, *, unlike=1.0):
-    """Five sensors of bending fingers; persons differ in offsets and gains, by a multiple of what
-    real ones do.
+    """Write recordings of five sensors of bending fingers.
+
+    Persons differ in offsets and gains, by a multiple of the differences of real persons.
     """
     rng = np.random.default_rng(4)
     bends, rise = rng.uniform(0, 1, (6, 5)), np.clip(np.linspace(0, 1.5, 20), 0, 1)[:, None]
@@ -53,8 +55,9 @@ def glove(tmp_path_factory):
 
 
 def finished(glove, place, **split):
-    """The metrics of a run of all stages by a line that `inspect` prints; their files are in
-    `place`.
+    """Return the metrics of a run of all stages by a line that `inspect` prints.
+
+    The files of the run are in `place`.
     """
     shutil.copy(ROOT / "params.yaml", place)
     words = shlex.split(" ".join(command_lines(inspect_source(glove), **split)).replace("\\", ""))
@@ -128,9 +131,9 @@ def test_inspect_gives_both_errors_and_of_one_person_one_line(glove):
 @pytest.mark.parametrize(
     ("folders", "unlike", "order", "warned"),
     [
-        ("{person}/{gesture}", 0.0, "SESSION/OBJECT/FILE", False),  # persons alike
+        ("{person}/{gesture}", 0.0, "SESSION/OBJECT/FILE", False),  # the persons are alike
         ("{gesture}/{person}", 0.0, "OBJECT/SESSION/FILE", True),
-        # readings tell both apart: the user is asked
+        # the readings tell both apart, so the user has to decide
         ("{person}/{gesture}", 1.0, "SESSION/OBJECT/FILE", True),
     ],
 )

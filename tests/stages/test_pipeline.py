@@ -1,4 +1,4 @@
-"""The whole pipeline under DVC, on tiny data in a clone: the stages that run, and their results."""
+"""The whole pipeline under DVC, with tiny data in a clone: the stages that run, and results."""
 
 import json
 from dataclasses import asdict
@@ -12,7 +12,7 @@ from tests.glove_data import SMALL
 from tests.stag_files import metadata, save_matlab5
 from tests.stages.running import commit, copy_repository, ran, sh
 
-# the warnings are MLflow's own
+# MLflow's own warnings
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("default")]
 ROOT = Path(__file__).parents[2]
 WRITTEN = ("dvc.lock", "results/summary.json")  # kept in git
@@ -20,15 +20,16 @@ ALL = ["needs", "ingest", "preprocess", "cluster", "pretrain", "finetune", "eval
 
 
 def stages_of(output):
-    """The stages that ran; DVC chooses the order of those that do not need each other, here it is
-    ALL's.
+    """Return the stages that ran, in the order of ALL.
+
+    DVC chooses the order of stages that do not need each other.
     """
     return sorted(ran(output), key=ALL.index)
 
 
 @pytest.fixture(scope="module")
 def clone(tmp_path_factory):
-    """A repository with the files of this one, set to tiny data, reproduced once and committed."""
+    """Return a repository with the files of this one and tiny data, reproduced and committed."""
     place = tmp_path_factory.mktemp("clone") / "repository"
     copy_repository(place, without=WRITTEN)
     source = save_matlab5(

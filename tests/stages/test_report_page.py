@@ -1,4 +1,4 @@
-"""`tactile-viewgcn report` of a run that the stages have left in a workspace."""
+"""`tactile-viewgcn report` for a run that the stages have left in a workspace."""
 
 import json
 import shutil
@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture
 def workspace(finished, tmp_path, monkeypatch) -> Path:
-    """A copy of the finished run, as the working folder."""
+    """Return a copy of the finished run, which becomes the working folder."""
     shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -53,7 +53,7 @@ def test_the_page_says_what_the_files_say(workspace):
 def test_the_page_has_live_errors_where_the_run_measured_them(workspace):
     text = text_of(run_page(read_run()))
     assert "While the hand still holds the object" in text and "sure by 95 %" in text
-    Path("results/live.csv").unlink()  # as of an earlier version
+    Path("results/live.csv").unlink()  # an earlier version did not write it
     assert "While the hand still holds the object" not in text_of(run_page(read_run()))
 
 

@@ -1,6 +1,4 @@
-"""The stages simulate, ingest, preprocess and needs at their command line: what they read, record
-and refuse.
-"""
+"""The stages simulate, ingest, preprocess and needs: what they read, record and refuse."""
 
 import json
 import os
@@ -37,12 +35,12 @@ from tests.stages.running import (
 )
 
 GLOVE = {"objects": ["ball"], "sessions": 2, "grasps": 1, "grasp_frames": 17}  # the smallest
-LOCKS = ("dvc.lock", "data/virtual/dvc.lock")  # of other data
+LOCKS = ("dvc.lock", "data/virtual/dvc.lock")  # they are for other data
 LEFT_OUT = "pretrain: left out, model.system does not need it\n"
 
 
 def needs_of(system, place):
-    """The output of the stage `needs`, and the file that it writes."""
+    """Return the output of the stage `needs`, and the file that it writes."""
     result = run_stage(
         "needs", *changed(f"model.system={system}"), "--out", "needs.json", cwd=place
     )
@@ -51,7 +49,7 @@ def needs_of(system, place):
 
 
 def repro(place):
-    """The stages that `dvc repro ingest` runs, and its output."""
+    """Return the stages that `dvc repro ingest` runs, and its output."""
     output = sh(
         "dvc", "repro", "ingest", cwd=place, MLFLOW_TRACKING_URI="disabled", DVC_NO_ANALYTICS="1"
     )
@@ -84,7 +82,7 @@ def test_the_glove_s_recordings_are_written_with_a_record(place):
     again = Record.read((place / "again.json").read_text())
     assert md5(place / "again") == md5(place / "made")
     assert again.counts == record.counts | steps | {"simulation.seconds": 1e6}
-    assert again.seconds < 1e6  # those of the copy, which count in the total
+    assert again.seconds < 1e6  # seconds of the copy, which count in the total
 
 
 @pytest.mark.slow
@@ -115,7 +113,7 @@ def test_dvc_simulates_where_the_source_is_what_the_glove_writes_and_nowhere_els
         AssertionError, match=r"Error: data\.source in params\.yaml is mistyped: no such file"
     ):
         repro(place)
-    assert md5(place / "runs") == before  # the last run's, for `report`
+    assert md5(place / "runs") == before  # `report` still finds the last run
 
 
 @pytest.mark.slow
@@ -158,7 +156,7 @@ def test_a_copied_simulation_is_no_change_and_a_wrong_value_of_any_stage_is_refu
     with pytest.raises(AssertionError, match=r"Error: params\.yaml: pretrain\.lr: ") as refusal:
         repro(place)
     assert ran(str(refusal.value)) == ["needs"] and not (place / "checkpoints").exists()
-    assert (place / "data" / "recordings").is_dir()  # of the last run
+    assert (place / "data" / "recordings").is_dir()  # from the last run
 
 
 def test_dvc_hands_on_a_source_whatever_letters_its_path_has_and_the_layout_of_arrays(place):
@@ -176,8 +174,9 @@ def test_dvc_hands_on_a_source_whatever_letters_its_path_has_and_the_layout_of_a
 
 @pytest.mark.filterwarnings("default")  # MLflow's own
 def test_a_stage_leaves_one_run_with_its_parameters_metrics_and_record(finished):
-    """Each of them, when it is run by itself; the row has the ids of those before it, and what is
-    left out has none.
+    """Every stage that runs by itself leaves a run.
+
+    The row has the ids of the runs before it. A stage that is left out has no run.
     """
     client = MlflowClient(f"sqlite:///{finished}/mlflow.db")
     runs, (row,) = runs_of(client), runs_of(client, EXPERIMENT)
@@ -201,7 +200,7 @@ def test_a_stage_leaves_one_run_with_its_parameters_metrics_and_record(finished)
     assert by_stage["preprocess"].data.params["resolved.preprocess.baseline"]
     assert "preprocess.scale" in by_stage["preprocess"].data.tags["mlflow.note.content"]
     links = {name: value for name, value in row.data.tags.items() if name.startswith("stage.")}
-    before = {"ingest", "preprocess", "finetune"}  # whose records evaluate reads
+    before = {"ingest", "preprocess", "finetune"}  # evaluate reads their records
     assert links == {f"stage.{stage}": by_stage[stage].info.run_id for stage in before}
     summary = json.loads((finished / "results" / "summary.json").read_text())
     assert (
@@ -244,7 +243,7 @@ def test_stages_that_are_left_out_load_neither_torch_nor_scikit_learn_nor_mlflow
         "cluster": "--needs needs.json --frames frames --out views",
         "pretrain": "--needs needs.json --frames frames --out backbone.pt --record pretrain.json",
     }
-    # and MLflow is not disabled
+    # this environment does not disable MLflow
     environment = os.environ | {"PYTHONPATH": str(ROOT), "DVC_ROOT": str(place)}
     command = [sys.executable, "-c", PROGRAM.format(stages=words), *changed(*SMALL)]
     done = subprocess.run(
@@ -273,7 +272,7 @@ def test_a_system_without_a_backbone_is_fitted_where_pretraining_was_left_out_an
     )
     needs_of(system, place)
     result = run_stage("cluster", "--needs", "needs.json", *words, "--out", "views", cwd=place)
-    pools = f"{2 * len(frames.classes)} pools in "  # of the training and the validation side
+    pools = f"{2 * len(frames.classes)} pools in "  # pools of the training and the validation set
     assert ("cluster: left out" if fitted else pools) in result.stdout, result.stderr
     assert load_table(place / "views", Views).clustered != fitted
     files = ("--views", "views", "--backbone", "backbone.pt", "--out", "classifier.pt")

@@ -1,4 +1,4 @@
-"""What is chosen on validation groups."""
+"""The choice between settings on validation groups."""
 
 import pytest
 
@@ -25,7 +25,7 @@ def test_the_choice_is_the_lowest_mean_error_over_all_seeds():
         answers("mean, slow", 5, seed=1),
         answers("mean, fast", 2, seed=0),
         answers("mean, fast", 3, seed=1),
-        # of the view-graph one training run is missing
+        # the view-graph lacks one training run
         answers("graph, slow", 1, seed=0),
         answers("graph, slow", 1, seed=1),
         answers("graph, fast", 0, seed=0),

@@ -47,8 +47,9 @@ def answers(
     machine="H100",
     **costs,
 ):
-    """Two trials in which the first `wrong` view sets of every group of ten are mistaken for the
-    other object.
+    """Return two trials in which the first `wrong` view sets of every ten are mistaken.
+
+    They are taken for the other object.
     """
     mistaken = np.tile(np.arange(10) < wrong, 8)
     predicted, names = np.tile(np.where(mistaken, 1 - LABELS, LABELS), (2, 1)), groups.astype(str)
@@ -61,7 +62,7 @@ def answers(
 
 
 def table(*cells, references=("a",)):
-    """Rows by variant and protocol."""
+    """Return rows by variant and protocol."""
     whole = complete(list(cells), len({each.cell.fold for each in cells}))
     rows = rows_of(whole, references).to_dict("records")
     return {(row["variant"], row["protocol"].removesuffix(" protocol")): row for row in rows}
@@ -80,12 +81,12 @@ def test_a_known_difference_has_its_size_and_its_interval():
         np.isnan(first[f"vs a {name}"])
         for name in ("more", "low", "high", "seeds_low", "seeds_high")
     )
-    # in one group it has no mistake
+    # b has no mistake in one group
     b.predictions.trials["recording"].best[..., 0][:, :10] = LABELS[:10]
     second = table(a, b)["b", "recording"]
     assert second["vs a more"] == pytest.approx((7 * 20 - 10) / 8)
     assert second["vs a low"] < second["vs a more"] < second["vs a high"]
-    # whatever else is compared
+    # the interval does not depend on other variants
     assert table(answers("c", 5), a, b)["b", "recording"]["vs a low"] == second["vs a low"]
 
 
@@ -121,8 +122,8 @@ def test_five_seeds_of_one_simulated_world_give_no_verdict_and_five_worlds_do():
     five = rows(["101", "102", "103", "104", "105"])
     assert (one["vs a verdict"], five["vs a verdict"]) == (ONE_WORLD, HIGHER)
     assert one["vs a more"] == five["vs a more"] == pytest.approx(24)
-    # a group of one world is not that of another: 40 groups have differences of 20 or 30 points,
-    # where 8 groups have 24 each
+    # Groups of two worlds are different groups. So 40 groups have differences of 20 or 30 points,
+    # and in one world 8 groups have 24 points each.
     assert (one["vs a low"], one["vs a high"]) == pytest.approx((24, 24))
     assert 22 < five["vs a low"] < 24 < five["vs a high"] < 26
 
@@ -140,18 +141,18 @@ def test_trainings_are_paired_on_one_kind_of_machine():
     at = [{"fold": fold, "groups": GROUPS + 8 * fold} for fold in (0, 1)]
     folds = [answers("b", 4, machine="EPYC", **at[0]), answers("b", 4, **at[1])]
     row = table(*folds, *(answers("a", 1, **each) for each in at))["b", "recording"]
-    # a training of two machines
+    # the folds of this training run are from two machines
     assert row["error"] == pytest.approx(40) and np.isnan(row["vs a more"])
 
 
 def test_a_small_group_counts_as_much_as_a_large_one():
-    # 10 anchors, of which 9 are wrong, and 70, of which 7 are
+    # a group of 10 anchors, 9 of them wrong, and a group of 70, 7 of them wrong
     groups = np.where(np.arange(80) < 10, 0, 1)
     worse = answers("b", 1, groups=groups)
     worse.predictions.trials["recording"].best[..., 0][:, 1:9] = 1 - LABELS[1:9]
     row = table(worse, answers("a", 0, groups=groups))["b", "recording"]
     assert row["error"] == row["vs a more"] == pytest.approx((90 + 10) / 2)
-    # both draws of the one or the other
+    # the ends are draws of the same group twice
     assert (row["vs a low"], row["vs a high"]) == pytest.approx((10, 90))
 
 
@@ -159,9 +160,9 @@ def test_the_interval_over_seeds_is_students_and_needs_three_seeds_of_one_deal()
     cells = [answers("a", 1, seed=seed) for seed in range(4)]
     cells += [answers("b", wrong, seed=seed) for seed, wrong in enumerate((2, 4, 3))]
     versus = table(*cells)["b", "object"]
-    # of errors of 20, 40 and 30
+    # standard deviation of errors of 20, 40 and 30
     assert (versus["runs"], versus["std"]) == (3, pytest.approx(10))
-    # the 97.5 % point for two degrees of freedom; 10, 30 and 20 points more
+    # the 97.5 % point for two degrees of freedom, of differences of 10, 30 and 20 points
     half = 4.3027 * 10 / 3**0.5
     assert (versus["vs a seeds_low"], versus["vs a seeds_high"]) == pytest.approx(
         (20 - half, 20 + half), rel=1e-3
@@ -173,7 +174,7 @@ def test_the_interval_over_seeds_is_students_and_needs_three_seeds_of_one_deal()
 
 def test_folds_stand_side_by_side_and_costs_are_those_of_the_cheapest_whole_training():
     both = [answers("a", 1), answers("a", 3, fold=1, groups=GROUPS + 8, **{"peak MB": 300.0})]
-    # the last lacks a fold, and is left out
+    # the last training run lacks a fold, so it is left out
     row = table(*both, answers("a", 9, seed=1))["a", "object"]
     assert (row["runs"], row["error"]) == (1, pytest.approx(20))
     costs = COSTS | {"pretrain s": 4.0, "finetune s": 6.0, "peak MB": 300.0}
@@ -188,8 +189,9 @@ def test_folds_stand_side_by_side_and_costs_are_those_of_the_cheapest_whole_trai
 
 
 def dealt(variant, wrong, deals):
-    """Answers in which each deal orders the eight groups differently, and one group is without
-    mistakes.
+    """Return answers in which each deal orders the eight groups differently.
+
+    One group has no mistakes.
     """
     for deal in range(deals):
         groups = np.repeat(np.random.default_rng(deal).permutation(8), 10)
@@ -203,7 +205,7 @@ def test_a_group_is_one_unit_in_all_deals():
     assert (five["runs"], five["error"]) == (5, pytest.approx(35)) and once[
         "error"
     ] == pytest.approx(35)
-    # of forty groups it were closer
+    # with forty groups instead of eight the interval would be narrower
     assert five["vs a low"] == pytest.approx(once["vs a low"], abs=1e-9)
 
 
@@ -215,7 +217,12 @@ def test_other_view_sets_are_not_compared():
 
 def test_the_pareto_front_holds_what_nothing_beats():
     costs, errors = np.array([[4, 1, 2, 3, 2, 2, np.nan, 0], [10, 40, 20, 20, 30, 20, 0, np.nan]])
-    assert pareto_front(costs, errors).tolist() == [1, 2, 5, 0]  # one point and its exact twin
+    assert pareto_front(costs, errors).tolist() == [
+        1,
+        2,
+        5,
+        0,
+    ]  # a point and an equal point are both there
 
 
 def test_a_reference_of_a_crossed_study_stands_for_the_variant_in_the_same_place():
@@ -247,7 +254,7 @@ def test_the_detectable_difference_is_the_half_width_of_the_widest_paired_interv
         }
         return {"protocol": "recording", "vs a more": 0.0, "vs a verdict": ""} | ends
 
-    rows = [row(-9.0, 9.0) | {"protocol": "object"}]  # only the primary outcome's counts
+    rows = [row(-9.0, 9.0) | {"protocol": "object"}]  # only the primary outcome counts
     rows += [
         row(np.nan, np.nan),
         row(-2.0, 4.0),
@@ -295,7 +302,7 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
         "| b †       | 30.0 (" in text
         and "| 20.0 (20.0 to 20.0) | not trained to its end |" in text
     )
-    assert "Training runs that have not been run: a 1 of 2, b 1 of 2." in text
+    assert "Missing training runs: a 1 of 2, b 1 of 2." in text
     for words in (
         "`split.by=grasp`",
         "160 view sets, 160 whole recordings, 2 classes",
@@ -325,7 +332,7 @@ def test_the_report_says_which_worlds_its_seeds_are(tmp_path):
 
     assert "of one simulated world, `glove.seed` 16" in text(["16", "16"])
     two_worlds = text(["101", "102"])
-    assert "A seed is a simulated world too" in two_worlds
+    assert "A seed is also a simulated world" in two_worlds
     assert "over 16 split groups" in two_worlds
     assert "world" not in text(["", ""])
 

@@ -31,7 +31,7 @@ LEAST = {
 
 @pytest.fixture
 def study(tmp_path, monkeypatch):
-    """A study of these keys, and of the least of the others."""
+    """Make a study of these keys, and of the least of the others."""
     monkeypatch.setattr(grid, "FOLDER", tmp_path)
 
     def made(**keys):
@@ -74,7 +74,7 @@ def test_every_variant_is_trained_on_each_fold_of_each_deal_deal_by_deal(study):
     assert [(cell.deal, cell.variant, cell.fold) for cell in made.cells()] == list(
         product([0, 3], "ab", [0, 1])
     )
-    changes = made.cells()[-1].changes  # those of the preset, then later ones
+    changes = made.cells()[-1].changes  # the changes of the preset, then the later ones
     assert "split.deal=3" in changes and "model.system=vote" in changes
     assert changes.index("pretrain.epochs=8") < changes.index("pretrain.epochs=2")
     grasps = made.cells(("split.folds=6", "split.by=grasp"))
@@ -196,7 +196,7 @@ def test_a_cell_is_known_by_what_its_source_holds_wherever_it_lies(tmp_path):
             ["compare", "--set", "seed=4", "--out", "elsewhere"],
             "--set seed: every cell has its own",
         ),
-        (["error_time", "--set", "views=8", "--out", "elsewhere"], "the same training twice"),
+        (["error_time", "--set", "views=8", "--out", "elsewhere"], "the same training run twice"),
         (
             ["compare", "--out", "pyproject.toml/results"],
             "Not a directory; with --out name a folder",
@@ -210,6 +210,19 @@ def test_a_mistake_on_the_command_line_ends_in_one_line_before_any_cell(
     monkeypatch.setattr("studies.__main__.run_cells", None)
     result = CliRunner().invoke(main, words)
     assert result.exit_code == 1 and expected in result.output and result.output.count("\n") == 1
+
+
+def test_the_list_has_each_question_once_in_80_columns_and_what_to_type_next():
+    result = CliRunner().invoke(main, [])
+    assert result.exit_code == 0
+    lines = result.output.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert [line.split()[0] for line in lines] == ["study", *names(), "next:"]
+    questions = [read_study(name).question for name in names()]
+    assert len(set(questions)) == len(questions)
+    for line, question in zip(lines[1:], questions, strict=False):
+        assert line.endswith(f"  {question}")
+    assert "python -m studies NAME" in lines[-1]
 
 
 @pytest.mark.parametrize("folds", ["all", [0]])
@@ -230,7 +243,7 @@ def test_cells_have_the_committed_values_below_all_changes(study, monkeypatch):
         grid, "committed_params", lambda path: {"views": 5, "seed": 0, "pretrain.epochs": 7}
     )
     cells = study(variants={"a": {}, "b": {"views": 4}}).cells(("preprocess.transform=log",))
-    # whatever a run has left in params.yaml
+    # params.yaml in the working folder does not matter
     params = [default_params(cell.changes) for cell in cells]
     assert [(p.views, p.preprocess.transform, p.pretrain.epochs) for p in params] == [
         (5, "log", 7),

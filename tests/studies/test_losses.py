@@ -18,12 +18,12 @@ def record(*curve, first=3.0):
 @pytest.mark.parametrize(
     ("curve", "trained"),
     [
-        ([2.0, 1.1, 0.9], False),  # falls by more than 0.09, three hundredths of guessing
+        ([2.0, 1.1, 0.9], False),  # falls by more than 0.09, 3 % of the first loss
         ([2.0, 0.98, 0.9], True),
-        ([1.2, 1.1, 1.1], False),  # above a third of guessing
+        ([1.2, 1.1, 1.1], False),  # above a third of the first loss
         ([1.2, 1.0, 1.0], True),
         ([0.8, 0.7, 0.8], True),  # rises, which is noise
-        ([0.9], False),  # one epoch from guessing
+        ([0.9], False),  # a single epoch, which falls from the first loss
     ],
 )
 def test_a_training_is_at_its_end_where_the_loss_is_small_and_hardly_falls(curve, trained):

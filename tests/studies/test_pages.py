@@ -1,4 +1,4 @@
-"""What the pages say of the studies is what their results files have."""
+"""The numbers of the studies on the pages are those of the results files."""
 
 import re
 import subprocess
@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 
 from studies import findings, forest
 from studies.comparison import HIGHER, ONE_WORLD, UNTRAINED
-from studies.findings import CLAIMS, DESIGNS, difference, differences_table, error
+from studies.findings import CLAIMS, DESIGNS, Design, difference, differences_table, error
 from studies.grid import FOLDER
 from studies.pages import PAGES
 from studies.pictures import learning_curve
@@ -36,15 +36,15 @@ def test_no_block_of_the_pages_is_out_of_date():
 
 @pytest.mark.parametrize("page", PAGES)
 def test_the_text_around_the_blocks_has_no_measured_number(page):
-    """A number that was measured comes from a block."""
+    """Every measured number comes from a block."""
     text = (ROOT / page).read_text()
     if page == "README.md":
         text = text.partition("## Results")[2]
     text = text.partition("## Paper and released code")[0]
     for pattern in (FENCE, BLOCK, CODE):
         text = pattern.sub("", text)
-    found = set(re.findall(r"(?<![\w.])-?\d+\.\d+(?![\w.])", text))
-    assert found <= PUBLISHED
+    numbers = set(re.findall(r"(?<![\w.])-?\d+\.\d+(?![\w.])", text))
+    assert numbers <= PUBLISHED
 
 
 def result(variant, protocol="object protocol", *, more=3.0, verdict=ONE_WORLD, **values):
@@ -57,7 +57,7 @@ def result(variant, protocol="object protocol", *, more=3.0, verdict=ONE_WORLD, 
 
 @pytest.fixture
 def results(tmp_path, monkeypatch):
-    """Writes the results file of a study."""
+    """Return a function that writes the results file of a study."""
     monkeypatch.setattr(findings, "FOLDER", tmp_path)
 
     def write(study, *rows):
@@ -73,7 +73,7 @@ def test_a_table_has_the_numbers_of_the_file_and_says_what_is_missing(results):
     assert error("claims", "mean", "object") == "20.0 (18.0 to 23.0)"
     assert difference("claims", "random sets", "paper", "object") == "3.0 (2.0 to 5.0; -1.0 to 8.0)"
     variants = {"random sets": "no clusters", "mean": "mean", "maximum": "maximum"}
-    table = differences_table(variants, {"96 frames": ("claims", "paper", "")}, "object")
+    table = differences_table(variants, [Design("96 frames", "claims")], "object")
     assert table.splitlines() == [
         "|  | 96 frames |",
         "| --- | --- |",

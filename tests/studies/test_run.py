@@ -1,6 +1,4 @@
-"""Cells as DVC experiments in a small repository: failed, interrupted, refused, and on Dask's
-workers.
-"""
+"""Cells as DVC experiments in a small repository: failed, interrupted, refused, and with Dask."""
 
 import os
 import re
@@ -34,8 +32,8 @@ CELLS = {
 }
 KEYS = list(CELLS)
 TWO = {key: CELLS[key] for key in KEYS[:2]}
-#: A cell appends its seed to a file outside of its experiment. At first the second one does not
-#: end, the third fails.
+#: A cell appends its seed to a file outside of its experiment. At first the second cell does not
+#: end, and the third one fails.
 STAGE = """stages:
   evaluate:
     cmd: >-
@@ -51,7 +49,7 @@ STAGE = """stages:
 
 @pytest.fixture
 def machine(tmp_path, monkeypatch):
-    """A repository with one stage, in which the test runs."""
+    """Make a repository with one stage, in which the test runs."""
     place = tmp_path / "machine"
     sh("git", "init", "-q", place, cwd=tmp_path)
     sh("dvc", "init", "-q", cwd=place)
@@ -67,15 +65,16 @@ def machine(tmp_path, monkeypatch):
 
 
 def processes_in(folder):
-    """The processes that run in a folder or below it, but for this one."""
+    """Return the processes that run in a folder or below it, except this one."""
     for process in psutil.process_iter(["cwd", "name"]):
         if Path(process.info["cwd"] or "/").is_relative_to(folder) and process.pid != os.getpid():
             yield process.info["name"]
 
 
 def wait_for(condition, works=lambda: True):
-    """Wait for a condition, as long as what brings it about works; pytest's own limit ends a test
-    that hangs.
+    """Wait for a condition as long as `works` says that it can still come true.
+
+    pytest's own limit ends a test that hangs.
     """
     while not condition():
         assert works() or condition()
@@ -83,7 +82,7 @@ def wait_for(condition, works=lambda: True):
 
 
 def python(*words, cwd, **options):
-    """A Python program of this checkout in another folder, as a process."""
+    """Start a Python program of this checkout in another folder, and return its process."""
     return subprocess.Popen(
         [sys.executable, *words], cwd=cwd, env=os.environ | {"PYTHONPATH": str(ROOT)}, **options
     )
@@ -94,7 +93,7 @@ def seeds_in(log):
 
 
 def with_dvc(test):
-    """Minutes, and DVC's and Dask's own warnings."""
+    """Mark a test that takes minutes, with DVC's and Dask's own warnings."""
     return pytest.mark.slow(pytest.mark.filterwarnings("default")(test))
 
 
@@ -116,7 +115,7 @@ def test_a_failed_cell_is_named_and_the_same_command_runs_it_again_and_no_other(
             r"seed [013].*: \d+ s, 50\.0 % of recordings wrong$|seed 2.*: failed: Error: the glove",
             text,
         )
-    set_params(machine, "cluster", restarts=3)  # as a run in the same folder does
+    set_params(machine, "cluster", restarts=3)  # as if another run used the same folder
     intact = (record := tmp_path / "cell/runs/pretrain.json").rename(tmp_path / "intact")
     record.write_text("{}")
     # the same experiment twice
@@ -131,7 +130,7 @@ def test_a_failed_cell_is_named_and_the_same_command_runs_it_again_and_no_other(
     assert run_cells("made", CELLS, jobs=2) == {}
     assert seeds_in(tmp_path / "log") == [0, 1, 2, 2, 2, 3] and all(map(stored, KEYS))
     shutil.rmtree(STORE / KEYS[0])
-    assert run_cells("made", CELLS) == {}  # from its experiment
+    assert run_cells("made", CELLS) == {}  # the results come from its experiment
     assert len(seeds_in(tmp_path / "log")) == 6
     kept = {file.name: file.read_bytes() for file in (STORE / KEYS[0]).iterdir()}
     assert kept == {Path(name).name: (tmp_path / "cell" / name).read_bytes() for name in RESULTS}
@@ -153,9 +152,10 @@ def test_ctrl_c_in_a_terminal_ends_the_cells_and_the_others_are_run_later(machin
         return stored(KEYS[0]) and (tmp_path / "log.stuck").exists()
 
     wait_for(both_began, works=lambda: study.poll() is None)
-    os.killpg(study.pid, signal.SIGINT)  # as the terminal sends it to all of its processes
-    said = "stopped: finished cells are kept; the same command goes on with the others\n"
-    assert (study.communicate()[1], study.returncode) == (said, 1)
+    os.killpg(study.pid, signal.SIGINT)  # a terminal sends it to all processes too
+    message = study.communicate()[1]
+    assert study.returncode == 1
+    assert message.startswith("stopped; finished cells are kept") and message.count("\n") == 1
     wait_for(lambda: not list(processes_in(machine)))
     assert not list((machine / ".dvc/tmp/exps/standalone").glob("tmp*"))
     assert run_cells("made", TWO) == {}
@@ -239,7 +239,7 @@ def test_a_clone_at_another_commit_and_changed_data_are_refused_before_any_work(
     names, reasons, left = zip(*printed, strict=True)
     assert set(names) == set(map(str, on_file)) and "".join(left) == "3210"
     assert "code or data have changed" in reasons[0] and {*reasons[1:]} == {
-        f"the same as of {names[0]}"
+        f"for the same reason as {names[0]}"
     }
     assert not (tmp_path / "log").exists()
 

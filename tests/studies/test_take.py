@@ -1,4 +1,4 @@
-"""Results of cells that ran elsewhere: taken, or refused with what differs."""
+"""Results of cells that ran elsewhere are taken, or refused with what differs."""
 
 import json
 from dataclasses import replace
@@ -30,7 +30,7 @@ ORIGIN = {"git.dirty": "false", "device": "NVIDIA H100", "processor": "Intel"}
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A repository of one stage's code with two commits, in which the test runs."""
+    """Make a repository of one stage's code with two commits, in which the test runs."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "params.yaml").write_text((ROOT / "params.yaml").read_text())
     (tmp_path / "tactile_viewgcn/nn").mkdir(parents=True)
@@ -43,8 +43,9 @@ def place(tmp_path, monkeypatch):
 
 
 def write_cell(folder, views, *, md5="ab", changes=(), only=None, **origin):
-    """What the stages write for a cell of that number of views; `only` one record has the changed
-    origin.
+    """Write the files that the stages write for a cell with this number of views.
+
+    With `only`, just this record has the changed origin.
     """
     unchanged = ORIGIN | {"mlflow.source.git.commit": git("rev-parse", "HEAD").strip()}
     values = flatten(load("params.yaml", (f"views={views}", *changes)))
@@ -82,13 +83,13 @@ def test_cells_are_known_by_their_parameters_and_those_of_before_stay(place):
     ("differs", "words"),
     [
         ({"changes": ["finetune.epochs=3"]}, "the most similar one differs in finetune.epochs=3"),
-        ({"md5": "cd"}, "its frames have the md5 cd; those of other cells have ab"),
+        ({"md5": "cd"}, "its frames have the md5 cd; expected ab"),
         ({"git.dirty": "true", "only": "runs/finetune"}, "files that were not committed"),
         ({"mlflow.source.git.commit": "0" * 40}, "ran at commit 000000.*lacks"),
         ({"mlflow.source.git.commit": "--output=victim"}, "expected 40 hexadecimal digits"),
         (
             {"mlflow.source.git.commit": "HEAD~1", "only": "runs/pretrain"},
-            "with a different code: dvc.yaml",
+            "with different code: dvc.yaml",
         ),
     ],
 )
@@ -113,7 +114,7 @@ def test_frames_are_compared_with_those_of_cells_before(place):
     write_cell(place / "first", 4)
     take_cells(place, CELLS)
     write_cell(place.parent / "later/second", 2, md5="cd")
-    with pytest.raises(UserError, match="those of other cells have ab"):
+    with pytest.raises(UserError, match="expected ab"):
         take_cells(place.parent / "later", CELLS)
 
 
@@ -156,5 +157,5 @@ def test_a_study_that_takes_cells_runs_none_and_reports_those_that_are_there(
     assert not Path("studies").exists() and not Path("other").exists()
     run(study, take=place, changes=changes, out=out)
     printed = capsys.readouterr().out
-    assert "1 cell taken from" in printed and "not been run: b 1 of 1." in printed
+    assert "1 cell taken from" in printed and "Missing training runs: b 1 of 1." in printed
     assert ((out or Path("studies/made")) / "results.md").read_text() in printed
