@@ -1,4 +1,4 @@
-"""Figures and blocks of README.md and docs/results.md, written anew from the results files."""
+"""Figures and blocks of README.md and the manual, written anew from the results files."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from studies.grid import FOLDER
 from studies.pictures import learning_curve
 from tactile_viewgcn.messages import UserError
 
-PAGES = ("README.md", "docs/results.md")
+PAGES = ("README.md", "docs/results.md", "docs/methods.md")
 FOREST = Path("docs/claims.png")
 CURVE = Path("docs/learning_curve.png")
 CURVE_STUDY = "data_size_one_world"

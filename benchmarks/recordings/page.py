@@ -22,7 +22,8 @@ def recordings_table() -> str:
     for row in table.sort_values("more").itertuples():
         rows.append(
             {
-                "recordings of": f"{row.content} ({row.source})",
+                "recordings of": row.content,
+                "source": _link(row.source),
                 "sensors, recordings, objects": f"{row.channels}, {row.recordings}, {row.classes}",
                 "held out": row.held_out,
                 "`best`": f"{row.ours:.1f}",
@@ -30,6 +31,13 @@ def recordings_table() -> str:
             }
         )
     return markdown(rows)
+
+
+def _link(source: str) -> str:
+    """Return a link to a repository OWNER/NAME, or the name of a package as it is."""
+    if "/" not in source:
+        return source
+    return f"[{source.partition('/')[2]}](https://github.com/{source})"
 
 
 def summary_sentence() -> str:
