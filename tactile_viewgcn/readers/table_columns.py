@@ -1,4 +1,7 @@
-"""The columns of a table with a line for each frame: sensors, times, labels, or none of these."""
+"""Decide what each column of a table holds: a sensor's readings, times, labels or none of these.
+
+The table has a line for each frame.
+"""
 
 import re
 from collections.abc import Iterable
@@ -26,18 +29,19 @@ if TYPE_CHECKING:
     from pandas import DataFrame, Series
 
 NOT_OF_MODEL = "no sensor of the model"
-MOST_SHOWN = 30  # letters of a cell in a message
-SEARCHED_CELLS = 200  # of those that are no numbers, in which groups of digits are looked for
-# of a time, at the end of a name such as time_ms or t [s]
+MOST_SHOWN = 30  # letters of a cell that a message shows
+SEARCHED_CELLS = 200  # cells without a number that are searched for groups of digits
+# the unit of a time at the end of a name, such as time_ms or t [s]
 UNIT = re.compile(r" ?[_(\[](s|ms|us|µs|ns)[)\]]?$")
-# of a unit; else 1
+# the seconds in a unit; any other unit counts as a second
 SECONDS = {"ms": 1e-3, "millis": 1e-3, "us": 1e-6, "µs": 1e-6, "micros": 1e-6, "ns": 1e-9}
-MOSTLY = 0.9  # of the steps of a counter, which may have lost lines or begun again
+# share of the steps in which a counter counts on; it may have lost lines or begun again
+MOSTLY = 0.9
 
 
 @dataclass
 class _Table:
-    """What was found in the columns of a table so far."""
+    """The contents of the columns of a table that have been looked at so far."""
 
     channels: list[str] = field(default_factory=list)
     readings: list[np.ndarray] = field(default_factory=list)
@@ -52,19 +56,19 @@ def table_of(
     """Return a table of T lines as one recording, and its columns of labels.
 
     Args:
-        names: of the columns, "" without one, which then goes by its number from 1.
-        cells: has numbers from 0 as names of its columns.
-        form: what the user says of the columns.
-        file: with which errors begin.
-        places: of each row of `cells`, for an error.
+        names: the names of the columns. A column named "" goes by its number, counted from 1.
+        cells: the cells. Its columns are numbered from 0.
+        form: what the user says about the columns.
+        file: the beginning of every error.
+        places: the place of each row of `cells`, for errors.
 
     Returns:
-        The recording: pressure (T, S), the times if a column has them, and notes on the columns
-        that are no sensors. And a dict of the columns that hold labels: by `session`, `object` or
-        `recording` the T texts of that column.
+        The recording and its labels. The recording has pressure (T, S), the times if a column has
+        them, and notes on the columns that are no sensors. The labels are a dict from `session`,
+        `object` or `recording` to the T texts of that column.
 
     Raises:
-        UserError: a cell without a number or a name, or no column of a name that the form gives.
+        UserError: a cell lacks a number or a name. Or no column has a name that the form gives.
     """
     keys = [name or str(number) for number, name in enumerate(names, 1)]
     for kind, name in form.names.items():
@@ -103,11 +107,11 @@ class _Column:
     """A column of a table.
 
     Attributes:
-        number: from 0.
-        name: "" without one.
-        key: its name, or its number from 1.
-        cells: as they stand in the table.
-        values: (T,) numbers, NaN where a cell is none.
+        number: its number, counted from 0.
+        name: its name; "" if it has none.
+        key: its name, or else its number, counted from 1.
+        cells: its cells as they stand in the table.
+        values: (T,) its numbers, NaN where a cell is no number.
     """
 
     number: int
@@ -124,7 +128,7 @@ class _Column:
 
 
 def _content_of(column: _Column, form: Form, of_model: list[str], *, has_names: bool) -> str:
-    """Return what a column holds, or why it is left out; "" for readings."""
+    """Return the content of a column, or the reason why it is left out; "" for readings."""
     if column.key in form.left_out:
         return "left out by data.columns"
     if len(column.cells) and column.cells.isna().all():
@@ -145,7 +149,7 @@ def _content_of(column: _Column, form: Form, of_model: list[str], *, has_names: 
 def _add_column(
     table: _Table, column: _Column, content: str, file: str, places: Iterable[str]
 ) -> None:
-    """Add a column to what was found in a table; a column that is no sensor gets a note."""
+    """Add a column to a table; a column that is no sensor gets a note."""
     filled = np.abs(column.values) <= MAX_PRESSURE
     if content in LABELS:
         filled = column.cells.notna().to_numpy()
@@ -171,7 +175,7 @@ def _add_column(
 
 
 def _labels_of(cells: "Series") -> Any:
-    """Return the texts (T,) of a column, of which each is kept once."""
+    """Return the texts (T,) of a column as a categorical, which keeps equal texts once."""
     import pandas as pd  # here, since it loads slowly
 
     codes, values = pd.factorize(cells)
@@ -183,44 +187,54 @@ def _labels_of(cells: "Series") -> Any:
 def sensors_of_model(keys: list[str], form: Form, file: str) -> list[str]:
     """Return the names of the columns that are sensors of the model, in the model's order.
 
-    If files are joined by a PART in the layout, a file has a part of the sensors only: the column
-    `thumb` of the left hand's file is the sensor `left_thumb`. The names are then in the order of
-    the columns, and a missing one is no error.
+    If a PART in the layout joins files, each file has only some of the sensors: the column `thumb`
+    of the left hand's file is the sensor `left_thumb`. The names are then in the order of the
+    columns, and a missing sensor is no error.
 
     Args:
-        keys: names of the columns.
-        form: has the names of the model's sensors.
-        file: with which errors begin.
+        keys: the names of the columns.
+        form: holds the names of the model's sensors.
+        file: the beginning of every error.
 
     Returns:
-        No names, if no column has one of the model's, or names do not tell the sensors apart.
+        The names. There are none if no column has the name of a sensor, or if two sensors or two
+        columns have one name.
 
     Raises:
-        UserError: without PART, some of the model's sensors are there and others are not.
+        UserError: the layout has no PART, and only some of the model's sensors are there.
     """
     wanted = [*form.sensors]
     if "PART" in form.layout:
         parts = [name for name in keys if any(sensor.endswith(f"_{name}") for sensor in wanted)]
         return [name for name in dict.fromkeys(parts) if keys.count(name) == 1]
     found = [name for name in wanted if name in keys]
-    are_unlike = len(set(wanted)) == len(wanted) and "" not in wanted  # "" has no name
+    # a sensor called "" has no name
+    are_unlike = len(set(wanted)) == len(wanted) and "" not in wanted
     if not found or not are_unlike or any(keys.count(name) > 1 for name in found):
         return []
     left_out = [name for name in wanted if name in form.left_out]
     if left_out:
-        remedy = "take leave_out of it from data.columns"
+        remedy = "remove its leave_out from data.columns"
         raise UserError(f"{file}: {listed(left_out)} is a sensor of the model; {remedy}")
     missing = [name for name in wanted if name not in keys]
     if missing:
         what = f"no column {listed(missing)} of the model's sensors; found {listed(keys)}"
-        raise UserError(f"{file}: {what}; rename the columns as in the training")
+        raise UserError(f"{file}: {what}; rename the columns as in the training set")
     return found
 
 
 def _unfit(
     file: str, column: _Column, filled: np.ndarray, content: str, places: Iterable[str]
 ) -> str:
-    """Return what is wrong with a column of sensors or of names, where, and what to type."""
+    """Return the fault of a column of readings or of names, its place, and the remedy to type.
+
+    Args:
+        file: the beginning of every error.
+        column: the column.
+        filled: bool (T,), the cells that hold the value that is expected.
+        content: what the column holds; "" for readings.
+        places: the place of each row.
+    """
     cells = column.cells
     values = column.values
     grouped = "" if content else _in_groups(file, cells, filled)
@@ -244,9 +258,9 @@ def _unfit(
 
 
 def _in_groups(file: str, cells: "Series", filled: np.ndarray) -> str:
-    """Return what to type where digits are in groups, as in 1.012,5; "" where no cell is so.
+    """Return the remedy for digits in groups, as in 1.012,5; "" if no cell has such groups.
 
-    The first cells that are not `filled` are looked at.
+    Only the first cells that are not `filled` are searched.
     """
     for cell in cells[~filled].iloc[:SEARCHED_CELLS]:
         command = without_group_marks(file, str(cell))
@@ -258,12 +272,19 @@ def _in_groups(file: str, cells: "Series", filled: np.ndarray) -> str:
 
 
 def is_words(cells: "Series") -> bool:
-    """Return whether all cells are words: letters, perhaps with digits after them."""
+    """Return whether all cells are words: each begins with a letter, and digits can follow."""
     return all(re.fullmatch(r"[^\W\d_][\w .-]*", str(cell)) for cell in cells.unique())
 
 
 def _content(name: str, values: np.ndarray, form: Form, *, is_index: bool) -> str:
-    """Return what a column (T,) holds by its name, or why it is left out; "" for readings."""
+    """Return the content of a column (T,), judged by its name; "" for readings.
+
+    Args:
+        name: the name of the column, or its number.
+        values: (T,) its numbers.
+        form: what the user says about the columns.
+        is_index: whether it is the first column and has no name, while others have names.
+    """
     for kind, column in form.names.items():
         if column == name:
             return "" if kind == "pressure" else kind
@@ -271,49 +292,50 @@ def _content(name: str, values: np.ndarray, form: Form, *, is_index: bool) -> st
     content = "line number"
     if not is_index:
         content = content_by_name(name)
-    # words, or whole numbers
+    # labels are words or whole numbers
     if not content and (np.isnan(values).any() or not (values % 1).any()):
         content = label_kind(name)
     steps = np.diff(values)
     is_counter = np.sum(steps == 1) > MOSTLY * len(steps)
     rises = np.sum(steps > 0) > MOSTLY * len(steps)
-    # such as the index finger
+    # a column `index` that does not count is the index finger
     is_sensor_named_like_index = content == "line number" and not is_counter
     is_temperature = last.lower() == "t" and not rises
     if is_sensor_named_like_index or is_temperature:
         content = ""
     if (content or "pressure") in form.names:
-        return "data.columns names others"
+        return "data.columns names other columns"
     return content
 
 
 def content_by_name(name: str) -> str:
-    """Return what a column without readings holds by its name, but for labels in other words.
+    """Return the content of a column that its name tells; "" for readings.
 
-    A column `.header.stamp.time` holds times too.
+    Only the names in `CONTENTS` are known; `label_kind` knows labels by more words. Of a name with
+    several parts the last one counts, so `.header.stamp.time` holds times.
 
     Args:
-        name: of the column.
+        name: the name of the column.
 
     Returns:
-        A value of `CONTENTS`; "" for readings.
+        A value of `CONTENTS`, or "".
     """
     base, _ = base_and_unit(_last_part(name))
     return CONTENTS.get(base, "")
 
 
 def _last_part(name: str) -> str:
-    """Return the last part of the name of a field, as ROS writes it: seq of .header.seq."""
+    """Return the last part of a name as ROS writes it: `seq` of `.header.seq`."""
     return re.split("[./]", name)[-1]
 
 
 def base_and_unit(name: str) -> tuple[str, str]:
-    """Return a name in small letters without its unit of time, and the unit.
+    """Return a name in lower case without its unit of time, and the unit.
 
     A name such as `millis` is both.
 
     Args:
-        name: of a column.
+        name: the name of a column.
     """
     base, *found = UNIT.split(name.lower())
     unit = found[0] if found else ""
@@ -321,10 +343,12 @@ def base_and_unit(name: str) -> tuple[str, str]:
 
 
 def _numbers(cells: "Series") -> np.ndarray:
-    """Return the cells of a column (T,) as integers, float64 or bool; NaN where one is no number.
+    """Return the cells of a column as numbers (T,): integers, float64 or bool.
 
-    A column of True and False stays bool. Beside columns of numbers it becomes a sensor of ones and
-    zeros, unless its name says that it holds something else.
+    A cell that is no number becomes NaN.
+
+    A column of True and False stays bool. It becomes a sensor of ones and zeros, unless its name
+    says that it holds something else.
     """
     from pandas import to_numeric
 

@@ -1,8 +1,8 @@
-"""Tables of numbers as text: a line for each frame, a column for each sensor.
+"""Read tables of numbers from text: a line for each frame, a column for each sensor.
 
-Cells are separated by commas, semicolons, tabs or blanks, with a decimal point or comma. Lines
-above the numbers may hold words; the first one with a cell for each column names the columns. Lines
-that begin with # or % hold no numbers.
+Commas, semicolons, tabs or blanks separate the cells. A number has a decimal point or a decimal
+comma. Lines above the numbers can hold words; the first of these lines with a cell for each column
+names the columns. Lines that begin with # or % hold no numbers.
 """
 
 import csv
@@ -29,21 +29,22 @@ from tactile_viewgcn.readers.table_columns import table_of
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-TOP_LINES = 200  # in which the separator and the names are looked for
+TOP_LINES = 200  # lines that are searched for the separator and the names
 COMMENT = ("#", "%")
 NUMBER = re.compile(r"(?i)[-+]?(\d+([.,]\d*)?|[.,]\d+)(e[-+]?\d+)?|[-+]?(nan|inf|infinity)")
-NOT_NUMBERS = re.compile(r"^[ \t]*[#%].*$|^[ \t,;]+$", re.MULTILINE)  # comments and empty lines
+# a comment, or a line of empty cells
+NOT_NUMBERS = re.compile(r"^[ \t]*[#%].*$|^[ \t,;]+$", re.MULTILINE)
 BEGINS_OF_NUMBERS = re.compile(r"(?<![\w.])[-+]?\d")
-GZIP = b"\x1f\x8b"  # beginning of a packed file
-UTF16 = (b"\xff\xfe", b"\xfe\xff")  # beginnings of a text
+GZIP = b"\x1f\x8b"  # the first bytes of a file that gzip packed
+UTF16 = (b"\xff\xfe", b"\xfe\xff")  # the first bytes of a text in UTF-16
 
 
 def read_text(file: Path) -> str:
-    """Return the text of a file, packed by gzip or not, with a newline at the end of each line.
+    """Return the text of a file, which can be packed by gzip; every line ends in a newline.
 
     Raises:
-        UserError: it unpacks to more than a file of its size may, or holds NUL, as UTF-16 without a
-            mark does.
+        UserError: the file unpacks to more than is allowed for its size. Or it holds the character
+            NUL, as UTF-16 without a byte order mark does.
     """
     with file.open("rb") as stream:
         if stream.peek(len(GZIP)).startswith(GZIP):
@@ -56,22 +57,27 @@ def read_text(file: Path) -> str:
     try:
         text = data.decode("utf-16" if data.startswith(UTF16) else "utf-8-sig")
     except UnicodeDecodeError:
-        # of spreadsheets in western languages; no number is written differently
+        # spreadsheets in western languages save this; it writes digits as UTF-8 does
         text = data.decode("latin-1")
     if "\0" in text:
-        raise UserError(f"{file}: no text; expected a table of numbers in UTF-8")
+        raise UserError(f"{file}: this is no text; save a table of numbers in UTF-8")
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def table_in(file: Path, text: str, form: Form) -> Recording:
-    """Return the table in a text as one recording, with the names in its lines, see `table_of`.
+    """Return the table in a text as one recording, with the labels of its lines, see `table_of`.
 
-    A line of units below the names is left out, with a note: one with words, or one of ones where
-    no other cell is 1.
+    A line of units below the names is left out, and a note says so. Such a line holds words. It can
+    also hold only ones, if no other cell of the table is 1.
+
+    Args:
+        file: the file of the text, which errors name.
+        text: the text, see `read_text`.
+        form: what the user says about the columns.
 
     Raises:
-        UserError: as `table_of`; there are no numbers, or lines of unlike length, or numbers that
-            have two readings.
+        UserError: there are no numbers, the lines differ in length, or a number has two readings.
+            `table_of` raises it too.
     """
     check_is_table(file, text)
     top = _top(file, text)
@@ -81,7 +87,7 @@ def table_in(file: Path, text: str, form: Form) -> Recording:
     places = _places(numbers, top.above)
     width = 1 + int(max(np.flatnonzero(cells.notna().any()), default=-1))
     full = [row[:width] for row in top.rows if len(row) >= width and not any(row[width:])]
-    # names of columns that are empty at the end
+    # the last columns have names, and are empty
     if not full and top.rows and width < len(top.rows[-1]) <= cells.shape[1]:
         full = top.rows[-1:]
         width = len(top.rows[-1])
@@ -91,7 +97,7 @@ def table_in(file: Path, text: str, form: Form) -> Recording:
         cells = cells.iloc[1:]
         next(places)
     notes = [
-        Note(f"the line {listed(row)} below the names is no frame (units)", topic="units")
+        Note(f"the line {listed(row)} below the names holds units and is no frame", topic="units")
         for row in full[1:]
     ]
     names = full[0] if full else [""] * width
@@ -100,17 +106,24 @@ def table_in(file: Path, text: str, form: Form) -> Recording:
 
 
 def _cells_of(file: Path, text: str, numbers: str, top: "_Top") -> "DataFrame":
-    """Return the cells below the top of a text; `numbers` is the text without comments."""
+    """Return the cells below the top of a text.
+
+    Args:
+        file: the file, which errors name.
+        text: the text.
+        numbers: the same text without its comments.
+        top: the top of the text.
+    """
     import pandas as pd  # here, since it loads slowly
 
     has_decimal_commas = top.separator != "," and re.search(r"\d,\d", text)
     with (
         warnings.catch_warnings(),
-        # texts of Arrow need more memory than the child process may take
+        # Arrow's texts need more memory than the child process is allowed
         pd.option_context("mode.string_storage", "python"),
         library(file),
     ):
-        # pandas 3.1 rounds as float_precision asks for by itself
+        # pandas 3.1 warns of float_precision, since it rounds in this way by default
         warnings.simplefilter("ignore", DeprecationWarning)
         try:
             return pd.read_csv(
@@ -131,18 +144,20 @@ def _cells_of(file: Path, text: str, numbers: str, top: "_Top") -> "DataFrame":
 
 
 def _are_ones(first: list[str], cells: "DataFrame", width: int) -> bool:
-    """Return whether the first line of cells is one of units: ones, where no other cell is 1."""
+    """Return whether the first line gives units as ones: all its cells are 1, and no others are."""
     if width < 2 or first.count("1") != width or len(cells) < 3:
         return False
     return bool((cells.iloc[:, :width] == 1).sum().eq(1).all())
 
 
 def _places(text: str, above: int) -> Iterator[str]:
-    """Yield `line N` of each row of a table, as an editor counts, with empty lines.
+    """Yield `line N` for each row of a table; an editor counts the lines in the same way.
 
-    The rows stand below the first `above` lines.
+    Args:
+        text: the text of the table.
+        above: the number of lines above the rows.
     """
-    # a copy of the text, made where a cell is named, since it takes memory
+    # a copy of the text takes memory, so it is made only when an error names a line
     for number, line in enumerate(io.StringIO(text), 1):
         if number > above and line != "\n":
             yield f"line {number}"
@@ -150,11 +165,11 @@ def _places(text: str, above: int) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class _Top:
-    """What stands at the top of a table.
+    """The top of a table.
 
     Attributes:
-        separator: of its cells, None for blanks.
-        above: number of lines above the numbers.
+        separator: the separator of the cells; None for blanks.
+        above: the number of lines above the numbers.
         rows: the cells of these lines.
     """
 
@@ -166,12 +181,14 @@ class _Top:
 def _top(file: Path, text: str) -> _Top:
     """Return the separator of a table, and the lines above its numbers.
 
-    A line above the numbers is a comment, or begins with a word and has words where the lines below
-    have numbers. Logging may have begun in the middle of a line, so a file's first line may be cut.
-    If anything stands above the first line of numbers, even a comment, this is not looked for.
+    A line above the numbers is a comment. Or it begins with a word, and has words where the lines
+    below have numbers.
+
+    If logging began in the middle of a line, the first line of the file is cut. This is checked
+    only where nothing stands above the first line of numbers, not even a comment.
 
     Raises:
-        UserError: there is no line of numbers, or the file begins with one that is cut.
+        UserError: there is no line of numbers, or the first line of the file is cut.
     """
     top = list[tuple[int, str]]()
     for number, line in enumerate(islice(io.StringIO(text), TOP_LINES)):
@@ -198,7 +215,12 @@ def _is_comment(line: str) -> bool:
 
 
 def _is_of_numbers(cells: list[str], example: list[str]) -> bool:
-    """Return whether cells begin with a number, or have no words where an example has numbers."""
+    """Return whether a line holds numbers: it begins with one, or has no word in place of one.
+
+    Args:
+        cells: the cells of the line.
+        example: the cells of a line of numbers.
+    """
     pairs = list(zip(cells, example, strict=False))
     if not pairs:
         return False
@@ -216,17 +238,17 @@ def _check_is_whole(
     *,
     width: int,
 ) -> None:
-    """Refuse a table whose first line holds numbers only and is cut at its beginning.
+    """Refuse a table whose first line holds only numbers and is cut at its beginning.
 
-    The line is the first one that is not empty: no names and no comment stand above it.
+    The first line is the first one that is not empty: no names and no comment stand above it.
 
     Args:
-        file: with which the error begins.
-        number: of the line, from 0.
-        cells: of the line.
+        file: the file, which the error names.
+        number: the number of the line, counted from 0.
+        cells: the cells of the line.
         top: the first lines of the file that are not empty, with their numbers.
-        separator: of the cells, None for blanks.
-        width: number of cells of the lines below.
+        separator: the separator of the cells; None for blanks.
+        width: the number of cells in the lines below.
 
     Raises:
         UserError: the line is cut, see `_is_cut`.
@@ -236,7 +258,7 @@ def _check_is_whole(
         return
     lines = f"line {number + 1} has {several(len(cells), 'cell')}, the lines below have {width}"
     remedy = f"sed -i.bak {number + 1}d {quote(str(file))}"
-    raise UserError(f"{file}: {lines}, as one that is cut; delete it: {remedy}")
+    raise UserError(f"{file}: {lines}, so its beginning is cut off; delete it: {remedy}")
 
 
 def _is_cut(
@@ -244,12 +266,13 @@ def _is_cut(
 ) -> bool:
     """Return whether a line of numbers is cut at its beginning.
 
-    It is compared with the lines below it, of which there must be two or more. The last of these
-    is left out, since it may be cut too. All others must have equally many cells. The line is cut
+    The line is compared with the lines below it, of which there must be at least two. The last of
+    these is left out, since it can be cut too. All others must have equally many cells. The line is
+    cut
 
     - if it has fewer cells than they have: `14,502` above `510,514,502`;
-    - if its first cell is empty: `,514,502`. An exception is the line of names that pandas writes,
-      `,0,1`, below which the first cells count 0, 1, 2.
+    - if its first cell is empty: `,514,502`. An exception is the line of names `,0,1` that pandas
+      writes, below which the first cells count 0, 1, 2.
     """
     below = [line for other, line in top if other > number and not _is_comment(line)]
     rows = [split_line(line.strip(), separator) for line in below[:-1]]
@@ -263,13 +286,13 @@ def _is_cut(
 
 
 def separator_of(line: str) -> str | None:
-    """Return the separator of the cells of a line, None for blanks.
+    """Return the separator of the cells of a line; None for blanks.
 
     `1,5 2,5` has decimal commas. `1 501,1 498` has blanks between groups of digits, and commas
     between its cells.
 
     Args:
-        line: of a table, without blanks at its ends.
+        line: a line of a table, without blanks at its ends.
     """
     cells = line.split(",")
     if len(cells) > 1 and all(re.fullmatch(GROUPED_BY_BLANKS, cell.strip()) for cell in cells):
@@ -291,8 +314,8 @@ def split_line(line: str, separator: str | None) -> list[str]:
     """Return the cells of a line, without quotes and blanks around them.
 
     Args:
-        line: of a table.
-        separator: of its cells, None for blanks.
+        line: a line of a table.
+        separator: the separator of its cells; None for blanks.
     """
     if not separator:
         cells = line.split()

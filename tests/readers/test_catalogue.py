@@ -326,7 +326,7 @@ WRONG = {  # a change of the rows, and words of the line
     ),
     "parts of two objects": (
         lambda r: r.assign(recording="a", part=["1", "2", "3", "4"]),
-        "are parts of one recording; write their names alike",
+        "are parts of one recording; give them the same names",
     ),
     "no set": (lambda r: with_cell(r, 0, "split", "exam"), "line 2: split is 'exam'"),
     "no line": (lambda r: r[:0], "names no recording"),
@@ -360,7 +360,7 @@ def test_a_file_of_several_recordings_needs_a_place(tmp_path):
 def test_a_catalogue_in_the_folder_that_is_read_is_no_labels_csv(tmp_path):
     catalogued(arrays(tmp_path / "lab"), tmp_path / "lab" / "c.csv")
     line = refusal(tmp_path / "lab", tmp_path)
-    assert "c.csv: a catalogue among the recordings; give it as the source" in line
+    assert "c.csv: a catalogue lies among the recordings; give it as the source" in line
 
 
 def test_the_limits_of_the_child_are_those_of_the_files_that_a_catalogue_names(tmp_path):

@@ -151,7 +151,7 @@ def test_tables_that_differ_by_part_are_joined_by_names_and_refused_with_unlike_
     save(lab / "mug" / "right" / "1.csv", "time,x,y\n0,1,2\n")
     line = refusal(lab, tmp_path, form=form)
     assert (
-        "right/1.csv: frames and rows (1, 1); expected (2, 1) as in " in line
+        "right/1.csv: (frames, rows) are (1, 1); expected (2, 1) as in " in line
         and "left/1.csv" in line
     )
     save(lab / "mug" / "left" / "1.tsv", "x\n1\n")

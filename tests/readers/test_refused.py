@@ -130,7 +130,7 @@ SOURCES = {
     "arrays at other places beside HDF5": (both_forms, "mug/1.npy: names no object"),
     "labels alone": (
         partial(saved, name="labels.csv", content="file,object\na,mug\n"),
-        "no recordings beside labels",
+        "no recordings besides labels",
     ),
     "an array without an object": (partial(saved, name="1.npy"), "1.npy: names no object"),
 }
@@ -227,9 +227,7 @@ def test_a_file_unlike_most_others_or_the_form_is_named(tmp_path, name, bad):
     )
     assert all_alike or (f"mug/{bad}.{ending}: {words}" in line and line.count(f".{ending}: ") == 1)
     assert ("'data.columns=[leave_out:c]'" in line) == (name == "more columns")
-    assert ("params.yaml may have it from others: set 'data.layout=auto'" in line) == (
-        "layout" in form
-    )
+    assert ("for other recordings, set 'data.layout=auto'" in line) == ("layout" in form)
 
 
 def test_a_file_of_many_recordings_counts_once(tmp_path):
