@@ -1,5 +1,6 @@
-"""Files that are no recordings, or not there: one line names the cause and what to type, which then
-reads them.
+"""Files that are no recordings, or do not exist, get one error with the cause and the remedy.
+
+The remedy then makes them readable.
 """
 
 import os
@@ -20,7 +21,7 @@ from tests.readers.test_two_readings import OBJECTS, STACK, form_in, run_line, t
 
 ROWS = np.arange(500, 512).reshape(4, 3)
 CELLS = [",".join(map(str, row)) for row in ROWS]
-SERIAL = {  # the lines that a serial monitor or a program saved of ROWS
+SERIAL = {  # ROWS as a serial monitor or a program saves them
     "clock and commas": [f"12:34:0{at}.789 -> {cells}" for at, cells in enumerate(CELLS)],
     "clock and blanks": [
         f"1:34:0{at} -> {cells.replace(',', ' ')}" for at, cells in enumerate(CELLS)
@@ -193,7 +194,7 @@ def test_forty_thousand_windows_are_as_many_recordings(tmp_path):
     y = np.arange(40_000) % 3
     X = y[:, None, None] + np.random.default_rng(0).random((40_000, 2, 2), dtype=np.float32)
     np.savez(tmp_path / "all.npz", X=X, y=y)
-    assert refusal(tmp_path / "all.npz", tmp_path) == ""  # in time
+    assert refusal(tmp_path / "all.npz", tmp_path) == ""  # `refusal` measures the time
     counts, table = ingested(tmp_path / "all.npz")
     np.testing.assert_array_equal(counts[:, 0].reshape(X.shape), X)
     assert len(table.recordings) == 40_000 and (table.columns["object"] == np.repeat(y, 2)).all()
