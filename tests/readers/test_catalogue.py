@@ -322,7 +322,7 @@ WRONG = {  # a change of the rows, and words of the error
     "a recording twice": (lambda r: pd.concat([r, r[:1]]), "lines 2, 6 are of the same recording"),
     "one name twice": (
         lambda r: r.assign(recording="a"),
-        "lines 2, 3, 4, 5 are of recording 'a'|unlike parts",
+        "lines 2, 3, 4, 5 are of recording 'a'|different parts",
     ),
     "parts of two objects": (
         lambda r: r.assign(recording="a", part=["1", "2", "3", "4"]),

@@ -288,7 +288,7 @@ def test_the_mistakes_of_all_recordings_are_listed_at_once_ten_at_most(tmp_path)
     line = refusal(tmp_path / "lab", tmp_path)
     beside = (
         "1.h5: time has",
-        "2.h5: recording 'b', as in",
+        "2.h5: it holds recording 'b', as ",
         "3.h5: columns ['valid']; expected []",
         "7.npy",
     )

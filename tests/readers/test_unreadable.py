@@ -44,7 +44,7 @@ def test_lines_that_are_no_cells_are_named_and_the_command_makes_cells_of_them(
     path = save(tmp_path / "lab" / "mug" / f"1.{ending}", "\n".join(SERIAL[name]) + "\n")
     line = refusal(tmp_path / "lab", tmp_path)
     assert f"mug/1.{ending}: " in line and "is not a number" not in line
-    run_line(line, "make one: ")
+    run_line(line, "make a table of numbers: ")
     path.with_name(f"{path.name}.bak").unlink()
     np.testing.assert_array_equal(ingested(tmp_path / "lab")[0][:, 0], ROWS)
 
@@ -74,7 +74,7 @@ def test_a_first_line_that_is_cut_is_named_and_the_command_deletes_it(tmp_path, 
 def test_an_ordinary_table_is_none_of_these(tmp_path, text):
     save(tmp_path / "lab" / "mug" / "1.csv", text)
     assert not [
-        word for word in ("make one: ", "is cut") if word in refusal(tmp_path / "lab", tmp_path)
+        word for word in ("make a table of numbers: ", "is cut") if word in refusal(tmp_path / "lab", tmp_path)
     ]
 
 
