@@ -139,7 +139,7 @@ def test_tables_are_read_as_programs_write_them(tmp_path, name, ending):
     np.testing.assert_array_equal(counts[:, 0], numbers)
     assert counts.dtype.kind == np.array(numbers).dtype.kind
     assert (table.recordings, "|".join(table.channel_names)) == (["mug/1.a"], names)
-    assert ["holds units" in note.text for note in table.notes if note.topic == "units"] == [True] * (
+    assert [" units " in note.text for note in table.notes if note.topic == "units"] == [True] * (
         "units" in name
     )
 

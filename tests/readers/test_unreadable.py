@@ -74,7 +74,9 @@ def test_a_first_line_that_is_cut_is_named_and_the_command_deletes_it(tmp_path, 
 def test_an_ordinary_table_is_none_of_these(tmp_path, text):
     save(tmp_path / "lab" / "mug" / "1.csv", text)
     assert not [
-        word for word in ("make a table of numbers: ", "is cut") if word in refusal(tmp_path / "lab", tmp_path)
+        word
+        for word in ("make a table of numbers: ", "is cut")
+        if word in refusal(tmp_path / "lab", tmp_path)
     ]
 
 
