@@ -140,7 +140,7 @@ def chosen_names(
 
 
 class Naming:
-    """Gives the recordings in the files of a source their names.
+    """A rule that gives the recordings in the files of a source their names.
 
     Args:
         source: the source.
@@ -303,9 +303,9 @@ def hint_of(found: Found, read_frames: FramesReader) -> str:
 
     Returns:
         The note on the attributes of an HDF5 file, if there is one. For a table or an array of two
-        axes, a text: it says that each line is read as one frame, names a column that looks like
-        labels (see `_label_like_column`), and says how to save lines that are whole recordings. For
-        all other files, and if the frames are not written, it is "".
+        axes, the hint says that each line is read as one frame. It names a column that looks like
+        labels, see `_label_like_column`, and says how to save lines that are whole recordings. For
+        any other file, and if the frames are not written, it is "".
     """
     recording = found.recording
     attributes = [note.text for note in recording.notes if note.topic == ATTRIBUTES_TOPIC]

@@ -173,7 +173,7 @@ def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
         where: the beginning of the error.
 
     Raises:
-        UserError: the pressure has not three axes, or H or W is above `MAX_SIDE`.
+        UserError: the pressure does not have three axes, or H or W is above `MAX_SIDE`.
     """
     if len(shape) != 3:
         raise UserError(f"{where}: pressure has shape {shape}; expected (frames, rows, columns)")

@@ -1,1 +1,1 @@
-"""Hold the tables that the stages pass on: recordings, frames, views."""
+"""Define the tables that the stages pass on: recordings, frames, views."""

@@ -1,4 +1,4 @@
-"""Hold the table of kept frames, data/frames, and the table of views, data/views."""
+"""Define the table of kept frames, data/frames, and the table of views, data/views."""
 
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property

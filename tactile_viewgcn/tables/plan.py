@@ -1,4 +1,4 @@
-"""Hold the plan: how readings become frames, decided on the training set.
+"""Define the plan: how readings become frames, decided on the training set.
 
 `frames/decide.py` makes the plan, and `frames/apply.py` applies it to every recording. The table of
 frames and the model file store it.

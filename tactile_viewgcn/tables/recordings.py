@@ -1,4 +1,4 @@
-"""Hold the table of raw counts, data/recordings: every frame of every recording of a source.
+"""Define the table of raw counts, data/recordings: every frame of every recording of a source.
 
 `read_source` reads the files, checks them and writes a folder, which `Recordings` reads. Counts are
 the sensors' raw ADC counts, or readings in the glove's unit. Their axes are (frame, row, column).
