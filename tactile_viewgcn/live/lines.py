@@ -18,17 +18,14 @@ from tactile_viewgcn.live.source import LONGEST_LINE
 from tactile_viewgcn.messages import UserError, listed, several
 from tactile_viewgcn.readers.lines import label_kind
 from tactile_viewgcn.readers.source import Form, tidy
-from tactile_viewgcn.readers.text import (
-    COMMENT,
+from tactile_viewgcn.readers.table_columns import (
     MOST_SHOWN,
-    NUMBER,
     SECONDS,
     base_and_unit,
     content_by_name,
     sensors_of_model,
-    separator_of,
-    split_line,
 )
+from tactile_viewgcn.readers.text import COMMENT, NUMBER, separator_of, split_line
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 MOST_HEADERS = 8  # lines of words before the first frame, which may name its columns

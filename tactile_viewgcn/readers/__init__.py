@@ -1,1 +1,1 @@
-"""Recordings as they come: one file a format, each checked as it is read."""
+"""Read recordings as users have them, with one module for each format of files."""

@@ -1,8 +1,8 @@
-"""What arrays with names hold: one recording, windows, or labelled frames.
+"""Make recordings of arrays with names: one recording, windows, or labelled frames.
 
-An array is (frames, rows, columns), or (frames, cells) with the cells row after row. With a shape
-(rows and columns of a frame) it may also be one frame; without one, (frames, cells) are frames of
-one row.
+An array is (frames, rows, columns), or (frames, cells) with the cells row after row. If the form
+gives a shape (the rows and columns of a frame), an array can also be one frame. Without a shape,
+(frames, cells) are frames of one row.
 """
 
 from collections.abc import Mapping
@@ -27,24 +27,27 @@ from tactile_viewgcn.readers.windows import overlapping
 
 DATASETS = ("pressure", "time", "valid", "grasp", "grasp_valid")
 ATTRIBUTES = ("object", "session", "recording", "split")
-OBJECTS_OF_WINDOWS = ("y", "label", "labels")  # names of arrays, in small letters
-OBJECT_OF_FRAMES = "y"  # the same, beside the words of `label_kind`
+OBJECTS_OF_WINDOWS = ("y", "label", "labels")  # names of arrays, in lower case
+# the name of an array that labels frames, besides the names that `label_kind` knows
+OBJECT_OF_FRAMES = "y"
 AS_TABLE = "pandas.DataFrame(X).assign(label=y, recording=r).to_csv('all.csv', index=False)"
-#: How Python opens a file as arrays by their names; HDF5 where the ending is none of these.
+#: Python code that opens a file as arrays by their names; any other ending counts as HDF5.
 OPENED = {".npz": "numpy.load({!r})", ".mat": "__import__('scipy.io').io.loadmat({!r})"}
 OPENED_HDF5 = "__import__('h5py').File({!r})"
 
 
 def recordings_of_arrays(file: Path, arrays: Mapping[str, Any], form: Form) -> list[Recording]:
-    """Return the recordings in arrays: of windows with labels, of labelled frames, else one.
+    """Return the recordings in arrays: windows with labels, labelled frames, or else one recording.
 
     Args:
-        file: which errors name.
-        arrays: by their names; those of an `Hdf5File` are read when they are sliced.
-        form: what the user says of the names.
+        file: the file, which errors name.
+        arrays: the arrays by their names. The arrays of an `Hdf5File` are read when they are
+            sliced.
+        form: what the user says about the names.
 
     Raises:
-        UserError: the file lacks what the form names, or has other numbers of labels and windows.
+        UserError: the file lacks a name that the form gives, or has different numbers of labels and
+            windows.
     """
     attributes = _attributes(arrays)
     left_out = [name for name in form.left_out if name in arrays or name in attributes]
@@ -57,18 +60,18 @@ def recordings_of_arrays(file: Path, arrays: Mapping[str, Any], form: Form) -> l
 
 
 def _attributes(arrays: Mapping[str, Any]) -> list[str]:
-    """Return the names of the attributes beside arrays; only HDF5 has them."""
+    """Return the names of the attributes that come with arrays; only HDF5 has any."""
     return arrays.attributes if isinstance(arrays, Hdf5File) else []
 
 
 def recording_of(file: Path, arrays: Mapping[str, Any], form: Form) -> Recording:
-    """Return the recording in arrays: `pressure` or the only array, and what the form names.
+    """Return the recording in arrays: `pressure` or the only array, and all that the form names.
 
-    Of HDF5 it has all datasets of `DATASETS`. Frames that read NaN are dropped if `valid` says that
-    nothing is held.
+    The recording of an HDF5 file has all datasets in `DATASETS`. Frames that read NaN are dropped
+    if `valid` says that nothing is held.
 
     Raises:
-        UserError: the file lacks something.
+        UserError: the file lacks an array or a name.
     """
     is_hdf5 = isinstance(arrays, Hdf5File)
     readings = [name for name in _of_readings(arrays) if name not in form.left_out]
@@ -91,9 +94,10 @@ def recording_of(file: Path, arrays: Mapping[str, Any], form: Form) -> Recording
 
 
 def _of_readings(arrays: Mapping[str, Any]) -> list[str]:
-    """Return the names of the arrays with more than one axis of some length; none of HDF5.
+    """Return the names of the arrays that can hold readings; for HDF5 there are none.
 
-    HDF5 says by its names what is what.
+    Such an array has more than one axis longer than 1. In HDF5 the names tell what each dataset
+    holds.
     """
     if isinstance(arrays, Hdf5File):
         return []
@@ -106,7 +110,7 @@ def _is_of_readings(array: Any) -> bool:
 
 
 def _names_in_file(readings: list[str], form: Form, *, is_hdf5: bool) -> dict[str, str]:
-    """Return the names in a file by what they hold: those of the form, else the usual ones."""
+    """Return the names in a file by their content: the form's names, or else the usual names."""
     kinds = {"pressure", *ATTRIBUTES}
     if is_hdf5:
         kinds.update(DATASETS)
@@ -118,7 +122,7 @@ def _names_in_file(readings: list[str], form: Form, *, is_hdf5: bool) -> dict[st
 
 
 def _named_by_attributes(arrays: Mapping[str, Any], in_file: Mapping[str, str]) -> dict[str, str]:
-    """Return the names of a recording that attributes of HDF5 give."""
+    """Return the names of a recording that HDF5 attributes give."""
     names = dict[str, str]()
     if isinstance(arrays, Hdf5File):
         for kind in ATTRIBUTES:
@@ -128,9 +132,11 @@ def _named_by_attributes(arrays: Mapping[str, Any], in_file: Mapping[str, str]) 
 
 
 def _without_unread_frames(values: dict[str, Any]) -> tuple[dict[str, Any], int]:
-    """Return values without the frames that read NaN while nothing is held, and how many these are.
+    """Drop the frames that read NaN while nothing is held.
 
-    If there are any, `frame` has the numbers of the frames that stay.
+    Returns:
+        The remaining values, and the number of dropped frames. If frames were dropped, the values
+        have a column `frame` with the numbers of the remaining frames.
     """
     counts = values["pressure"]
     has_flags = "valid" in values and values["valid"].shape == counts.shape[:1]
@@ -149,7 +155,7 @@ def _without_unread_frames(values: dict[str, Any]) -> tuple[dict[str, Any], int]
 def _attribute_notes(
     arrays: Mapping[str, Any], used: set[str], names: dict[str, str]
 ) -> list[Note]:
-    """Return a note on the attributes that are not used, where none names the object."""
+    """Return a note on the attributes that are not used, if none of them names the object."""
     unused = [name for name in _attributes(arrays) if name not in used]
     if not unused or "object" in names:
         return []
@@ -159,13 +165,20 @@ def _attribute_notes(
 
 
 def _missing(file: Path, arrays: Mapping[str, Any], kind: str, name: str) -> str:
-    """Return what a file of arrays lacks, and what to type: for `kind`, called `name` in it."""
+    """Return a text that names a missing array or attribute, with the remedy to type.
+
+    Args:
+        file: the file.
+        arrays: its arrays.
+        kind: the content that is missing, such as `pressure`.
+        name: the name that this content should have in the file.
+    """
     found = arrays.everywhere() if isinstance(arrays, Hdf5File) else [*arrays]
     if kind not in DATASETS and name in found:
         length = len(np.ravel(arrays[name]))
         return (
-            f"array {name} of {length:,} values is no attribute; a label for each frame belongs "
-            f"into a table, a line for each frame with the columns {name} and `recording`: "
+            f"array {name} of {length:,} values is no attribute; to label each frame, save a "
+            f"table with a line for each frame and the columns {name} and `recording`: "
             f"{AS_TABLE}"
         )
     text = f"no array {name}; found {listed(found) or 'none'}"
@@ -173,7 +186,7 @@ def _missing(file: Path, arrays: Mapping[str, Any], kind: str, name: str) -> str
         text += f"; attributes {listed(arrays.attributes) or 'none'}"
     readings = [path for path in found if _is_of_readings(arrays[path])]
     if kind == "pressure" and readings:
-        text += f"; if one has the readings, {setting(f'data.columns=[pressure:{readings[0]}]')}"
+        text += f"; if one holds the readings, {setting(f'data.columns=[pressure:{readings[0]}]')}"
     elif kind not in DATASETS:
         text += f"; {setting(f'data.columns=[{kind}:NAME]')}"
     if kind == "pressure" and len(readings) > 1:
@@ -182,7 +195,7 @@ def _missing(file: Path, arrays: Mapping[str, Any], kind: str, name: str) -> str
 
 
 def as_files(file: Path) -> str:
-    """Return the line to type that saves each array of a file as .npy, in a folder beside it."""
+    """Return the command that saves each array of a file as .npy, next to the file."""
     opened = OPENED.get(file.suffix.lower(), OPENED_HDF5).format(file.name)
     code = "import numpy; "
     code += f"[numpy.save(n + '.npy', a) for n, a in {opened}.items() if numpy.ndim(a) > 1]"
@@ -192,11 +205,11 @@ def as_files(file: Path) -> str:
 def windows_in(file: Path, arrays: Mapping[str, Any], form: Form) -> list[Recording]:
     """Return the windows X (n, T, C) or (n, T, H, W) with labels y (n,), each as a recording.
 
-    A window that overlaps the one before is of the same take, see `overlapping`. An array (n,) that
-    is called as a session names the sessions. There are none without labels.
+    A window that overlaps the window before belongs to the same take, see `overlapping`. An array
+    (n,) with the name of a session gives the sessions. Without labels there are no windows.
 
     Raises:
-        UserError: there are other numbers of windows and labels.
+        UserError: the numbers of windows and labels differ.
     """
     label_name = _label_of_windows(arrays, form)
     if "pressure" in arrays or label_name not in arrays:
@@ -212,7 +225,7 @@ def windows_in(file: Path, arrays: Mapping[str, Any], form: Form) -> list[Record
             raise UserError(f"{file}: {counts}; save a label for each window")
         return []
     name = fitting[0]
-    if list(arrays[name].shape[1:]) == list(form.shape):  # these are frames
+    if list(arrays[name].shape[1:]) == list(form.shape):  # these are frames, not windows
         return []
     windows = arrays[name][()]
     takes = np.cumsum([0, *~overlapping(windows)]).tolist()
@@ -232,7 +245,7 @@ def windows_in(file: Path, arrays: Mapping[str, Any], form: Form) -> list[Record
 
 
 def _label_of_windows(arrays: Mapping[str, Any], form: Form) -> str:
-    """Return the name of the array that labels windows: the form's, else a usual one, else ""."""
+    """Return the name of the array that labels windows: the form's, or else a usual name, or ""."""
     if form.names.get("object"):
         return form.names["object"]
     for name in arrays:
@@ -250,7 +263,7 @@ def _windows_note(name: str, windows: np.ndarray, label_name: str, takes: int) -
 
 
 def _sessions_of_windows(arrays: Mapping[str, Any], count: int) -> list[str]:
-    """Return the session of each of `count` windows, by the first array (n,) called so; or none."""
+    """Return the sessions of `count` windows, from the first array named so; or an empty list."""
     shapes = ((count,), (count, 1), (1, count))
     for name in arrays:
         if label_kind(name) == "session" and np.shape(arrays[name]) in shapes:
@@ -259,9 +272,9 @@ def _sessions_of_windows(arrays: Mapping[str, Any], count: int) -> list[str]:
 
 
 def labelled_frames(file: Path, arrays: Mapping[str, Any], form: Form) -> list[Recording]:
-    """Return the recordings in one array X (T, C) with a label y (T,) for each frame, or none.
+    """Return the recordings in one array X (T, C) with a label y (T,) for each frame; or none.
 
-    Arrays (T,) that are called as a session or a recording part the frames too, and a `time` is
+    Arrays (T,) with the name of a session or a recording divide the frames too. An array `time` is
     kept. See `recordings_of_lines`.
     """
     kinds = _kinds_of_labels(arrays, form)
@@ -291,7 +304,7 @@ def labelled_frames(file: Path, arrays: Mapping[str, Any], form: Form) -> list[R
 
 
 def _kinds_of_labels(arrays: Mapping[str, Any], form: Form) -> dict[str, str]:
-    """Return what the arrays name by their names: `object`, `session`, `recording` or nothing."""
+    """Return the kind of label in each array: `object`, `session`, `recording`, or "" for none."""
     kinds = dict[str, str]()
     of_form = form.names.get("object", "")
     for name in arrays:

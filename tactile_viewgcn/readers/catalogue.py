@@ -1,19 +1,20 @@
-"""The catalogue: a table with a row for each recording, where it lies and what its names are.
+"""Read and write the catalogue: a table with a row for the file and the names of each recording.
 
-Folders, attributes of HDF5, columns of a table and a labels.csv are ways to fill its columns. A
-person may correct it, and give it back as the source.
+Folders, HDF5 attributes, columns of a table and a labels.csv are all ways to fill its columns. A
+person can correct the catalogue, and give it back as the source.
 
-    file      path of the file, relative to the catalogue's own folder, or absolute
-    place     which recording of the file; empty where the file is one recording
-    object    what is held
-    session   person, day or fitting
-    recording name of the recording; rows with one name and unlike parts are joined
-    part      of the sensors, as left and right
-    take      recordings of one object with one text here are held out together; empty: with no
-              other
-    split     published set: train, validation or test; `by frame` where the file says it
-    frames    their number, for reading only
-    left_out  why the row is not read; empty where it is
+    file      the path of the file, relative to the catalogue's own folder, or absolute
+    place     which recording of the file it is; empty if the file is one recording
+    object    the object that is held
+    session   the person, day or fitting
+    recording the name of the recording; rows with the same name and different parts are joined
+    part      the part of the sensors, such as left or right
+    take      recordings of one object with the same text here are held out together; a recording
+              with an empty cell is held out with no other
+    split     the published set: train, validation or test; `by frame` if the file gives the set of
+              each frame
+    frames    the number of frames; it is ignored when the catalogue is read
+    left_out  the reason why the row is not read; empty if it is read
 """
 
 import csv
@@ -34,35 +35,35 @@ from tactile_viewgcn.readers.source import Form, label_text, side_of
 COLUMNS = (
     "file", "place", "object", "session", "recording", "part", "take", "split", "frames", "left_out"
 )  # fmt: skip
-#: Columns that only a catalogue has, and no labels.csv.
+#: Columns that a catalogue has and a labels.csv does not have.
 OWN_COLUMNS = {"place", "left_out"}
-BY_FRAME = "by frame"  # in `split`: each frame has its own, in the file
-MOST_HEADER = 100_000  # letters of a table's first line
-FILE_COLUMN = r"file[ _]?(name|path)?s?|path"  # in small letters
+BY_FRAME = "by frame"  # in `split`: the file has the set of each frame
+MOST_HEADER = 100_000  # letters of a table's first line that are read
+FILE_COLUMN = r"file[ _]?(name|path)?s?|path"  # in lower case
 SEPARATORS = ",;\t"
-#: An escape of `shown`, or two backslashes for one.
+#: An escape that `shown` writes, or two backslashes, which stand for one.
 ESCAPE = re.compile(r"\\(\\|[nrt]|x[0-9a-f]{2}|u[0-9a-f]{4}|U[0-9a-f]{8})")
 ESCAPED_FORMULA = re.compile(f"'+[{re.escape(''.join(FORMULA))}]")
 
 
 def check_is_new(file: Path) -> None:
-    """Refuse to write a catalogue where a file is, which may hold a person's corrections.
+    """Refuse to write a catalogue over a file, which can hold a person's corrections.
 
     Raises:
-        UserError: there is a file, or the name does not end in .csv.
+        UserError: the file exists already, or its name does not end in .csv.
     """
     if file.suffix.lower() != ".csv":
-        raise UserError(f"{file}: a catalogue is read again by its ending; name it {file.stem}.csv")
+        raise UserError(f"{file}: the name of a catalogue ends in .csv; name it {file.stem}.csv")
     if file.exists() or file.is_symlink():
-        what = "there is a file of that name, which may hold corrections"
-        raise UserError(f"{file}: {what}; name another one")
+        what = "this file exists already, and can hold corrections"
+        raise UserError(f"{file}: {what}; choose another name")
 
 
 def catalogue_text(catalogue: pd.DataFrame, folder: Path) -> str:
-    """Return a catalogue as CSV, whose paths are relative to a folder.
+    """Return a catalogue as CSV, with paths relative to a folder.
 
-    Control characters and backslashes are escaped, and an apostrophe stands before what a
-    spreadsheet would run as a formula; `names_in_text` takes both back.
+    Control characters and backslashes are escaped. An apostrophe stands before a text that a
+    spreadsheet would run as a formula. `names_in_text` undoes both.
     """
     rows: list[list[object]] = [list(COLUMNS)]
     for row in catalogue[list(COLUMNS)].itertuples(index=False):
@@ -73,10 +74,10 @@ def catalogue_text(catalogue: pd.DataFrame, folder: Path) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Return a text whose escapes can be taken back; `csv_text` adds a formula's apostrophe."""
+    """Return a text with escapes, which `_unescaped` undoes; `csv_text` adds apostrophes."""
     text = "".join(r"\\" if letter == "\\" else shown(letter) for letter in text)
     if ESCAPED_FORMULA.match(text):
-        # an apostrophe of the name would else be taken for that of `csv_text`
+        # an apostrophe of the name would otherwise look like the one that `csv_text` adds
         return f"'{text}"
     return text
 
@@ -92,21 +93,22 @@ def _letter(escape: re.Match[str]) -> str:
     if escape[1] in named:
         return named[escape[1]]
     number = int(escape[1][1:], 16)
-    if number > sys.maxunicode:  # no letter: an escape that a person has written
+    if number > sys.maxunicode:  # an escape that a person wrote, and that means no letter
         return escape[0]
     return chr(number)
 
 
 def names_in_text(file: Path, text: str) -> pd.DataFrame | None:
-    """Return the rows of a table that names files and their objects; None for other tables.
+    """Return the rows of a table that names files and their objects; None for any other table.
 
-    A labels.csv is such a table, and a catalogue.
+    A labels.csv and a catalogue are such tables.
 
     Returns:
-        Texts, by those of `COLUMNS` that the table has, and `line`, where each row stands.
+        The texts of all columns in `COLUMNS` that the table has, and a column `line` with the
+        number of each row's line.
 
     Raises:
-        UserError: begins with `file`; a row has more cells than the header.
+        UserError: a row has more cells than the header.
     """
     header = text.partition("\n")[0][:MOST_HEADER]
     separator = max(SEPARATORS, key=header.count)
@@ -132,12 +134,15 @@ def names_in_text(file: Path, text: str) -> pd.DataFrame | None:
             elif kind:
                 row[kind] = cell
         rows.append(row)
-    # texts of pandas cannot hold every name of a file
+    # object texts, since those of pandas cannot hold every name of a file
     return pd.DataFrame(rows, columns=["line", *filter(None, kinds)], dtype=object)
 
 
 def _kinds_of_header(header: list[str]) -> list[str]:
-    """Return which of `COLUMNS` each name of a header is; "" for another, and for a second one."""
+    """Return for each name of a header its column in `COLUMNS`.
+
+    It is "" if the name means no such column, or if an earlier name means the same column.
+    """
     kinds = list[str]()
     for name in header:
         name = name.strip(' "')
@@ -153,33 +158,36 @@ def _kinds_of_header(header: list[str]) -> list[str]:
 def add_labels(labels: dict[str, dict[str, str]], file: Path, rows: pd.DataFrame) -> None:
     """Add the objects and sessions of a labels.csv to labels, by the files' own names.
 
+    Args:
+        labels: the labels of each file so far.
+        file: the labels.csv, which errors name.
+        rows: its rows, see `names_in_text`.
+
     Raises:
-        UserError: begins with `file`; two files of one name have unlike labels, or the table is a
-            catalogue, which says more than labels.
+        UserError: two files of the same name have different labels, or the table is a catalogue,
+            which says more than labels.
     """
     if set(rows.columns) >= OWN_COLUMNS:
         remedy = "give it as the source, or move it out of the folder"
-        raise UserError(f"{file}: a catalogue among the recordings; {remedy}")
+        raise UserError(f"{file}: a catalogue lies among the recordings; {remedy}")
     kinds = [kind for kind in ("object", "session") if kind in rows]
     for row in rows.to_dict("records"):
         name = PureWindowsPath(row["file"]).stem
         names = {kind: label_text(row[kind]) for kind in kinds}
         if labels.setdefault(name, names) != names:
-            raise UserError(
-                f"{file}: {name} has two labels; expected a name of its own for each file"
-            )
+            raise UserError(f"{file}: {name} has two labels; give each file a name of its own")
 
 
 def given_rows(file: Path, rows: pd.DataFrame, form: Form) -> pd.DataFrame:
-    """Return the rows of a catalogue that is the source, checked, with the `path` of each file.
+    """Return the checked rows of a catalogue that is the source, with the `path` of each file.
 
     Args:
         file: the catalogue.
-        rows: from `names_in_text`.
+        rows: its rows, from `names_in_text`.
         form: says whether each recording needs an object.
 
     Raises:
-        UserError: lists what is wrong, each with the number of its line.
+        UserError: lists the mistakes, each with the number of its line.
     """
     rows = rows.copy()
     for kind in ("object", "session"):
@@ -189,7 +197,7 @@ def given_rows(file: Path, rows: pd.DataFrame, form: Form) -> pd.DataFrame:
     if "left_out" in rows:
         rows = rows[[not reason.strip() for reason in rows["left_out"]]].copy()
     if rows.empty:
-        raise UserError(f"{file}: names no recording; expected a line for each")
+        raise UserError(f"{file}: it names no recording; write a line for each recording")
     if "place" not in rows:
         rows["place"] = ""
     paths = [file.parent / path for path in rows["file"]]
@@ -208,7 +216,7 @@ def _wrong_cells(rows: pd.DataFrame, form: Form) -> list[str]:
             what = f"no file {row['file']}; paths begin at the catalogue's own folder"
             mistakes.append(f"{line}: {what}")
         if not row["object"] and form.labelled:
-            mistakes.append(f"{line}: no object; write it, or delete the line")
+            mistakes.append(f"{line}: no object; write one, or delete the line")
         split = row.get("split", "")
         if split and split != BY_FRAME and side_of(split) is None:
             mistakes.append(f"{line}: split is {split!r}; expected train, test or validation")
@@ -216,7 +224,7 @@ def _wrong_cells(rows: pd.DataFrame, form: Form) -> list[str]:
 
 
 def _doubled_rows(rows: pd.DataFrame) -> list[str]:
-    """Return which rows are of one recording, though they are not its parts."""
+    """Return the mistakes of rows that belong to one recording and are not its parts."""
     mistakes = list[str]()
     real_paths = [path.resolve() for path in rows["path"]]
     keys = [f"{path}/{place}" for path, place in zip(real_paths, rows["place"], strict=True)]
@@ -235,9 +243,9 @@ def _doubled_rows(rows: pd.DataFrame) -> list[str]:
         of_rows = parts[same.index]
         if (of_rows == "").any() or of_rows.duplicated().any():
             what = f"{_lines(same)} are of recording {name!r}"
-            mistakes.append(f"{what}; to join them, write unlike parts, else rename them")
+            mistakes.append(f"{what}; to join them, write different parts, or else rename them")
         elif (same[alike] != same[alike].iloc[0]).any(axis=None):
-            mistakes.append(f"{_lines(same)} are parts of one recording; write their names alike")
+            mistakes.append(f"{_lines(same)} are parts of one recording; give them the same names")
         elif (same["place"] != "").any():
             what = f"{_lines(same)} join recordings that share their files with others"
             mistakes.append(f"{what}; save each as its own file")
@@ -245,7 +253,10 @@ def _doubled_rows(rows: pd.DataFrame) -> list[str]:
 
 
 def _alike(rows: pd.DataFrame, keys: list[str]) -> list[pd.DataFrame]:
-    """Return the rows in groups of equal keys; by numbers, since pandas cannot group all texts."""
+    """Return the rows in groups of equal keys.
+
+    The keys become numbers first, since pandas cannot group all texts.
+    """
     numbers, _ = pd.factorize(np.array(keys, dtype=object))
     return [same for _, same in rows.groupby(numbers, sort=False)]
 

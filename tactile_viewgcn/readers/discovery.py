@@ -1,4 +1,4 @@
-"""What lies at a path: the files of recordings in their order, and the files that are not read."""
+"""Find the files of recordings at a path, in order, and the files that are not read."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +22,7 @@ EXPECTED = (
     ".txt or .h5, a .csv with a column `object`, or a catalogue "
     "(see the manual's page on data)"
 )
-RAW_DEPTH = 3  # of [batch]/[recording]/pressuredata.mat
+RAW_DEPTH = 3  # parts of the path [batch]/[recording]/pressuredata.mat
 
 
 @dataclass(frozen=True)
@@ -30,14 +30,14 @@ class Source:
     """The files at a path.
 
     Attributes:
-        path: of the source; errors name it.
-        root: folder below which the files' places are.
-        files: of recordings, and of tables that may name their objects, in order.
-        unread: files that are not read, for their endings.
-        is_raw: these are STAG's raw recordings.
+        path: the path of the source, which errors name.
+        root: the folder that the places of the files begin at.
+        files: the files of recordings, and tables that can name their objects, in order.
+        unread: the files that are not read because of their endings.
+        is_raw: whether the files are STAG's raw recordings.
         given: the rows of a catalogue that is the source, see `given_rows`; else None.
-        left_out: number of the lines of the catalogue that are left out.
-        texts: of a file that was read to see whether it is a catalogue, and is none.
+        left_out: the number of lines of the catalogue that are left out.
+        texts: the text of a file that was read in search of a catalogue, and is none.
     """
 
     path: Path
@@ -60,20 +60,23 @@ def files_of(path: Path) -> list[Path]:
 
 
 def bytes_of(files: Sequence[Path]) -> int:
-    """Return the bytes of all files that are there."""
+    """Return the bytes of all files that exist."""
     return sum(file.stat().st_size for file in files if file.is_file())
 
 
 def discover(path: str | Path, form: Form) -> Source:
-    """Return what lies at a path; a catalogue among the tables is read, and no other file.
+    """Return the source at a path.
+
+    If the path is a single table, it is read to see whether it is a catalogue. No other file is
+    read.
 
     Args:
-        path: STAG's metadata.mat or folder, recordings in HDF5, arrays and tables, or a catalogue.
-        form: as which recordings are read.
+        path: STAG's metadata.mat or folder, recordings in HDF5, arrays or tables, or a catalogue.
+        form: the form in which recordings are read.
 
     Raises:
         FileNotFoundError: nothing is at that path.
-        UserError: no recordings are there, or a catalogue is wrong.
+        UserError: no recordings are there, or a catalogue has mistakes.
     """
     path = Path(path)
     if not path.exists() and not path.is_symlink():
@@ -98,7 +101,7 @@ def _is_raw(file: Path, path: Path) -> bool:
 
 
 def _single(path: Path, form: Form) -> Source:
-    """Return the source of a single file: a recording, a table of all, or a catalogue."""
+    """Return the source of a single file: a recording, a table of recordings, or a catalogue."""
     root = path.parent
     with reading(path):
         if has_ending(path, [".csv", ".tsv"]):
@@ -135,14 +138,14 @@ def unread_notes(
 ) -> list[Note]:
     """Return a note on the number of files below a folder that are not read.
 
-    It is a warning where an object lacks recordings so. A file that is called as one of `files` but
-    for its ending is no recording more.
+    The note is a warning if an object lacks recordings for this reason. A file whose name differs
+    from one of `files` only in its ending does not count as another recording.
 
     Args:
-        path: of the source.
-        files: that are read.
-        unread: what is wrong in each of the others, "" where its ending says it.
-        object_of: gives the object of a file, None where it has none.
+        path: the path of the source.
+        files: the files that are read.
+        unread: the mistake in each of the other files, "" if only its ending is the reason.
+        object_of: gives the object of a file, None if it has none.
     """
     if not unread:
         return []
@@ -157,6 +160,6 @@ def unread_notes(
     parts = list[str]()
     for name, count in sorted(lost.items()):
         parts.append(f"{name} {read[name]} of {read[name] + count}".strip())
-    text += f". Read of the files that lie there: {listed(parts)}. "
+    text += f". Files read, out of all files there: {listed(parts)}. "
     text += "Save the others as .npy or .csv, or move them away."
     return [Note(text, "warning", "files")]

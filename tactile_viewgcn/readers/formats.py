@@ -1,4 +1,4 @@
-"""The formats of recordings by the endings of files, and the function that reads each."""
+"""Choose the function that reads a file, by the ending of its name."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -14,23 +14,24 @@ TEXTS = (".csv", ".tsv", ".csv.gz", ".txt")  # endings of tables as text
 HDF5 = (".h5", ".hdf5")
 ARRAYS = (".npy", ".npz", ".mat")
 STAG_METADATA = "metadata.mat"
-STAG_RAW = "pressuredata.mat"  # of [batch]/[recording]/pressuredata.mat
+STAG_RAW = "pressuredata.mat"  # in [batch]/[recording]/
 
 
 def has_ending(file: Path, endings: Iterable[str]) -> bool:
-    """Return whether a file has one of these endings; capitals do not matter."""
+    """Return whether a file has one of these endings, in capital or small letters."""
     return file.name.lower().endswith(tuple(endings))
 
 
 def read_file(file: Path, form: Form) -> list[Recording]:
     """Return the recordings in a file that is no text, with the names that stand in it.
 
-    A text may be a table of names instead, see `text.read_text` and `text.table_in`. A file of
-    another ending is read as HDF5, whose datasets keep it open until they are sliced.
+    Texts are read by `text.read_text` and `text.table_in`, since a text can also be a table of
+    names. A file with any other ending is read as HDF5. Its datasets keep the file open until they
+    are sliced.
 
     Raises:
-        UserError: the file is damaged, unpacks to more than a file of its size may, or lacks what
-            the form names.
+        UserError: the file is damaged, unpacks to more than is allowed for its size, or lacks a
+            name that the form gives.
     """
     if has_ending(file, [".npy"]):
         return recordings_of_arrays(

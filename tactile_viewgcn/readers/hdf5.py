@@ -1,11 +1,11 @@
-"""HDF5 as a mapping of datasets by their names, which are read when they are sliced.
+"""Read HDF5 as a mapping from names to datasets, which are read when they are sliced.
 
 A file of one recording holds:
 
     /pressure     (T, H, W)  integer counts or real numbers, up to 256 x 256
     /time         (T,)       seconds, optional
     /valid        (T,)       whether the object is held, optional
-    /grasp        (T,)       number of the grasp, optional
+    /grasp        (T,)       the number of the grasp, optional
     /grasp_valid  (T,)       whether the frame is in the steady part of its grasp, optional
     attributes    object, session, recording, split ("train" or "test"), optional
 """
@@ -21,14 +21,14 @@ import numpy as np
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.readers.child import check_unpacked, library
 
-CACHE = 64 * 2**20  # bytes of a chunk that is kept for the next block of frames
+CACHE = 64 * 2**20  # bytes of the chunks that stay in memory for the next block of frames
 IN_A_GROUP = "one in a group as GROUP/ARRAY"
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
-FIRST_USER_BLOCK = 512  # bytes; a larger one is twice as long, and so on
+FIRST_USER_BLOCK = 512  # bytes; each larger user block is twice as long
 
 
 def is_hdf5(file: Path) -> bool:
-    """Return whether a file has the signature of HDF5, at its beginning or behind a user block."""
+    """Return whether a file has the signature of HDF5, at its beginning or after a user block."""
     size = file.stat().st_size
     place = 0
     with file.open("rb") as stream:
@@ -44,12 +44,12 @@ class Hdf5Array:
     """A dataset of an HDF5 file, read when it is sliced.
 
     Args:
-        file: its path, which errors name.
-        dataset: of h5py.
+        file: the path of the file, which errors name.
+        dataset: the dataset of h5py.
 
     Raises:
-        UserError: `dataset` is a group or empty, or declares far more than its file stores; later,
-            where it is damaged.
+        UserError: `dataset` is a group or empty, or declares far more bytes than its file stores.
+            A slice raises it too, if the dataset is damaged.
     """
 
     def __init__(self, file: Path, dataset: Any):
@@ -81,7 +81,7 @@ class Hdf5Array:
         if not self._is_one_chunk:
             with library(self._file):
                 return self._dataset[index]
-        # a chunk beyond HDF5's cache would be unpacked again for each block of frames
+        # HDF5 would unpack a chunk beyond its cache again for each block of frames
         if self._whole is None:
             with library(self._file):
                 self._whole = self._dataset[()]
@@ -89,12 +89,13 @@ class Hdf5Array:
 
 
 class Hdf5File(Mapping[str, Hdf5Array]):
-    """The datasets at the top of an HDF5 file, by their names; anybody may have written it.
+    """The datasets at the top of an HDF5 file by their names, and the attributes of the file.
 
-    A name of a dataset in a group is found too. Attributes are those of the file.
+    Anybody can have written the file, so links out of it are refused. A dataset in a group is found
+    by its path.
 
     Raises:
-        UserError: it is damaged, or a link leads out of it, or values lie elsewhere.
+        UserError: the file is damaged, a link leads out of it, or it keeps values in other files.
     """
 
     def __init__(self, path: Path):
@@ -126,7 +127,7 @@ class Hdf5File(Mapping[str, Hdf5Array]):
 
     def __contains__(self, name: object) -> bool:
         with library(self.path):
-            # a dead link is there, and leads to nothing
+            # a dead link has a name, but leads to nothing
             return bool(name) and self.file.get(name) is not None
 
     @property
@@ -136,13 +137,13 @@ class Hdf5File(Mapping[str, Hdf5Array]):
             return [str(name) for name in self.file.attrs]
 
     def attribute(self, name: str) -> str:
-        """Return an attribute, one text or number, as text."""
+        """Return an attribute that is one text or one number, as text."""
         with library(self.path):
             value = np.asarray(self.file.attrs[name]).item()
             return value.decode() if isinstance(value, bytes) else str(value)
 
     def everywhere(self) -> list[str]:
-        """Return the paths of all datasets, those in groups too."""
+        """Return the paths of all datasets, also of the datasets in groups."""
         paths = list[str]()
         with library(self.path):
             self.file.visititems(

@@ -1,4 +1,4 @@
-"""What recordings of one source have in common, and how the sensors of several files are joined."""
+"""Join the sensors of several files, and find recordings that differ from the others."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -18,19 +18,20 @@ from tactile_viewgcn.readers.source import Form, Recording, setting
 def side_by_side(
     files: Sequence[Path], parts: Sequence[str], recordings: Sequence[Recording], form: Form
 ) -> Recording:
-    """Return one recording whose sensors are those of several, joined along the last axis.
+    """Return one recording with the sensors of several, joined along the last axis.
 
-    Times and flags are the first one's. Channels, but those that the form leaves out, are named by
-    their parts; of a model's sensors they are in its order.
+    Times and flags come from the first recording. The name of each channel begins with its part.
+    Channels that the form leaves out are dropped. If the form names a model's sensors, the channels
+    are in the model's order.
 
     Args:
-        files: of the recordings.
-        parts: of the sensors, such as left and right.
-        recordings: with pressure (T, H, W) of one T and one H.
-        form: as which they are read.
+        files: the file of each recording.
+        parts: the part of the sensors in each recording, such as left and right.
+        recordings: the recordings, with pressure (T, H, W) of the same T and H.
+        form: the form in which they are read.
 
     Raises:
-        UserError: recordings of unlike frames or rows.
+        UserError: the recordings differ in their number of frames or rows.
     """
     first = recordings[0]
     frames, rows, _ = first.values["pressure"].shape
@@ -40,10 +41,10 @@ def side_by_side(
     for file, part, recording in zip(files, parts, recordings, strict=True):
         counts = recording.values["pressure"]
         if counts.shape[:2] != (frames, rows):
-            what = f"frames and rows {counts.shape[:2]}"
+            what = f"(frames, rows) are {counts.shape[:2]}"
             expected = f"expected {(frames, rows)} as in {files[0]}, to be joined with it"
             remedy = setting("data.layout=auto")
-            raise UserError(f"{file}: {what}; {expected}; to join none, {remedy}")
+            raise UserError(f"{file}: {what}; {expected}; to join no files, {remedy}")
         pressure.append(counts[()])
         names = recording.channel_names
         if not names:
@@ -67,9 +68,10 @@ def side_by_side(
 
 
 def _chosen_channels(channels: list[str], form: Form) -> list[int]:
-    """Return the indices of the channels that are taken.
+    """Return the indices of the channels that are kept.
 
-    They are a model's in its order, else those that are not left out.
+    If the channels hold all sensors of a model, they are these sensors in the model's order.
+    Otherwise they are all channels that the form does not leave out.
     """
     are_unlike = len(set(channels)) == len(channels)
     if form.sensors and are_unlike and set(form.sensors) <= set(channels):
@@ -78,7 +80,7 @@ def _chosen_channels(channels: list[str], form: Form) -> list[int]:
 
 
 def doubled(recordings: Sequence[Named]) -> dict[Path, str]:
-    """Return the file of the first recording that is there twice, and what is wrong."""
+    """Return the file of the first recording that occurs twice, with a text for the user."""
     known = dict[str, Path]()
     doubles = list[tuple[str, Path, Path]]()
     for recording in recordings:
@@ -90,31 +92,32 @@ def doubled(recordings: Sequence[Named]) -> dict[Path, str]:
     if not doubles:
         return {}
     name, earlier, file = doubles[0]
-    text = f"{file}: recording {name!r}, as in {earlier}"
+    text = f"{file}: it holds recording {name!r}, as {earlier} does"
     if len(doubles) > 1:
-        text += f", and {several(len(doubles) - 1, 'more recording')} alike"
+        text += f", and {several(len(doubles) - 1, 'more recording')} likewise"
     if earlier.suffix == file.suffix:
-        remedy = "name each by its file without the ending, or in HDF5 by the attribute `recording`"
+        remedy = "give the files different names, or in HDF5 different attributes `recording`"
         return {file: f"{text}; {remedy}"}
     folder = Path(commonpath([earlier.parent, file.parent]))
     copied = f"--include='*/' --include='*{earlier.suffix}' --exclude='*'"
     target = f"{folder}_{earlier.suffix[1:]}"
     remedy = f"rsync -a {copied} {quote(str(folder))}/ {quote(target)}/"
-    text += f"; are {earlier.suffix} and {file.suffix} two forms of the same?"
-    return {file: f"{text} Copy one form and inspect that folder: {remedy}"}
+    text += f"; are {earlier.suffix} and {file.suffix} two forms of the same recordings?"
+    return {file: f"{text} Copy one form, and inspect the copy: {remedy}"}
 
 
 def unlike(recordings: Sequence[Named]) -> dict[Path, str]:
-    """Return the files whose recordings are unlike most, with what is wrong in each.
+    """Return the files whose recordings differ from most others, with a text for each.
 
-    What differs last is said: channels, which often explain the others.
+    If a recording differs in several traits, its text names the last one. Channels come last, since
+    they often explain the other differences.
     """
     mistakes = dict[Path, str]()
     traits = [_traits(recording) for recording in recordings]
     files = [recording.found.file for recording in recordings]
     for what in ("columns", "shape", "channels"):
         texts = [str(of_recording[what]) for of_recording in traits]
-        of_files = dict.fromkeys(zip(files, texts, strict=True))  # each once
+        of_files = dict.fromkeys(zip(files, texts, strict=True))  # each pair once
         counts = Counter(text for _, text in of_files)
         if len(counts) < 2:
             continue
@@ -133,7 +136,7 @@ def unlike(recordings: Sequence[Named]) -> dict[Path, str]:
 
 
 def _traits(recording: Named) -> dict[str, Any]:
-    """Return what all recordings of a source have in common."""
+    """Return the traits that all recordings of a source must share."""
     found = recording.found
     columns = [name for name in found.recording.values if name not in ("frame", "split")]
     if recording.has_split:
@@ -146,7 +149,7 @@ def _traits(recording: Named) -> dict[str, Any]:
 
 
 def _without_others(channels: list[str], usual: list[str]) -> str:
-    """Return how to leave out the channels that not all recordings have."""
+    """Return the remedy that leaves out the channels that only some recordings have."""
     if not channels or not usual:
         return ""
     others = sorted(set(channels) ^ set(usual))

@@ -1,4 +1,4 @@
-"""What the paths of files say: object, session, published set, and which files belong together."""
+"""Read from the paths of files the object, the session, the published set and joined files."""
 
 import re
 from collections import Counter
@@ -11,23 +11,24 @@ from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, severa
 from tactile_viewgcn.readers.source import Form, setting, side_of
 
 PLACES = "OBJECT/FILE or SESSION/OBJECT/FILE"
-ROLE = re.compile("SESSION|SPLIT|OBJECT|FILE|PART")  # of a text in a layout
-WIDE_ROLES = ("OBJECT", "FILE")  # take as much of a name as they can: tea_box is one object
-#: A word of a file's name, by which files of one recording differ.
+ROLE = re.compile("SESSION|SPLIT|OBJECT|FILE|PART")  # the role of a text in a layout
+# roles that take as much of a name as they can: tea_box is one object
+WIDE_ROLES = ("OBJECT", "FILE")
+#: A word by which the names of files of one recording differ; `%` puts it in.
 WORD = r"((?<![a-zA-Z])|(?<=[a-z])(?=[A-Z]))(?i:%s)(?![a-z])"
-#: A hand, an axis or a device.
+#: A word for a hand, an axis or a device.
 PART = (
     WORD % r"left|right|lh|rh|[lrxyz]|(device|dev|sensor|glove|imu|emg|accel|acc|gyro|mag|board)\d*"
 )
-#: A part of the recording's time.
+#: A word for a part of the recording's time.
 PIECE = WORD % r"(part|window|win|segment|seg|chunk)[ _-]?\d+"
-#: The words of an augmented copy, maybe with its number; four digits after them are a year, as in
-#: aug2024.
+#: The words for an augmented copy. One or two digits after them are its number; four digits are a
+#: year, as in aug2024.
 COPY = (
     r"(?<![^\W_])(?i:aug|augmented|noise|noisy|jitter|jittered|scaled|rotated|flipped|mirrored"
     r"|shifted|warped|resampled|copy|orig|original)([ _-]?\d{1,2})?(?![^\W_])"
 )
-#: Names of folders with one stage of processing of the same recordings.
+#: Names of folders that hold the same recordings after one stage of processing.
 STAGES = (
     "(un|pre)?(raw|original|filtered|processed|cleaned?|calibrated|smoothed|normali[sz]ed"
     "|resampled|scaled)([_ -].*)?"
@@ -35,15 +36,15 @@ STAGES = (
 
 
 def place_of(file: Path, folder: Path) -> str:
-    """Return the path of a file from a folder, without its ending: the name of its recording."""
+    """Return the name of a file's recording: its path from a folder, without the ending."""
     return re.sub(r"(?i)(\.csv)?\.\w+$", "", Path(relpath(file, folder)).as_posix())
 
 
 def names_in(place: str, layout: str) -> dict[str, str]:
-    """Return the texts of a place by their roles in a layout, in small letters.
+    """Return the texts of a place by their roles in a layout, such as `object` for OBJECT.
 
-    There are none if the place is not of that layout. Several sessions are joined by a slash. With
-    a PART there is also the `recording`, the place without its text.
+    There are none if the place does not fit the layout. Several sessions are joined by a slash. If
+    the layout has a PART, the texts also have the `recording`: the place without the part.
     """
     pattern = re.escape(layout)
     for role in WIDE_ROLES:
@@ -69,7 +70,7 @@ def names_in(place: str, layout: str) -> dict[str, str]:
 def raw_names(file: Path) -> dict[str, str]:
     """Return the names of a raw recording of STAG, `[batch]/[recording]/pressuredata.mat`.
 
-    The object is the recording's name without its number: of 003-tea_box it is tea_box.
+    The object is the recording's name without its number: tea_box for 003-tea_box.
     """
     session, name = file.parts[-3:-1]
     return {
@@ -85,26 +86,26 @@ def names_of(
     """Return the names in a file's path, see `names_in`.
 
     Args:
-        file: which errors name.
-        place: of the file, see `place_of`.
-        layout: of the places.
-        form: says whether the layout was given, and whether each recording needs an object.
-        hint: gives what the file itself may have in place of an object's name, and what to type
-            then.
+        file: the file, which errors name.
+        place: the place of the file, see `place_of`.
+        layout: the layout of the places.
+        form: says whether the user gave the layout, and whether each recording needs an object.
+        hint: returns where the file itself can name its objects, with the remedy to type.
 
     Raises:
-        UserError: a path is not of that layout, or names no object where files are labelled.
+        UserError: the path does not fit the layout. Or it names no object, although files are
+            labelled.
     """
     names = names_in(place, layout)
     if names and ("object" in names or not form.labelled):
         return names
     if form.layout != "auto":
-        remedy = f"params.yaml may have it from others: {setting('data.layout=auto')}"
+        remedy = f"if the layout is for other recordings, {setting('data.layout=auto')}"
         raise UserError(
             f"{file}: expected {layout} (data.layout), or an attribute `object` in HDF5; {remedy}"
         )
     if "OBJECT" in layout:
-        expected = f"expected {layout} (data.layout), as most files have it"
+        expected = f"expected {layout} (data.layout), as for most files"
         raise UserError(f"{file}: {expected}; move the file, or {setting('data.layout=PATTERN')}")
     expected = f"expected {PLACES}, a table with a column `object`, "
     expected += "or an attribute `object` in HDF5"
@@ -120,10 +121,16 @@ def names_of(
 def layout_of(places: Sequence[str], form: Form) -> tuple[str, list[Note]]:
     """Return the layout of files, such as SESSION/OBJECT/FILE, and a note on it if it is a guess.
 
-    It is the given one, without its object where no file has one and none is needed, or by `auto`
-    that of most files. Folders that are all called as published sets are the split. Of the others
-    the innermost is the object, and those above it are the session: a file
-    train/monday/mug/1.npy is SPLIT/SESSION/OBJECT/FILE.
+    If the form gives a layout, it is this one. Its object is removed if no file has an object and
+    none is needed. With `auto`, it is the layout of most files.
+
+    `auto` takes a level of folders for the split if all its folders have names of published sets.
+    The innermost of the other levels is the object, and the levels above it are the session. So
+    the layout of train/monday/mug/1.npy is SPLIT/SESSION/OBJECT/FILE.
+
+    Args:
+        places: the places of the files, see `place_of`.
+        form: says whether the user gave the layout, and whether each recording needs an object.
     """
     if form.layout != "auto":
         fits = any(names_in(place, form.layout) for place in places)
@@ -149,7 +156,7 @@ def layout_of(places: Sequence[str], form: Form) -> tuple[str, list[Note]]:
 
 
 def _roles_of(levels: Sequence[Sequence[str]]) -> list[str]:
-    """Return the role of each level of folders; the innermost that is no SPLIT is the OBJECT."""
+    """Return the role of each level of folders; the innermost level but SPLIT is the OBJECT."""
     roles = list[str]()
     for level in reversed(levels):
         if None not in [side_of(name) for name in level]:
@@ -162,15 +169,15 @@ def _roles_of(levels: Sequence[Sequence[str]]) -> list[str]:
 
 
 def other_order(layout: str) -> str:
-    """Return the layout with sessions and objects in each other's place."""
+    """Return the layout with sessions and objects swapped."""
     roles = iter(re.findall("SESSION|OBJECT", layout)[::-1])
     return re.sub("SESSION|OBJECT", lambda _: next(roles), layout)
 
 
 def doubles_notes(places: Sequence[str], path: Path) -> list[Note]:
-    """Return a warning where folders of two stages of processing hold files of the same names.
+    """Return a warning if folders of two stages of processing hold files with the same names.
 
-    Such folders are raw and filtered.
+    An example is the folders raw and filtered.
     """
     folders = [place.split("/") for place in places]
     for level in range(max(map(len, folders)) - 1):
@@ -184,14 +191,14 @@ def doubles_notes(places: Sequence[str], path: Path) -> list[Note]:
             inspected = path / stages[0]
         text = f"the folders {listed(sorted(below))} hold {several(len(both), 'file')} "
         text += f"of the same names, such as {min(both)}: "
-        text += "are they two forms of the same recordings? Then move the others away, "
-        text += f"and name one: tactile-viewgcn inspect {quote(str(inspected))}."
+        text += "are they two forms of the same recordings? Then keep one: move the others away, "
+        text += f"and inspect it: tactile-viewgcn inspect {quote(str(inspected))}."
         return [Note(text, "warning", "doubles")]
     return []
 
 
 def _files_below(folders: Sequence[Sequence[str]], level: int) -> dict[str, set[str]]:
-    """Return the places without the folder at a level, by that folder's name in small letters."""
+    """Return the places without the folder at a level, by that folder's name in lower case."""
     below = dict[str, set[str]]()
     for names in folders:
         if level < len(names) - 1:
@@ -201,11 +208,11 @@ def _files_below(folders: Sequence[Sequence[str]], level: int) -> dict[str, set[
 
 
 def stem_of(place: str) -> str:
-    """Return what places of recordings that belong together have in common.
+    """Return the stem of a place, which the places of recordings that belong together share.
 
-    It is the place without words of `PART`, `PIECE` and `COPY`. Beside 01 the copies 01_aug1 and
-    aug_2_01 have the stem 01. A name that would have no number left keeps that of its device or
-    part: glove1 and glove2 may be two grasps.
+    It is the place without the words of `PART`, `PIECE` and `COPY`. The copies 01_aug1 and aug_2_01
+    of 01 have the stem 01. If a name would lose its only number, nothing is removed from it: glove1
+    and glove2 can be two grasps.
     """
     folder, mark, name = place.rpartition("/")
     stem = without_copy(re.sub(f"{PART}|{PIECE}", "", name)).lower()
@@ -216,7 +223,7 @@ def stem_of(place: str) -> str:
 
 
 def without_copy(name: str) -> str:
-    """Return a file's name without the words of `COPY` and the marks that are then at its ends."""
+    """Return a file's name without the words of `COPY` and without the marks next to them."""
     original = re.sub(COPY, "", name)
     if name == original:
         return name
@@ -224,9 +231,11 @@ def without_copy(name: str) -> str:
 
 
 def joining(places: Sequence[str], layout: str) -> str:
-    """Return the layout whose PART is a hand, an axis or a device in all these places.
+    """Return a layout whose PART is a hand, an axis or a device in all places; "" for none.
 
-    It is "" if there is none.
+    Args:
+        places: the places of the files, see `place_of`.
+        layout: the layout without a PART.
     """
     layouts = list[str]()
     for mark in "_- ":

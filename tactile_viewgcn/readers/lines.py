@@ -1,4 +1,4 @@
-"""Lines with labels: what a column is by its name, and which lines are one recording."""
+"""Divide the lines of a table into recordings, by the labels in its columns."""
 
 import re
 from collections.abc import Mapping
@@ -10,17 +10,17 @@ import numpy as np
 from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.readers.source import Recording, setting
 
-#: What columns without readings hold, by their names in small letters.
+#: The content of columns without readings, by their names in lower case.
 CONTENTS = {
     **dict.fromkeys(("time", "timestamp", "t", "ms", "millis", "micros"), "time"),
-    # if they count
+    # only if they count up
     **dict.fromkeys(("sample", "frame", "index", "id", "seq", "counter"), "line number"),
     **dict.fromkeys(("object", "label", "class", "gesture", "target"), "object"),
     **dict.fromkeys(("recording", "trial"), "recording"),
     **dict.fromkeys(("session", "subject", "person", "participant"), "session"),
 }
 LABELS = ("session", "object", "recording")
-# words of a label's name that say nothing more
+# words in the name of a label that do not say what kind it is
 OF_A_NAME = ("id", "name", "no", "nr", "num", "number", "code")
 
 
@@ -29,9 +29,9 @@ class Run:
     """The lines of one recording among all lines of a table.
 
     Attributes:
-        names: of the recording, and of its object and session where the lines have them.
-        place: the texts of its lines, by which it is found in its file.
-        lines: (n,) rising indices.
+        names: the name of the recording, and of its object and session if the lines name them.
+        place: the labels of its lines joined by slashes, by which it is found in its file.
+        lines: (n,) rising indices of its lines.
     """
 
     names: dict[str, str]
@@ -40,9 +40,9 @@ class Run:
 
 
 def label_kind(name: str) -> str:
-    """Return `object`, `recording` or `session`, if a name says so, else "".
+    """Return the kind of label that a name means: `object`, `recording`, `session`, or else "".
 
-    Such names are label, Labels, class_label, subject_id.
+    Examples of such names are label, Labels, class_label, subject_id.
     """
     words = [word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name)]
     telling = [re.sub(r"(?<=[^s])s$", "", word) for word in words if word not in OF_A_NAME]
@@ -56,17 +56,20 @@ def label_kind(name: str) -> str:
 def runs_of(
     labels: Mapping[str, Any], time: np.ndarray | None, count: int, prefix: str
 ) -> tuple[list[Run], list[Note]]:
-    """Return the recordings in `count` lines: the lines of one session, object and recording.
+    """Return the recordings in `count` lines: the lines of one session, object and recording each.
 
-    Where no column names recordings, one begins where the object or the session changes, and where
-    the time falls; a note says so.
+    If no column names the recordings, a new recording begins wherever the object or the session
+    changes, and wherever the time falls. A note says so.
 
     Args:
-        labels: texts (count,) by `session`, `object`, `recording`, as far as the lines have them.
-        time: (count,) of the lines, if they have times.
-        count: number of the lines.
-        prefix: name with which the recordings' names begin, if it is not empty; the name of a
-            recording that is alone.
+        labels: texts (count,) by `session`, `object`, `recording`, for those that the lines have.
+        time: (count,) the times of the lines; None if they have none.
+        count: the number of lines.
+        prefix: the beginning of each recording's name, if it is not empty. A recording that is the
+            only one has this name.
+
+    Returns:
+        The recordings, and notes.
     """
     import pandas as pd  # here, since it loads slowly
 
@@ -99,7 +102,7 @@ def runs_of(
 
 
 def _runs(codes: list[np.ndarray], time: np.ndarray | None, count: int) -> np.ndarray:
-    """Return the number from 1 of the run in which each line is: (count,)."""
+    """Return the number (count,) of the run that each line is in, counted from 1."""
     begins = np.arange(count) == 0
     for code in codes:
         begins[1:] |= code[1:] != code[:-1]
@@ -111,13 +114,18 @@ def _runs(codes: list[np.ndarray], time: np.ndarray | None, count: int) -> np.nd
 def _runs_note(lengths: list[int], *, has_time: bool) -> Note:
     remedy = setting("data.columns=[recording:NAME]")
     text = f"{several(len(lengths), 'recording')} of {min(lengths):,} to {max(lengths):,} lines "
-    text += "are runs of an object; if these are not what was recorded, "
+    text += "are runs of lines with one object; if these are not the recordings, "
     text += f"add a column `recording`, or {remedy}"
     return Note(text, "info" if has_time else "warning", "recordings")
 
 
 def recordings_of_lines(table: Recording, prefix: str) -> list[Recording]:
-    """Return the recordings in a table whose lines have labels, see `runs_of`."""
+    """Return the recordings in a table whose lines have labels, see `runs_of`.
+
+    Args:
+        table: the table as one recording.
+        prefix: the beginning of each recording's name, see `runs_of`.
+    """
     values = table.values
     runs, notes = runs_of(table.labels, values.get("time"), len(values["pressure"]), prefix)
     recordings = list[Recording]()

@@ -1,6 +1,6 @@
-"""MATLAB's files as numbers and cell arrays of texts, by the names of their fields.
+"""Read MATLAB's files: numbers and cell arrays of texts, by the names of their fields.
 
-Files of MATLAB 7.3 are HDF5 with reversed axes; SciPy reads the older ones.
+Files of MATLAB 7.3 are HDF5 with reversed axes. SciPy reads older files.
 """
 
 import zlib
@@ -20,15 +20,15 @@ from tactile_viewgcn.readers.source import NUMBERS
 
 MATLAB5_HEADER = 128  # bytes
 MATLAB5_TAG = 8  # bytes
-MATLAB5_COMPRESSED = 15  # kind of an element
-BEGINNING = 2048  # bytes of a compressed element that hold its first eight bytes
+MATLAB5_COMPRESSED = 15  # the kind of a compressed element
+BEGINNING = 2048  # compressed bytes that are enough to unpack the first eight bytes
 
 
 def read_matlab(file: Path) -> dict[str, Any]:
-    """Return the fields of a MAT-file: numbers with MATLAB's axes, and texts of cells as lists.
+    """Return the fields of a MAT-file: numbers with MATLAB's axes, cell arrays as lists of texts.
 
     Raises:
-        UserError: the file is damaged, unpacks to more than a file of its size may, or leads to
+        UserError: the file is damaged, unpacks to more than is allowed for its size, or leads to
             other files.
     """
     if is_hdf5(file):
@@ -55,11 +55,11 @@ def fields_of_hdf5(file: Hdf5File) -> dict[str, Any]:
 
 
 def _declared_bytes(file: Path, stream: BinaryIO) -> int:
-    """Return the bytes of all elements of a MAT-file 5.
+    """Return the bytes of all elements of a MAT-file of version 5; 0 for any other file.
 
-    Of compressed elements they are what these declare inside; they are 0 for other files. See
-    MathWorks' "MAT-File Format": a header, then elements of a tag, kind and length, and their
-    bytes.
+    A compressed element counts with the bytes that it declares inside. The format is in MathWorks'
+    "MAT-File Format": after a header, each element has a tag with its kind and its length, and then
+    its bytes.
     """
     size = 0
     order = {b"IM": "<", b"MI": ">"}.get(stream.read(MATLAB5_HEADER)[-2:])
@@ -115,7 +115,7 @@ def _of_matlab73(file: Hdf5File, name: str) -> Any:
         are_texts = all(getattr(cell, "dtype", None) == np.uint16 for cell in cells)
     if not are_texts:
         return None
-    # where no name leads to it, `Hdf5File` does not visit it
+    # `Hdf5File` does not check a cell that no name leads to
     if any(leads_out(file.path, cell) for cell in cells):
         raise UserError(
             f"{file.path}: a cell of {name} leads out of the file; expected it in the file"

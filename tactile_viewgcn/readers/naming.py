@@ -1,4 +1,4 @@
-"""How recordings get their names: from a catalogue, their file, a labels.csv, or their path."""
+"""Give recordings their names: from a catalogue, their file, a labels.csv, or their path."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,33 +25,36 @@ from tactile_viewgcn.readers.source import (
     side_of,
 )
 
-NAMES = ("object", "session", "recording", "take", "split")  # of a recording, in a catalogue
-NO_SESSION_NAMED = "session"  # name of the session of recordings that name none
+# the names of a recording in a catalogue
+NAMES = ("object", "session", "recording", "take", "split")
+NO_SESSION_NAMED = "session"  # the name of the session if a recording names none
 AS_WINDOWS = "save X (n, frames, channels) and y (n,) by numpy.savez('all.npz', X=X, y=y)"
 
 
-#: Reads frames (n, H, W) by the number of the first one, and how many.
+#: Reads frames (n, H, W), from the number of the first frame and the number of frames.
 FramesReader = Callable[[int, int], np.ndarray]
 
 
 @dataclass(frozen=True)
 class Found:
-    """A recording as it was found in its files, without its frames; or a table of recordings.
+    """A recording as its files have it, without its frames; or a table of recordings.
 
     Attributes:
-        files: mostly one; several where files were joined.
-        parts: the part of the sensors in each file, such as ["left", "right"]. It is [""] where
-            nothing names a part, and ["left"] where there is a file for the left hand only.
-        recording: names and notes that stand in the files; `values` has the columns (T,) only.
-        is_only_array: its file holds no other array or table. An array (3, 20, 4, 4) is cut into
-            three recordings, and each of them is of the only array.
-        axes: of the array in its file, of which frames were made.
-        shape: (H, W) of a frame.
-        dtype: in which a table stores the pressure.
-        first: number of its first frame among all frames.
-        frames: their number.
-        is_written: its frames are in the file of counts. They are not if their shape differs from
-            the first recording's, or if all frames so far take more room than may be unpacked.
+        files: the file, or the files that were joined.
+        parts: the part of the sensors in each file, such as ["left", "right"]. It is [""] if
+            nothing names a part, and ["left"] if there is only a file for the left hand.
+        recording: the names and notes that stand in the files. Its `values` has only the columns
+            (T,).
+        is_only_array: whether its file holds no other array or table. If an array (3, 20, 4, 4) is
+            cut into three recordings, this is true for each of them.
+        axes: the shape of the array in its file, from which frames were made.
+        shape: (H, W) the shape of a frame.
+        dtype: the type in which a table stores the pressure.
+        first: the number of its first frame among all frames.
+        frames: the number of its frames.
+        is_written: whether its frames are in the file of counts. They are not if their shape
+            differs from the first recording's. Nor are they if all frames so far take more room
+            than may be unpacked.
     """
 
     files: list[Path]
@@ -76,11 +79,11 @@ class Named:
     """A recording with its names.
 
     Attributes:
-        found: where it was found; its frames may be among others.
-        names: `object`, `session`, `recording`, and as far as there are any `take` and `split`.
+        found: the recording or the table in its files; the table can hold other recordings too.
+        names: `object`, `session` and `recording`; also `take` and `split` if there are any.
         place: which recording of its file it is.
-        lines: indices among all frames, of its frames.
-        notes: what was taken for what.
+        lines: the indices of its frames among all frames.
+        notes: how its contents were read.
     """
 
     found: Found
@@ -91,14 +94,14 @@ class Named:
 
     @property
     def frames(self) -> int:
-        """Number of frames."""
+        """The number of frames."""
         if isinstance(self.lines, slice):
             return int(self.lines.stop - self.lines.start)
         return len(self.lines)
 
     @property
     def is_split_by_frame(self) -> bool:
-        """Whether the file has a published set for each frame, and nothing says another."""
+        """Whether the file has a published set for each frame, and nothing overrules it."""
         said = self.names.get("split", BY_FRAME)
         return "split" in self.found.recording.values and said == BY_FRAME
 
@@ -116,15 +119,15 @@ def chosen_names(
     in_path: Mapping[str, str],
     default: Mapping[str, str],
 ) -> dict[str, str]:
-    """Return the names of a recording, each from the first of these that has it.
+    """Return the names of a recording, each from the first argument that has it.
 
     Args:
-        given: by the catalogue that is the source; an empty cell means the default, whatever the
-            file says.
-        in_file: attributes, columns, and what stands beside windows.
-        labels: of a labels.csv.
-        in_path: of the layout of folders and file names.
-        default: where nothing says it.
+        given: the names in the catalogue that is the source. An empty cell means the default,
+            whatever the file says.
+        in_file: the names in attributes, in columns, and in arrays next to windows.
+        labels: the names in a labels.csv.
+        in_path: the names in the path of the file.
+        default: the names to use if nothing else gives them.
     """
     names = dict(default)
     for said in (in_path, labels, in_file):
@@ -137,18 +140,18 @@ def chosen_names(
 
 
 class Naming:
-    """Gives names to what was found in the files of a source.
+    """A rule that gives the recordings in the files of a source their names.
 
     Args:
-        source: its files.
-        files: that hold recordings, in order.
-        labels: objects and sessions by the files' own names, of a labels.csv.
-        form: as which the files are read.
+        source: the source.
+        files: its files that hold recordings, in order.
+        labels: the objects and sessions in a labels.csv, by the files' own names.
+        form: the form in which the files are read.
 
     Attributes:
         files: see above.
-        has_labels: there is a labels.csv.
-        layout: of the files' paths.
+        has_labels: whether there is a labels.csv.
+        layout: the layout of the files' paths.
     """
 
     def __init__(
@@ -175,7 +178,7 @@ class Naming:
             self.layout, self._guessed = layout_of(places, form)
 
     def object_of(self, file: Path) -> str | None:
-        """Return the object that a labels.csv or a path names; None where neither does."""
+        """Return the object that a labels.csv or a path names; None if neither does."""
         if self._labels:
             return self._labels.get(file.stem, {}).get("object")
         names = names_in(self._source.place_of(file), self.layout)
@@ -184,14 +187,14 @@ class Naming:
         return names.get("object", None if self._form.labelled else "")
 
     def named(self, found: Found, read_frames: FramesReader) -> list[Named]:
-        """Return the recordings in what was found, with their names.
+        """Return the recordings in a recording or a table of this source, with their names.
 
         Args:
-            found: of this source.
-            read_frames: reads the counts, for a hint where no object is named.
+            found: the recording or the table.
+            read_frames: reads the counts, for a hint if no object is named.
 
         Raises:
-            UserError: nothing names the object, or the published set is called otherwise.
+            UserError: nothing names the object, or the name of the published set is not known.
         """
         if self._is_table_of_recordings(found):
             return self._named_lines(found, read_frames)
@@ -219,7 +222,8 @@ class Naming:
     ) -> tuple[dict[str, str], list[Note]]:
         """Return the names in a file's path, and notes on the layout if it was guessed.
 
-        They are asked for where the file holds one array or table and names no object.
+        The path must name the object if the file holds only one array or table and names no object
+        itself.
         """
         file = found.file
         if self._source.given is not None:
@@ -236,7 +240,7 @@ class Naming:
         return {kind: name for kind, name in names.items() if kind == "recording"}, []
 
     def _is_table_of_recordings(self, found: Found) -> bool:
-        """Return whether the lines of a table name its recordings, and not its place."""
+        """Return whether the lines of a table name its recordings, and its place does not."""
         if self._source.given is not None or not has_ending(found.file, TEXTS):
             return False
         has_object = "object" in found.recording.labels
@@ -274,7 +278,7 @@ class Naming:
     def _checked(self, found: Found, names: dict[str, str]) -> dict[str, str]:
         """Return the names with tidy objects and sessions, and `split` as one of `SIDES`.
 
-        `by frame` stays as it is where the file has a published set for each frame.
+        `by frame` stays as it is if the file has a published set for each frame.
         """
         names = dict(names)
         for kind in ("object", "session"):
@@ -285,7 +289,7 @@ class Naming:
         if split == BY_FRAME:
             if "split" in found.recording.values:
                 return names
-            what = f"split is {split!r}, and the file has no published set of each frame"
+            what = f"split is {split!r}, but the file has no published set for each frame"
             raise UserError(f"{found.file}: {what}; write train, test or validation")
         code = side_of(split)
         if code is None:
@@ -295,13 +299,13 @@ class Naming:
 
 
 def hint_of(found: Found, read_frames: FramesReader) -> str:
-    """Return where the objects that no path names may stand instead, and what to type.
+    """Return a hint where a file can name its objects, if its path names none.
 
     Returns:
-        The note on the attributes of an HDF5 file, if there is one. Of a table, or an array of two
-        axes: that each line is read as one frame, which column may hold the objects, if one looks
-        like labels (see `_label_like_column`), and what to type if a line is a whole recording. Of
-        all other files, and where the frames are not written: "".
+        The note on the attributes of an HDF5 file, if there is one. For a table or an array of two
+        axes, the hint says that each line is read as one frame. It names a column that looks like
+        labels, see `_label_like_column`, and says how to save lines that are whole recordings. For
+        any other file, and if the frames are not written, it is "".
     """
     recording = found.recording
     attributes = [note.text for note in recording.notes if note.topic == ATTRIBUTES_TOPIC]
@@ -322,10 +326,10 @@ def hint_of(found: Found, read_frames: FramesReader) -> str:
 
 
 def _label_like_column(table: np.ndarray) -> int | None:
-    """Return the number of the column of a table (T, S) that may hold labels, or None.
+    """Return the number of the column of a table (T, S) that looks like labels, or None.
 
-    It holds whole numbers, at least two different ones and at most T / 2. Of several such columns
-    it is the one with the fewest different numbers.
+    Such a column holds only whole numbers, with at least two and at most T / 2 different values. If
+    there are several, it is the column with the fewest different values.
     """
     fewest = dict[int, int]()
     for number, column in enumerate(table.T):
@@ -354,8 +358,9 @@ def ids_of(recordings: Sequence[Named]) -> dict[str, list[str]]:
 def takes_of(recordings: Sequence[Named]) -> np.ndarray:
     """Return for each recording (R,) the number of the first one that is held out together with it.
 
-    These have one object, and one take by their names or else one name without hand, axis, device,
-    part or copy, see `stem_of`. A take of "" is the recording's own.
+    Two recordings are held out together if they have the same object and the same take. If a
+    recording names no take, the stem of its name takes its place, see `stem_of`. A recording whose
+    take is "" is held out with no other.
     """
     keys = list[tuple[str, str]]()
     for number, recording in enumerate(recordings):
@@ -371,14 +376,17 @@ def takes_of(recordings: Sequence[Named]) -> np.ndarray:
 
 
 def catalogue_of(recordings: Sequence[Named], unread: Mapping[Path, str]) -> pd.DataFrame:
-    """Return the catalogue of recordings, of which those that were joined have a row for each file.
+    """Return the catalogue of recordings.
+
+    A recording that was joined has a row for each of its files.
 
     Args:
-        recordings: with their names.
-        unread: what is wrong in each file that was not read, "" where its ending says it.
+        recordings: the recordings with their names.
+        unread: the mistake in each file that was not read, "" if only its ending is the reason.
 
     Returns:
-        The columns `COLUMNS` of `readers.catalogue`, a row for each recording and each other file.
+        The columns `COLUMNS` of `readers.catalogue`, with rows for the recordings and a row for
+        each file that was not read.
     """
     takes = takes_of(recordings)
     counts = np.bincount(takes, minlength=len(recordings))
@@ -405,12 +413,12 @@ def catalogue_of(recordings: Sequence[Named], unread: Mapping[Path, str]) -> pd.
         left_out = reason or f"no recording by its ending {file.suffix}".strip()
         left = {**dict.fromkeys(COLUMNS, ""), "file": str(file), "frames": 0}
         rows.append(left | {"left_out": left_out})
-    # texts of pandas cannot hold every name of a file
+    # object texts, since those of pandas cannot hold every name of a file
     return pd.DataFrame(rows, columns=list(COLUMNS), dtype=object)
 
 
 def _split_of(recording: Named) -> str:
-    """Return the published set of a recording; `BY_FRAME` where its frames are of several."""
+    """Return the published set of a recording; `BY_FRAME` if its frames are in several sets."""
     if not recording.is_split_by_frame:
         return recording.names.get("split", "")
     found = recording.found

@@ -1,4 +1,4 @@
-"""Notes on what was taken for what, which only all recordings of a source together show."""
+"""Write the notes on a source that need all of its recordings together."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from tactile_viewgcn.readers.naming import Named, Naming, takes_of
 from tactile_viewgcn.readers.recurring import session_notes
 from tactile_viewgcn.readers.source import MODEL_TOPIC, Form, setting, side_of
 
-FEW_ROWS = 10  # of a frame; so few frames are no recording
+FEW_ROWS = 10  # fewer rows are the rows of a frame, since so few frames are no recording
 
 
 def source_notes(
@@ -28,11 +28,11 @@ def source_notes(
     """Return the notes on a source.
 
     Args:
-        source: its files.
-        recordings: with their names, one at least.
-        naming: which gave the names.
-        form: as which the files were read.
-        unread: what is wrong in each file that was not read, "" where its ending says it.
+        source: the source.
+        recordings: its recordings with their names, at least one.
+        naming: the object that gave the names.
+        form: the form in which the files were read.
+        unread: the mistake in each file that was not read, "" if only its ending is the reason.
     """
     notes = list(recordings[0].notes)
     found = {id(recording.found): recording.found for recording in recordings}
@@ -44,7 +44,7 @@ def source_notes(
     notes += _parts_notes(recordings, naming.layout)
     if source.given is not None:
         if source.left_out:
-            text = f"{several(source.left_out, 'line')} of {source.path.name} left out by it"
+            text = f"{several(source.left_out, 'line')} of {source.path.name} left out, as it says"
             notes.append(Note(text, topic="files"))
         return notes
     if source.is_raw:
@@ -64,9 +64,9 @@ def source_notes(
 
 
 def _left_by_others(recordings: Sequence[Named]) -> list[Note]:
-    """Return notes on columns that are left out of other recordings than the first.
+    """Return notes on columns that are left out of any recording but the first.
 
-    The first recording has its notes already.
+    The notes of the first recording are listed already.
     """
     first = {note.text for note in recordings[0].notes}
     texts = dict[str, None]()
@@ -78,16 +78,16 @@ def _left_by_others(recordings: Sequence[Named]) -> list[Note]:
 
 
 def _parts_notes(recordings: Sequence[Named], layout: str) -> list[Note]:
-    """Return a warning of recordings that are held out together for their names."""
+    """Return a warning of recordings that are held out together because of their names."""
     takes = takes_of(recordings)
     twins = np.flatnonzero(takes < np.arange(len(takes)))
     if not len(twins) or "take" in recordings[0].names:
         return []
     names = [recording.names["recording"] for recording in recordings]
     twin = int(twins[0])
-    text = f"{len(takes):,} recordings have {len(np.unique(takes)):,} names "
-    text += "without hand, axis, device, part or copy, such as "
-    text += f"{names[takes[twin]]} and {names[twin]}, which are held out together"
+    text = f"{len(takes):,} recordings have only {len(np.unique(takes)):,} different names "
+    text += "without hand, axis, device, part or copy; recordings such as "
+    text += f"{names[takes[twin]]} and {names[twin]} are held out together"
     other = joining(names, layout)
     if other:
         text += f"; to join their sensors, {setting(f'data.layout={other}')}"
@@ -95,11 +95,11 @@ def _parts_notes(recordings: Sequence[Named], layout: str) -> list[Note]:
 
 
 def stack_notes(recordings: Sequence[Named], layout: str, source: Source, form: Form) -> list[Note]:
-    """Return a warning where arrays (n, T, C), read as n frames of T rows, may be n recordings.
+    """Return a warning if arrays (n, T, C), read as n frames of T rows, can be n recordings.
 
-    They may be where each object has one array, or one a published set, or where no array has as
-    many frames as rows. Squares are grids, and so are frames of few rows. A shape in the form says
-    what they are.
+    That is so if each object has one array, or one in each published set. It is so too if no array
+    has as many frames as rows. Square frames and frames of few rows are taken for grids. There is
+    no warning if the form gives the shape.
     """
     axes = dict[Path, tuple[int, ...]]()
     for recording in recordings:

@@ -1,4 +1,4 @@
-"""NumPy's files: an array of a .npy, memory-mapped, and the arrays of a .npz by their names."""
+"""Read NumPy's files: the memory-mapped array of a .npy, and the named arrays of a .npz."""
 
 import zipfile
 from pathlib import Path
@@ -17,7 +17,9 @@ READ_HEADER = {
 
 
 def read_npy(file: Path) -> np.ndarray:
-    """Return the array of a .npy file, memory-mapped; numpy's own functions open a file twice.
+    """Return the memory-mapped array of a .npy file.
+
+    The file is opened only once, unlike in NumPy's own functions.
 
     Raises:
         UserError: the file is damaged or cut short, holds Python objects, or goes on after its
@@ -32,8 +34,8 @@ def read_npy(file: Path) -> np.ndarray:
             raise UserError(f"{file}: it holds Python objects; save it as an array of numbers")
         size = dtype.itemsize * int(np.prod(shape, dtype=object))
         if begin + size < file.stat().st_size:
-            what = "there are more bytes after the array"
-            raise UserError(f"{file}: {what}; save it again, alone in its file")
+            what = "more bytes follow after the array"
+            raise UserError(f"{file}: {what}; save the array again in a file of its own")
         with library(file):
             if size == 0:
                 return np.empty(shape, dtype=dtype)
@@ -42,10 +44,12 @@ def read_npy(file: Path) -> np.ndarray:
 
 
 def read_npz(file: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of a .npz file, whose members' sizes are checked before one is unpacked.
+    """Return the arrays of a .npz file by their names.
+
+    The sizes of all arrays are checked before any of them is unpacked.
 
     Raises:
-        UserError: the file is damaged, or unpacks to more than a file of its size may.
+        UserError: the file is damaged, or unpacks to more than is allowed for its size.
     """
     with file.open("rb") as stream:
         with library(file), zipfile.ZipFile(stream) as archive:

@@ -1,4 +1,4 @@
-"""Numbers in texts that have two readings: is 1,012 above a thousand, or little above one?"""
+"""Find numbers with two readings in a text: 1,012 can be a thousand and twelve, or about one."""
 
 import json
 import re
@@ -8,18 +8,18 @@ from shlex import quote
 
 from tactile_viewgcn.messages import UserError
 
-# between groups of three digits, and nowhere else in a number
+# marks that stand between groups of three digits, and nowhere else in a number
 GROUP_MARKS = "\u202f\u00a0\u2009'\u2019"
-#: A number whose digits after each mark are three; {mark} is put in.
+#: A number with exactly three digits after each mark; `format` puts in the {mark}.
 GROUPED = r"(?<![\w.,:])[-+]?[1-9]\d{{0,2}}(?:[{mark}]\d{{3}})+(?![\w.,:])"
-#: A number with this mark that has no such groups, so that the mark is decimal.
+#: A number with the {mark} but without such groups, so that the mark must be decimal.
 DECIMAL = (
     r"(?<![\w.,:])[-+]?(?:0\d*[{mark}]\d+|\d{{4,}}[{mark}]\d+"
     r"|\d+[{mark}](?:\d{{1,2}}|\d{{4,}}))(?![\d.,:])"
 )
 GROUPED_BY_BLANKS = r"[-+]?[1-9]\d{0,2}(?: \d{3})+"
-#: A cell whose digits are in groups of three, maybe with a fraction after another mark: 1.012,5 or
-#: 1'012 or 1 012.
+#: A cell whose digits stand in groups of three, such as 1'012 or 1 012. A fraction can follow after
+#: another mark, as in 1.012,5.
 GROUPED_CELL = rf"[-+]?[1-9]\d{{0,2}}([ .,{GROUP_MARKS}])\d{{3}}(?:\1\d{{3}})*(?:(?!\1)[.,]\d+)?"
 BLANKS = r"\s+"
 WITHOUT_MARKS = "write it without marks between its digits"
@@ -27,17 +27,21 @@ QUOTED = r'"\s*[-+]?\d+(?:,\d+)+(?:\.\d*)?\s*"'
 
 
 def check_numerals(file: Path, text: str, separator: str | None, above: int) -> None:
-    """Raise a UserError at the first number that has two readings; it has the lines to type.
+    """Refuse a text in which a number has two readings.
 
-    In a table with commas between its cells it is one with a comma inside quotes. In others it is
-    one with groups of three digits, unless a number with the same mark shows that the mark is
-    decimal. A point is suspicious only where the same column has whole numbers too.
+    If commas separate the cells, a number has two readings if it has a comma inside quotes. In any
+    other table, it has two readings if its digits stand in groups of three. An exception is a mark
+    that another number shows to be decimal. A point is suspicious only if the same column has whole
+    numbers too.
 
     Args:
-        file: which errors name.
-        text: of the file, without its comments.
-        separator: of its cells, None for blanks.
-        above: number of lines above the numbers.
+        file: the file, which errors name.
+        text: the text of the file, without its comments.
+        separator: the separator of its cells; None for blanks.
+        above: the number of lines above the numbers.
+
+    Raises:
+        UserError: names the first such number, and gives a command for each of its readings.
     """
     start = 0
     for _ in range(above):
@@ -55,7 +59,7 @@ def check_numerals(file: Path, text: str, separator: str | None, above: int) -> 
 
 
 def without_group_marks(file: str, cell: str) -> str:
-    """Return the line to type that takes the marks out of the groups of digits in a file.
+    """Return the command that takes the marks out of the groups of digits in a file.
 
     It is "" if the cell has no groups.
     """
@@ -70,9 +74,9 @@ def without_group_marks(file: str, cell: str) -> str:
 
 
 def _with_groups(text: str, start: int, separator: str | None, mark: str) -> re.Match[str] | None:
-    """Return the first number from `start` that may have groups of three digits.
+    """Return the first number from `start` whose digits can be groups of three; None without any.
 
-    It is None where the mark is decimal.
+    It is None too if another number shows that the mark is decimal.
     """
     if text.find(mark, start) < 0 or re.compile(DECIMAL.format(mark=mark)).search(text, start):
         return None
@@ -83,9 +87,9 @@ def _with_groups(text: str, start: int, separator: str | None, mark: str) -> re.
 
 
 def _is_mixed(text: str, separator: str | None) -> bool:
-    """Return whether a column has whole numbers of three digits and numbers with a point.
+    """Return whether a column has both whole numbers of three digits and numbers with a point.
 
-    An example is 987 beside 1.012.
+    An example is a column with 987 and 1.012.
     """
     with_point = set[int]()
     whole = set[int]()
@@ -101,7 +105,7 @@ def _is_mixed(text: str, separator: str | None) -> bool:
 def _two_readings(
     file: Path, text: str, found: re.Match[str], separator: str | None, above: int
 ) -> str:
-    """Return the place of a number, what it may be, and the lines to type that say which."""
+    """Return a text with the place of a number, its two readings, and a command for each."""
     number = found[0].strip('" ')
     mark = next(letter for letter in number if letter in f",.{GROUP_MARKS}")
     line = text.count("\n", 0, found.start()) + 1
@@ -123,12 +127,13 @@ def _two_readings(
 
 
 def _rewriting(file: Path, separator: str | None, above: int, option: str, mark: str) -> str:
-    """Return the line to type that writes a file anew with the numbers in plain form.
+    """Return the command that writes a file again with its numbers in plain form.
 
     The lines above the numbers stay.
     """
-    path = json.dumps(str(file))  # quotes that a shell's own quotes may stand around
-    if mark in GROUP_MARKS:  # pandas reads no mark of several bytes
+    # double quotes, since the shell's single quotes stand around the command
+    path = json.dumps(str(file))
+    if mark in GROUP_MARKS:  # pandas takes no mark of several bytes
         changed = f"p.read_text().replace({json.dumps(mark)}, str())"
         code = f"import pathlib; p = pathlib.Path({path}); p.write_text({changed})"
         return f"python -c {quote(code)}"

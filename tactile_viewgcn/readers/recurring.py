@@ -1,6 +1,6 @@
-"""Words and numbers that recur in the names of files, and so may be persons or days.
+"""Find words and numbers that recur in the names of files, and so can be persons or days.
 
-A split must not mix these.
+A split must not mix persons or days.
 """
 
 import re
@@ -11,37 +11,38 @@ from tactile_viewgcn.messages import Note, listed, several
 from tactile_viewgcn.readers.layout import PART, PIECE, without_copy
 from tactile_viewgcn.readers.source import SIDE, setting
 
-#: Words for a recording of several, maybe with its number.
+#: Words for one of several recordings; a number can follow.
 REPEATS = (
     r"(?i:trial|rep|repetition|rec|recording|run|take|try|grasp|grip|sample|file"
     r"|no|nr|num|idx|t|r|n)\d*"
 )
-#: Words for a person or a day with a number, and dates.
+#: Words for a person or a day with their number, and dates.
 PERSON = (
     r"(?i:(s|sub|subj|subject|p|pers|person|participant|user|volunteer|vp|d|day|session|sess)\d+)"
     r"|\d{4}-?\d\d-?\d\d"
 )
-#: Names of letters only.
+#: Names that consist of letters.
 NAME = r"[^\W\d_]{2,}"
-REPEATED_SHARE = 0.5  # of the pairs of a word and an object: more have several files
+# more than this share of the pairs of a word and an object must have several files
+REPEATED_SHARE = 0.5
 
 
 def session_notes(
     places: Sequence[str], objects: Sequence[str | None], layout: str, *, has_labels: bool
 ) -> list[Note]:
-    """Return warnings of parts of files' names that may be persons or days.
+    """Return warnings of parts of files' names that can be persons or days.
 
-    A name's parts stand between marks, equally many in all names. Such a part recurs: with several
-    objects, and with several files of one object. Or it is the whole name, and looks like the name
-    of a person or a day. A part that has one file for each object is rather the number of the
-    recording. Whether a part is a person cannot be known; the warning says which layout to set if
-    it is.
+    The parts of a name stand between marks, and all names have equally many parts. A part can be a
+    person or a day if its texts recur: with several objects, and in several files of one object.
+    Or it is the whole name, and looks like the name of a person or a day. A part with one file for
+    each object is more likely the number of the recording. Nobody can tell from the names whether a
+    part is a person, so the warning gives the layout to set if it is.
 
     Args:
-        places: of the files, see `place_of`.
-        objects: of each file.
-        layout: of the places, without a SESSION.
-        has_labels: the objects stand in a labels.csv.
+        places: the places of the files, see `place_of`.
+        objects: the object of each file.
+        layout: the layout of the places, without a SESSION.
+        has_labels: whether the objects stand in a labels.csv.
     """
     mark, parts = _parted([without_copy(place.rpartition("/")[2]) for place in places])
     is_in_folder = layout.endswith("/FILE") or has_labels
@@ -67,8 +68,8 @@ def session_notes(
 def _parted(names: list[str]) -> tuple[str, list[list[str]]]:
     """Return the mark that parts all names equally often, and for each part its texts in all names.
 
-    Without a mark the parts are letters with a number after them, as in S01T03; else the names
-    themselves.
+    Without such a mark, the parts are letters with a number after them, as in S01T03. If the names
+    do not consist of such parts, each name is one part.
     """
     for mark in "_- .":
         counts = {name.count(mark) for name in names}
@@ -90,12 +91,12 @@ def _columns(rows: list[list[str]]) -> list[list[str]]:
 def _once_each_recording(
     objects: Sequence[str | None], parts: list[list[str]], named: list[int]
 ) -> tuple[Sequence[str | None], list[list[str]]]:
-    """Return objects and parts with the files of one recording once.
+    """Return objects and parts in which the files of one recording occur once.
 
     Args:
-        objects: of each file.
+        objects: the object of each file.
         parts: for each part of the names its texts in all files.
-        named: the parts that are no hand and no piece of a recording; the others become empty.
+        named: the parts that are no hand and no piece of a recording. The others become empty.
     """
     columns = [parts[part] for part in named]
     recordings = dict.fromkeys(zip(objects, *columns, strict=True))
@@ -109,13 +110,13 @@ def _once_each_recording(
 def _recurring(
     objects: Sequence[str | None], parts: list[list[str]], named: list[int], *, is_flat: bool
 ) -> list[int]:
-    """Return the parts that recur and may be persons.
+    """Return the parts that recur and can be persons.
 
     Args:
-        objects: of each recording.
+        objects: the object of each recording.
         parts: for each part of the names its texts in all recordings.
         named: the parts that are no hand and no piece of a recording.
-        is_flat: objects stand in the names.
+        is_flat: whether the objects stand in the names.
     """
     last = len(parts) - 1
     recurring = list[int]()
@@ -123,21 +124,21 @@ def _recurring(
         others: Sequence[object] = objects
         if is_flat and part == last:
             continue
-        if is_flat:  # what is called the object holds the part itself
+        if is_flat:  # the object in the layout holds this part, too
             columns = [parts[other] for other in named if other not in (part, last)]
             others = list(zip(*columns, strict=True))
         if others and _recurs(parts[part], others, is_whole_name=last == 0):
             recurring.append(part)
     recurring = [part for part in recurring if not all(map(_is_no_person, parts[part]))]
-    # the numbers begin anew in each set of a split
+    # numbers begin again in each set of a split, so they are no persons
     if any(all(map(_is_set_of_split, parts[part])) for part in named):
         recurring = [part for part in recurring if not _are_digits(parts[part])]
     return recurring
 
 
 def _likely(parts: list[list[str]], recurring: list[int], *, is_flat: bool) -> list[int]:
-    """Return those of the recurring parts that look like persons; all of them if none does."""
-    if is_flat:  # of two words, the word with numbers is rather a person
+    """Return the recurring parts that look like persons, or all of them if none does."""
+    if is_flat:  # of two words, the word with numbers is more likely a person
         likely = [part for part in recurring if _have_digits(parts[part])]
     else:
         likely = [part for part in recurring if not _are_digits(parts[part])]
@@ -145,7 +146,7 @@ def _likely(parts: list[list[str]], recurring: list[int], *, is_flat: bool) -> l
 
 
 def _recurs(texts: Sequence[str], objects: Sequence[object], *, is_whole_name: bool) -> bool:
-    """Return whether each text of a part is with several objects, and mostly in several files."""
+    """Return whether each text of a part occurs with several objects, mostly in several files."""
     files = Counter(zip(texts, objects, strict=True))
     objects_of = Counter(text for text, _ in files)
     if len(objects_of) < 2 or min(objects_of.values()) < 2:
@@ -180,7 +181,7 @@ def _is_set_of_split(text: str) -> bool:
 def _remedy(
     parts: list[list[str]], part: int, mark: str, layout: str, *, is_flat: bool, has_labels: bool
 ) -> str:
-    """Return what to type, so that a part of the names is the session."""
+    """Return the remedy that makes a part of the names the session."""
     last = len(parts) - 1
     if has_labels:
         return "add them to labels.csv as a column `session`"

@@ -1,4 +1,4 @@
-"""What every reader returns, what a user says of the files, and the checks of shapes and values."""
+"""Define what readers return and what a user says about files, and check shapes and values."""
 
 import re
 import unicodedata
@@ -11,50 +11,51 @@ import numpy as np
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import MAX_SIDE, SIDES
 
-UNLABELLED = ""  # stands for the name of an object that is to be recognised
+UNLABELLED = ""  # the name of an object that is still to be recognised
 #: Names of the published sets, such as `test`, `training_set`, `x_train`, `dev`.
 SIDE = re.compile(
     r"(?:[xs][ _-])?(?:(?P<train>train|training)|(?P<test>tests?|testing)"
     r"|(?P<validation>val|valid|validation|dev))(?:[ _-]?sets?)?"
 )
 BLOCK_FRAMES = 4096  # frames that are read or written at once
-MAX_PRESSURE = 1e30  # absolute value; the network's input is in single precision
+MAX_PRESSURE = 1e30  # absolute value, since the network's input is in single precision
 MOST_SECONDS = 1e9  # absolute value of a time, thirty years
 NUMBERS = "biuf"  # `kind` of the dtypes of numbers
 
-#: Type of each column, one value for each frame. Every table has the first five.
+#: The type of each column, which has a value for each frame. Every table has the first five.
 COLUMNS = {
     "object": np.int16,  # index into objects
     "recording": np.int32,  # index into recordings
     "session": np.int16,  # index into sessions
     "frame": np.int32,  # frame number inside the recording
     "time": np.float64,  # seconds since the recording's first frame
-    # index of the first of the recordings that belong together, as those of two hands do
+    # index of the first recording that is held out together with this one, as for two hands
     "take": np.int32,
     "split": np.int8,  # code of the published set, see SIDES in params.py
     "valid": np.bool_,  # the object is held (STAG: hasValidLabel)
-    "balanced": np.bool_,  # STAG's subset of equally many frames a class (isBalanced)
+    "balanced": np.bool_,  # STAG's subset with equally many frames of each class (isBalanced)
     "grasp": np.int16,  # number of the grasp inside the recording (graspIndex)
     "grasp_valid": np.bool_,  # 4th to 6th second of a grasp (graspValid)
 }
-ATTRIBUTES_TOPIC = "attributes"  # of notes on attributes of HDF5 that say nothing
-MODEL_TOPIC = "sensors of the model"  # of notes on columns that a model does without
+ATTRIBUTES_TOPIC = "attributes"  # the topic of notes on HDF5 attributes that are not used
+MODEL_TOPIC = "sensors of the model"  # the topic of notes on columns that a model does not use
 FRAMES_LAST = "frames_last"
 LEAVE_OUT = "leave_out:"
 
 
 @dataclass(frozen=True)
 class Form:
-    """What the user says of files that leave it open, as `data` of params.yaml.
+    """The settings by which a user says how files are read, as `data` of params.yaml has them.
 
     Attributes:
-        shape: rows and columns of a frame, `FRAMES_LAST`, or `auto`: as arrays have them.
-        layout: pattern of the files' paths, or `auto`, see `layout_of`.
-        columns: what columns, arrays or datasets of the files hold, such as `pressure:emg`,
+        shape: the rows and columns of a frame, or `FRAMES_LAST`. With `auto` arrays keep their
+            shape.
+        layout: the pattern of the files' paths, or `auto`, see `layout_of`.
+        columns: the contents of columns, arrays or datasets, such as `pressure:emg` or
             `leave_out:note`.
-        labelled: False: files may name no object, and arrays may lie in no object's folder; their
-            object is `UNLABELLED`.
-        sensors: names of the sensors that a model knows, in its order. Tables that have all of
+        labelled: whether each recording must have an object. If not, the object of files that name
+            none is `UNLABELLED`.
+        sensors: the names of the sensors that a model knows, in its order. Tables that have all of
             them are read by these names, and their other columns are left out.
     """
 
@@ -66,7 +67,7 @@ class Form:
 
     @property
     def names(self) -> dict[str, str]:
-        """Names in the files by what they hold, as `columns` has them."""
+        """The names in the files by their contents, as `columns` gives them."""
         names = dict[str, str]()
         for text in self.columns:
             if not text.startswith(LEAVE_OUT):
@@ -76,7 +77,7 @@ class Form:
 
     @property
     def left_out(self) -> list[str]:
-        """Names in the files of the columns, arrays or datasets that are left out."""
+        """The names in the files of the columns, arrays or datasets that are left out."""
         return [text.removeprefix(LEAVE_OUT) for text in self.columns if text.startswith(LEAVE_OUT)]
 
 
@@ -88,17 +89,19 @@ class Recording:
     """A recording as its file has it.
 
     Attributes:
-        names: of the recording, its object, session, take and published set (`split`), as far as
-            they stand in the file.
-        values: `pressure` (T, H, W) and columns (T,): arrays, or datasets that are read when they
-            are sliced. Times may begin at any value.
-        channel_names: of the sensors, row after row; "" of one without a name, empty without any.
-        notes: what was taken for what.
-        dropped: number of frames that were left out.
-        left_out: names in its file of the columns that `data.columns` leaves out.
-        place: which recording of its file it is; "" where a file is one recording.
-        is_framed: its pressure is (T, H, W) whatever a form says, as STAG's is.
-        labels: texts (T,) by `session`, `object` and `recording`, of a table whose lines have them.
+        names: the names of the recording, its object, session, take and published set (`split`),
+            if they stand in the file.
+        values: `pressure` (T, H, W) and columns (T,). These are arrays, or datasets that are read
+            when they are sliced. Times can begin at any value.
+        channel_names: the names of the sensors, row after row. A sensor without a name has "". The
+            list is empty if no sensor has a name.
+        notes: how the file was read.
+        dropped: the number of frames that were left out.
+        left_out: the names in its file of the columns that `data.columns` leaves out.
+        place: which recording of its file it is; "" if the file is one recording.
+        is_framed: whether its pressure is (T, H, W) whatever a form says, as in STAG's files.
+        labels: the texts (T,) by `session`, `object` and `recording`, if the lines of a table have
+            them.
     """
 
     names: dict[str, str]
@@ -113,12 +116,12 @@ class Recording:
 
 
 def tidy(name: str) -> str:
-    """Return a name without blanks at its ends, its letters composed."""
+    """Return a name with composed letters (Unicode NFC), and without blanks at its ends."""
     return unicodedata.normalize("NFC", name).strip()
 
 
 def label_text(value: Any) -> str:
-    """Return a label as text; 1 and 1.0 are one label, which is written as an integer."""
+    """Return a label as text; 1 and 1.0 both become 1."""
     if isinstance(value, bytes):
         value = value.decode("utf-8", "replace")
     text = tidy(str(value))
@@ -128,7 +131,7 @@ def label_text(value: Any) -> str:
 
 
 def side_of(name: str) -> int | None:
-    """Return the code of the published set that a name means, see `SIDE`; None if it means none."""
+    """Return the code of the published set that a name means, see `SIDE`; None for other names."""
     match = SIDE.fullmatch(name.strip().lower())
     if match is None or match.lastgroup is None:
         return None
@@ -136,17 +139,21 @@ def side_of(name: str) -> int | None:
 
 
 def setting(change: str) -> str:
-    """Return how to set a key of `data`, for a message."""
+    """Return for a message how to set a key of `data`."""
     return f"set '{change}' (-S of `dvc exp run`, --set of `inspect` and `predict`)"
 
 
 def storage_type(dtype: np.dtype, where: str) -> np.dtype:
     """Return the type in which the table stores pressure.
 
-    It is int16 or int32 for integers, float32 or float64 for real numbers.
+    It is int16 or int32 for integers, and float32 or float64 for real numbers.
+
+    Args:
+        dtype: the type in the file.
+        where: the beginning of the error.
 
     Raises:
-        UserError: begins with `where`; these are no numbers.
+        UserError: the type is no type of numbers.
     """
     if dtype.kind in "iu":
         fits_int16 = dtype.itemsize < 2 or dtype.newbyteorder("=") == np.int16
@@ -161,8 +168,12 @@ def storage_type(dtype: np.dtype, where: str) -> np.dtype:
 def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
     """Return (H, W) of pressure (T, H, W).
 
+    Args:
+        shape: the shape of the pressure.
+        where: the beginning of the error.
+
     Raises:
-        UserError: begins with `where`; other axes, or sides above `MAX_SIDE`.
+        UserError: the pressure does not have three axes, or H or W is above `MAX_SIDE`.
     """
     if len(shape) != 3:
         raise UserError(f"{where}: pressure has shape {shape}; expected (frames, rows, columns)")
@@ -170,8 +181,8 @@ def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
     if not (1 <= rows <= MAX_SIDE and 1 <= columns <= MAX_SIDE):
         raise UserError(
             f"{where}: frames of {rows} x {columns}; expected 1 x 1 to {MAX_SIDE} x {MAX_SIDE}; "
-            f"of rows one after another {setting('data.shape=[ROWS,COLUMNS]')}; "
-            f"of (cells, frames) data.shape={FRAMES_LAST}"
+            f"if a line holds the rows of a frame, {setting('data.shape=[ROWS,COLUMNS]')}; "
+            f"if the axes are (cells, frames), data.shape={FRAMES_LAST}"
         )
     return rows, columns
 
@@ -179,9 +190,13 @@ def check_shape(shape: tuple[int, ...], where: str) -> tuple[int, int]:
 def check_values(values: dict[str, Any], where: str) -> tuple[tuple[int, int], np.dtype]:
     """Return the shape (H, W) of pressure (T, H, W) and the type in which the table stores it.
 
+    Args:
+        values: the pressure and the columns.
+        where: the beginning of the error.
+
     Raises:
-        UserError: begins with `where`; pressure of another shape or type, or a column that is not
-            (T,) or holds no numbers.
+        UserError: the pressure has another shape or type, or a column is not (T,) or holds no
+            numbers.
     """
     shape = check_shape(values["pressure"].shape, where)
     frames = values["pressure"].shape[:1]
@@ -199,12 +214,16 @@ def check_values(values: dict[str, Any], where: str) -> tuple[tuple[int, int], n
 def framed(values: Any, form: Form, where: str) -> Any:
     """Return an array or a dataset as frames (T, H, W), or as recordings (n, T, H, W).
 
-    Two axes may be one. With a shape of [8, 6], arrays (n, T, 48) and (n, T, 8, 6) are n recordings
-    of T frames. A dataset is read only where its axes differ.
+    H and W can be one axis in the file. With a shape of [8, 6], arrays (n, T, 48) and (n, T, 8, 6)
+    are n recordings of T frames. A dataset is read only if its axes must change.
+
+    Args:
+        values: the array or the dataset.
+        form: gives the shape.
+        where: the beginning of the error.
 
     Raises:
-        UserError: begins with `where`; other axes, of which it says what they may be and what to
-            type.
+        UserError: the axes do not fit. The error says how they can be read, with the remedy.
     """
     axes = tuple(values.shape)
     if form.shape == "auto":
@@ -226,12 +245,12 @@ def framed(values: Any, form: Form, where: str) -> Any:
     expected = f"(frames, {rows}, {columns}) or (frames, {rows * columns})"
     remedy = f"{setting('data.shape=auto')}, or take recordings of one glove"
     raise UserError(
-        f"{where}: an array {axes}; expected {expected}, by data.shape or as the model's; {remedy}"
+        f"{where}: an array {axes}; expected {expected}, by data.shape or the model; {remedy}"
     )
 
 
 def _check_axes(axes: tuple[int, ...], where: str) -> None:
-    """Refuse an array that may be several recordings, where no shape says what it is."""
+    """Refuse an array that can be several recordings, if no shape decides it."""
     if len(axes) > 3:
         raise UserError(
             f"{where}: an array {axes}; expected (frames, rows, columns); {_as_stack(axes)}"
@@ -245,7 +264,7 @@ def _check_axes(axes: tuple[int, ...], where: str) -> None:
 
 
 def _as_stack(axes: tuple[int, ...]) -> str:
-    """Return what an array (n, T, ...) is, if it holds recordings, and what to type then."""
+    """Return the reading of an array (n, T, ...) as n recordings, with the remedy to type."""
     rows, columns = (1, *axes[2:])[-2:]
     what = f"if it holds {axes[0]:,} recordings of {axes[1]:,} frames of {rows} x {columns}"
     return f"{what}, {setting(f'data.shape=[{rows},{columns}]')}"
@@ -259,10 +278,15 @@ def _in_one_row(array: np.ndarray) -> np.ndarray:
 
 
 def stacked(recording: Recording, where: str) -> list[Recording]:
-    """Return a recording, or the n recordings of pressure (n, T, H, W), at places 0 to n - 1.
+    """Return a recording, or the n recordings in pressure (n, T, H, W), at places 0 to n - 1.
+
+    Args:
+        recording: the recording.
+        where: the beginning of the error.
 
     Raises:
-        UserError: begins with `where`; other axes, or several recordings with times of one.
+        UserError: the pressure has other axes. Or it holds several recordings, but the times or
+            flags of one.
     """
     pressure = recording.values["pressure"]
     if len(pressure.shape) != 4:
@@ -291,7 +315,7 @@ def stacked(recording: Recording, where: str) -> list[Recording]:
 
 
 def limits(column: str, dtype: np.dtype) -> tuple[float, float]:
-    """Return the smallest and the largest value that a column or the pressure may hold."""
+    """Return the smallest and the largest value that a column or the pressure can hold."""
     if dtype.kind == "b":
         return 0, 1
     if column == "time":
@@ -304,16 +328,16 @@ def limits(column: str, dtype: np.dtype) -> tuple[float, float]:
 def first_unfit(
     values: np.ndarray, low: float, high: float, *, is_whole: bool, may_be_nan: bool = False
 ) -> int | None:
-    """Return the first index at which values (n, ...) are out of range; None if all are in it.
+    """Return the first index at which values (n, ...) are out of range; None if all are in range.
 
     Args:
         values: readings or a column.
         low: the smallest value, from `limits`.
         high: the largest value.
-        is_whole: fractions are out of range too.
-        may_be_nan: NaN is in range, as for an unknown time.
+        is_whole: whether fractions are out of range too.
+        may_be_nan: whether NaN is in range, as for an unknown time.
     """
-    # in half precision 1e30 would be infinite
+    # float64, since 1e30 would be infinite in half precision
     smallest, largest = np.array([low, high], dtype=np.float64)
     inside = (values >= smallest) & (values <= largest)
     if is_whole:

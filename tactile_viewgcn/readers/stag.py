@@ -1,8 +1,8 @@
-"""STAG's files: `metadata.mat` with all recordings of a set, and the folders of raw recordings.
+"""Read STAG's files: a `metadata.mat` with all recordings of a set, and raw recordings.
 
 The fields follow the descriptions that come with the data set of Sundaram et al., "Learning the
 signatures of the human grasp using a scalable tactile glove", Nature 569, 698-702 (2019). All
-indices are zero-based, per-frame fields are column vectors (T, 1), names are cell arrays (1, K).
+indices count from 0. Fields of each frame are column vectors (T, 1). Names are cell arrays (1, K).
 """
 
 from collections.abc import Container, Mapping
@@ -22,9 +22,9 @@ from tactile_viewgcn.readers.source import (
 )
 
 NAMES = ("objects", "recordings", "batches", "splits")
-#: The field with the names of a column's numbers.
+#: The field that names the numbers of each column.
 NAMES_OF = {"object": "objects", "recording": "recordings", "session": "batches"}
-#: Column of each per-frame field
+#: The column of each field that has a value for each frame.
 COLUMN_OF_FIELD = {
     "objectId": "object",
     "recordingId": "recording",
@@ -39,7 +39,7 @@ COLUMN_OF_FIELD = {
     "graspValid": "grasp_valid",
 }
 REQUIRED = ("pressure", *NAMES_OF.values(), "objectId", "recordingId", "batchId")
-DEFAULT_SPLITS = ["train", "test"]  # where the file does not name the published sets
+DEFAULT_SPLITS = ["train", "test"]  # the published sets, if the file does not name them
 
 
 def is_stag(fields: Container[str]) -> bool:
@@ -48,10 +48,10 @@ def is_stag(fields: Container[str]) -> bool:
 
 
 def recordings_of_metadata(file: Path, fields: Mapping[str, Any]) -> list[Recording]:
-    """Return the recordings of a `metadata.mat`, in the order of the file's list of recordings.
+    """Return the recordings in a `metadata.mat`, in the order of the file's list of recordings.
 
     Raises:
-        UserError: a field is missing, or of the wrong length or kind, or a number has no name.
+        UserError: a field is missing or has the wrong length or kind, or a number has no name.
     """
     fields = {
         name: value for name, value in fields.items() if isinstance(value, list) == (name in NAMES)
@@ -59,7 +59,7 @@ def recordings_of_metadata(file: Path, fields: Mapping[str, Any]) -> list[Record
     missing = [name for name in REQUIRED if name not in fields]
     if missing:
         what = f"no field {', '.join(missing)}; found {listed(list(fields)) or 'nothing'}"
-        raise UserError(f"{file}: {what}; if cut short, download it again")
+        raise UserError(f"{file}: {what}; if the file is cut short, download it again")
     values = _values(fields)
     check_values(values, str(file))
     if "split" in values:
@@ -78,8 +78,8 @@ def recordings_of_metadata(file: Path, fields: Mapping[str, Any]) -> list[Record
             names = {}
             for column, field in NAMES_OF.items():
                 names[column] = fields[field][ids[column][frames[0]]]
-            names["take"] = names["recording"]  # other recordings are never held out with it
-            if parts.ngroups > 1:  # of several objects: a recording of each
+            names["take"] = names["recording"]  # no other recording is held out together with it
+            if parts.ngroups > 1:  # several objects: each becomes a recording
                 names["recording"] += f"/{names['object']}/{names['session']}"
             recordings.append(
                 Recording(
@@ -94,7 +94,7 @@ def recordings_of_metadata(file: Path, fields: Mapping[str, Any]) -> list[Record
 
 
 def _as_slice(frames: np.ndarray) -> Any:
-    """Return rising indices as a slice where they follow one another, so that nothing is copied."""
+    """Return rising indices as a slice if they have no gaps, so that nothing is copied."""
     first, last = int(frames[0]), int(frames[-1])
     if last - first + 1 == len(frames):
         return slice(first, last + 1)
@@ -102,18 +102,18 @@ def _as_slice(frames: np.ndarray) -> Any:
 
 
 def _codes_of_split(file: Path, numbers: np.ndarray, fields: Mapping[str, Any]) -> np.ndarray:
-    """Return the code of each frame's published set; the file numbers its own names."""
+    """Return the code of each frame's published set, by the names that the file numbers."""
     names = fields.get("splits", DEFAULT_SPLITS)
     codes = dict(enumerate(map(side_of, names)))
     found = [codes.get(number) for number in numbers.tolist()]
     if None in found:
-        what = f"splitId and splits {listed(names)}"
-        raise UserError(f"{file}: {what}; expected numbers of train and test in it")
+        what = f"splitId has a number without a published set in splits {listed(names)}"
+        raise UserError(f"{file}: {what}; expected the numbers of train and test")
     return np.array(found)
 
 
 def _check_numbers(file: Path, values: Mapping[str, Any], column: str, count: int) -> None:
-    """Refuse a number without a name."""
+    """Refuse a number that has no name."""
     row = first_unfit(values[column], 0, count - 1, is_whole=True)
     if row is None:
         return
@@ -125,14 +125,14 @@ def _check_numbers(file: Path, values: Mapping[str, Any], column: str, count: in
 
 
 def _unused_names(fields: Mapping[str, Any], ids: Mapping[str, np.ndarray]) -> list[Note]:
-    """Return a warning of recordings and objects in the file's lists of which there is no frame."""
+    """Return a warning of recordings and objects that the file lists, but that have no frame."""
     text = ""
     recordings = _without_frames(fields["recordings"], ids["recording"])
     if recordings:
         text += f"{several(len(recordings), 'recording')} without frames: {listed(recordings)}. "
     objects = _without_frames(fields["objects"], ids["object"])
     if objects:
-        text += f"No frame of the objects {listed(objects)}. "
+        text += f"There is no frame of the objects {listed(objects)}. "
     if not text:
         return []
     return [Note(f"{text}Record them again, or remove them.", "warning", "no frames")]
@@ -144,7 +144,7 @@ def _without_frames(names: list[str], numbers: np.ndarray) -> list[str]:
 
 
 def read_raw(file: Path) -> list[Recording]:
-    """Return the recording in a `pressuredata.mat`; its folders have its names.
+    """Return the recording in a `pressuredata.mat`, whose folders give its names.
 
     Raises:
         UserError: the file is damaged, or has no pressure.

@@ -1,8 +1,8 @@
-"""Tables of numbers as text: a line for each frame, a column for each sensor.
+"""Read tables of numbers from text: a line for each frame, a column for each sensor.
 
-Cells are separated by commas, semicolons, tabs or blanks, with a decimal point or comma. Lines
-above the numbers may hold words; the first one with a cell for each column names the columns. Lines
-that begin with # or % hold no numbers.
+Commas, semicolons, tabs or blanks separate the cells. A number has a decimal point or a decimal
+comma. Lines above the numbers can hold words; the first of these lines with a cell for each column
+names the columns. Lines that begin with # or % hold no numbers.
 """
 
 import csv
@@ -10,56 +10,41 @@ import gzip
 import io
 import re
 import warnings
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactile_viewgcn.messages import Note, UserError, listed, several
 from tactile_viewgcn.readers.child import UNPACKED, UNPACKED_TIMES, check_unpacked, library
-from tactile_viewgcn.readers.lines import CONTENTS, LABELS, label_kind
-from tactile_viewgcn.readers.numerals import GROUPED_BY_BLANKS, check_numerals, without_group_marks
+from tactile_viewgcn.readers.numerals import GROUPED_BY_BLANKS, check_numerals
 from tactile_viewgcn.readers.serial import check_is_table
-from tactile_viewgcn.readers.source import (
-    MAX_PRESSURE,
-    MODEL_TOPIC,
-    NUMBERS,
-    Form,
-    Recording,
-    label_text,
-    setting,
-)
-from tactile_viewgcn.schema import nearest
+from tactile_viewgcn.readers.source import Form, Recording
+from tactile_viewgcn.readers.table_columns import table_of
 
 if TYPE_CHECKING:
-    from pandas import DataFrame, Series
+    from pandas import DataFrame
 
-TOP_LINES = 200  # in which the separator and the names are looked for
+TOP_LINES = 200  # lines that are searched for the separator and the names
 COMMENT = ("#", "%")
 NUMBER = re.compile(r"(?i)[-+]?(\d+([.,]\d*)?|[.,]\d+)(e[-+]?\d+)?|[-+]?(nan|inf|infinity)")
-NOT_NUMBERS = re.compile(r"^[ \t]*[#%].*$|^[ \t,;]+$", re.MULTILINE)  # comments and empty lines
+# a comment, or a line of empty cells
+NOT_NUMBERS = re.compile(r"^[ \t]*[#%].*$|^[ \t,;]+$", re.MULTILINE)
 BEGINS_OF_NUMBERS = re.compile(r"(?<![\w.])[-+]?\d")
-NOT_OF_MODEL = "no sensor of the model"
-MOST_SHOWN = 30  # letters of a cell in a message
-# of a time, at the end of a name such as time_ms or t [s]
-UNIT = re.compile(r" ?[_(\[](s|ms|us|µs|ns)[)\]]?$")
-# of a unit; else 1
-SECONDS = {"ms": 1e-3, "millis": 1e-3, "us": 1e-6, "µs": 1e-6, "micros": 1e-6, "ns": 1e-9}
-MOSTLY = 0.9  # of the steps of a counter, which may have lost lines or begun again
-GZIP = b"\x1f\x8b"  # beginning of a packed file
-UTF16 = (b"\xff\xfe", b"\xfe\xff")  # beginnings of a text
+GZIP = b"\x1f\x8b"  # the first bytes of a file that gzip packed
+UTF16 = (b"\xff\xfe", b"\xfe\xff")  # the first bytes of a text in UTF-16
 
 
 def read_text(file: Path) -> str:
-    """Return the text of a file, packed by gzip or not, with a newline at the end of each line.
+    """Return the text of a file, which can be packed by gzip; every line ends in a newline.
 
     Raises:
-        UserError: it unpacks to more than a file of its size may, or holds NUL, as UTF-16 without a
-            mark does.
+        UserError: the file unpacks to more than is allowed for its size. Or it holds the character
+            NUL, as UTF-16 without a byte order mark does.
     """
     with file.open("rb") as stream:
         if stream.peek(len(GZIP)).startswith(GZIP):
@@ -72,22 +57,27 @@ def read_text(file: Path) -> str:
     try:
         text = data.decode("utf-16" if data.startswith(UTF16) else "utf-8-sig")
     except UnicodeDecodeError:
-        # of spreadsheets in western languages; no number is written differently
+        # spreadsheets in western languages save this; it writes digits as UTF-8 does
         text = data.decode("latin-1")
     if "\0" in text:
-        raise UserError(f"{file}: no text; expected a table of numbers in UTF-8")
+        raise UserError(f"{file}: this is no text; save a table of numbers in UTF-8")
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def table_in(file: Path, text: str, form: Form) -> Recording:
-    """Return the table in a text as one recording, with the names in its lines, see `table_of`.
+    """Return the table in a text as one recording, with the labels of its lines, see `table_of`.
 
-    A line of units below the names is left out, with a note: one with words, or one of ones where
-    no other cell is 1.
+    A line of units below the names is left out, and a note says so. Such a line holds words. It can
+    also hold only ones, if no other cell of the table is 1.
+
+    Args:
+        file: the file of the text, which errors name.
+        text: the text, see `read_text`.
+        form: what the user says about the columns.
 
     Raises:
-        UserError: as `table_of`; there are no numbers, or lines of unlike length, or numbers that
-            have two readings.
+        UserError: there are no numbers, the lines differ in length, or a number has two readings.
+            `table_of` raises it too.
     """
     check_is_table(file, text)
     top = _top(file, text)
@@ -97,7 +87,7 @@ def table_in(file: Path, text: str, form: Form) -> Recording:
     places = _places(numbers, top.above)
     width = 1 + int(max(np.flatnonzero(cells.notna().any()), default=-1))
     full = [row[:width] for row in top.rows if len(row) >= width and not any(row[width:])]
-    # names of columns that are empty at the end
+    # the last columns have names, and are empty
     if not full and top.rows and width < len(top.rows[-1]) <= cells.shape[1]:
         full = top.rows[-1:]
         width = len(top.rows[-1])
@@ -107,7 +97,7 @@ def table_in(file: Path, text: str, form: Form) -> Recording:
         cells = cells.iloc[1:]
         next(places)
     notes = [
-        Note(f"the line {listed(row)} below the names is no frame (units)", topic="units")
+        Note(f"the line {listed(row)} below the names holds units and is no frame", topic="units")
         for row in full[1:]
     ]
     names = full[0] if full else [""] * width
@@ -116,17 +106,24 @@ def table_in(file: Path, text: str, form: Form) -> Recording:
 
 
 def _cells_of(file: Path, text: str, numbers: str, top: "_Top") -> "DataFrame":
-    """Return the cells below the top of a text; `numbers` is the text without comments."""
+    """Return the cells below the top of a text.
+
+    Args:
+        file: the file, which errors name.
+        text: the text.
+        numbers: the same text without its comments.
+        top: the top of the text.
+    """
     import pandas as pd  # here, since it loads slowly
 
     has_decimal_commas = top.separator != "," and re.search(r"\d,\d", text)
     with (
         warnings.catch_warnings(),
-        # texts of Arrow need more memory than the child process may take
+        # Arrow's texts need more memory than the child process is allowed
         pd.option_context("mode.string_storage", "python"),
         library(file),
     ):
-        # pandas 3.1 rounds as float_precision asks for by itself
+        # pandas 3.1 warns of float_precision, since it rounds in this way by default
         warnings.simplefilter("ignore", DeprecationWarning)
         try:
             return pd.read_csv(
@@ -147,329 +144,32 @@ def _cells_of(file: Path, text: str, numbers: str, top: "_Top") -> "DataFrame":
 
 
 def _are_ones(first: list[str], cells: "DataFrame", width: int) -> bool:
-    """Return whether the first line of cells is one of units: ones, where no other cell is 1."""
+    """Return whether the first line gives units as ones: all its cells are 1, and no others are."""
     if width < 2 or first.count("1") != width or len(cells) < 3:
         return False
     return bool((cells.iloc[:, :width] == 1).sum().eq(1).all())
 
 
 def _places(text: str, above: int) -> Iterator[str]:
-    """Yield `line N` of each row of a table, as an editor counts, with empty lines.
+    """Yield `line N` for each row of a table; an editor counts the lines in the same way.
 
-    The rows stand below the first `above` lines.
+    Args:
+        text: the text of the table.
+        above: the number of lines above the rows.
     """
-    # a copy of the text, made where a cell is named, since it takes memory
+    # a copy of the text takes memory, so it is made only when an error names a line
     for number, line in enumerate(io.StringIO(text), 1):
         if number > above and line != "\n":
             yield f"line {number}"
 
 
-@dataclass
-class _Table:
-    """What was found in the columns of a table so far."""
-
-    channels: list[str] = field(default_factory=list)
-    readings: list[np.ndarray] = field(default_factory=list)
-    time: np.ndarray | None = None
-    labels: dict[str, Any] = field(default_factory=dict)
-    notes: list[Note] = field(default_factory=list)
-
-
-def table_of(
-    names: list[str], cells: "DataFrame", form: Form, file: str, places: Iterable[str]
-) -> tuple[Recording, dict[str, Any]]:
-    """Return a table of T lines as one recording, and its columns of labels.
-
-    Args:
-        names: of the columns, "" without one, which then goes by its number from 1.
-        cells: has numbers from 0 as names of its columns.
-        form: what the user says of the columns.
-        file: with which errors begin.
-        places: of each row of `cells`, for an error.
-
-    Returns:
-        The recording: pressure (T, S), the times if a column has them, and notes on the columns
-        that are no sensors. And a dict of the columns that hold labels: by `session`, `object` or
-        `recording` the T texts of that column.
-
-    Raises:
-        UserError: a cell without a number or a name, or no column of a name that the form gives.
-    """
-    keys = [name or str(number) for number, name in enumerate(names, 1)]
-    for kind, name in form.names.items():
-        if name not in keys and (form.labelled or kind not in LABELS):
-            raise UserError(
-                f"{file}: no column {name!r}{nearest(name, keys)}; found {listed(keys)}"
-            )
-    of_model = sensors_of_model(keys, form, file)
-    table = _Table()
-    for number, (name, key) in enumerate(zip(names, keys, strict=True)):
-        column = _Column(number, name, key, cells[number], _numbers(cells[number]))
-        content = _content_of(column, form, of_model, has_names=any(names))
-        if key in of_model and content:
-            what = f"column {number + 1} ({key!r}), a sensor of the model, is {content}"
-            raise UserError(f"{file}: {what}; record it again")
-        _add_column(table, column, content, file, places)
-    channels = table.channels
-    readings = table.readings
-    if of_model:
-        readings = [readings[channels.index(name)] for name in of_model]
-        channels = list(of_model)
-    values: dict[str, Any] = {"pressure": np.zeros((len(cells), 0))}
-    if readings:
-        values["pressure"] = np.column_stack(readings)
-    if table.time is not None:
-        values["time"] = table.time
-    if not any(channels):
-        channels = []
-    left_out = [key for key in keys if key in form.left_out]
-    recording = Recording({}, values, channels, table.notes, left_out=left_out)
-    return recording, table.labels
-
-
-@dataclass(frozen=True)
-class _Column:
-    """A column of a table.
-
-    Attributes:
-        number: from 0.
-        name: "" without one.
-        key: its name, or its number from 1.
-        cells: as they stand in the table.
-        values: (T,) numbers, NaN where a cell is none.
-    """
-
-    number: int
-    name: str
-    key: str
-    cells: "Series"
-    values: np.ndarray
-
-    def __str__(self) -> str:
-        text = f"column {self.number + 1}"
-        if self.name:
-            text += f" ({self.name!r})"
-        return text
-
-
-def _content_of(column: _Column, form: Form, of_model: list[str], *, has_names: bool) -> str:
-    """Return what a column holds, or why it is left out; "" for readings."""
-    if column.key in form.left_out:
-        return "left out by data.columns"
-    if len(column.cells) and column.cells.isna().all():
-        return f"empty in all {len(column.cells)} lines"
-    if column.key in of_model:
-        return ""
-    is_index = column.number == 0 and not column.name and has_names
-    content = _content(column.key, column.values, form, is_index=is_index)
-    if not of_model or content:
-        return content
-    content = NOT_OF_MODEL
-    if is_words(column.cells) and column.cells.nunique() > 1:
-        remedy = setting(f"data.columns=[object:{column.key}]")
-        content += f"; if it names the objects of several recordings, {remedy}"
-    return content
-
-
-def _add_column(
-    table: _Table, column: _Column, content: str, file: str, places: Iterable[str]
-) -> None:
-    """Add a column to what was found in a table; a column that is no sensor gets a note."""
-    filled = np.abs(column.values) <= MAX_PRESSURE
-    if content in LABELS:
-        filled = column.cells.notna().to_numpy()
-    if content in ("", *LABELS) and not filled.all():
-        raise UserError(f"{file}: {_unfit(file, column, filled, content, places)}")
-    if not content:
-        table.readings.append(column.values)
-        table.channels.append(column.name)
-        return
-    if content in LABELS and content not in table.labels:
-        table.labels[content] = _labels_of(column.cells)
-    elif content == "time" and filled.all():
-        if table.time is None:
-            _, unit = base_and_unit(column.name)
-            table.time = column.values * SECONDS.get(unit, 1.0)
-    elif content == "time":
-        example = str(column.cells[~filled].iloc[0])
-        count = f"{np.sum(~filled)} of {len(filled)} cells are no number"
-        content = f"time, not used: {count}, such as {example!r}"
-    topic = MODEL_TOPIC if content.startswith(NOT_OF_MODEL) else "columns"
-    text = f"{column} is no sensor ({content})"
-    table.notes.append(Note(text, topic=topic, value=column.number + 1))
-
-
-def _labels_of(cells: "Series") -> Any:
-    """Return the texts (T,) of a column, of which each is kept once."""
-    import pandas as pd  # here, since it loads slowly
-
-    codes, values = pd.factorize(cells)
-    texts = np.array([label_text(value) for value in values], dtype=object)
-    numbers, unique = pd.factorize(texts)  # 1 and 1.0 are one label
-    return pd.Categorical.from_codes(numbers[codes], categories=unique)
-
-
-def sensors_of_model(keys: list[str], form: Form, file: str) -> list[str]:
-    """Return the names of the columns that are sensors of the model, in the model's order.
-
-    If files are joined by a PART in the layout, a file has a part of the sensors only: the column
-    `thumb` of the left hand's file is the sensor `left_thumb`. The names are then in the order of
-    the columns, and a missing one is no error.
-
-    Args:
-        keys: names of the columns.
-        form: has the names of the model's sensors.
-        file: with which errors begin.
-
-    Returns:
-        No names, if no column has one of the model's, or names do not tell the sensors apart.
-
-    Raises:
-        UserError: without PART, some of the model's sensors are there and others are not.
-    """
-    wanted = [*form.sensors]
-    if "PART" in form.layout:
-        parts = [name for name in keys if any(sensor.endswith(f"_{name}") for sensor in wanted)]
-        return [name for name in dict.fromkeys(parts) if keys.count(name) == 1]
-    found = [name for name in wanted if name in keys]
-    are_unlike = len(set(wanted)) == len(wanted) and "" not in wanted  # "" has no name
-    if not found or not are_unlike or any(keys.count(name) > 1 for name in found):
-        return []
-    left_out = [name for name in wanted if name in form.left_out]
-    if left_out:
-        remedy = "take leave_out of it from data.columns"
-        raise UserError(f"{file}: {listed(left_out)} is a sensor of the model; {remedy}")
-    missing = [name for name in wanted if name not in keys]
-    if missing:
-        what = f"no column {listed(missing)} of the model's sensors; found {listed(keys)}"
-        raise UserError(f"{file}: {what}; rename the columns as in the training")
-    return found
-
-
-def _unfit(
-    file: str, column: _Column, filled: np.ndarray, content: str, places: Iterable[str]
-) -> str:
-    """Return what is wrong with a column of sensors or of names, where, and what to type."""
-    cells = column.cells
-    values = column.values
-    grouped = "" if content else _in_groups(file, cells, filled)
-    if grouped:
-        return f"{column}: {grouped}"
-    row = int(np.argmin(filled))
-    leave_out = setting(f"data.columns=[leave_out:{column.key}]")
-    repeats = cells.nunique() < len(cells)
-    if not content and np.isnan(values).all() and repeats and is_words(cells):
-        example = str(cells.iloc[0])[:MOST_SHOWN]
-        is_label = setting(f"data.columns=[object:{column.key}]")
-        words = f"{column} holds words, such as {example!r}, and no number"
-        return f"{words}; if it names the objects, {is_label}; else {leave_out}"
-    what = "a number"
-    if content:
-        what = "a name"
-    elif not np.isnan(values[row]):
-        what = f"a number up to {MAX_PRESSURE:g}"
-    place = next(islice(places, row, None))
-    return f"{place}, {column} is not {what}; correct or delete the line, or {leave_out}"
-
-
-def _in_groups(file: str, cells: "Series", filled: np.ndarray) -> str:
-    """Return what to type where digits are in groups, as in 1.012,5; "" where no cell is so.
-
-    The first cells that are not `filled` are looked at.
-    """
-    for cell in cells[~filled].iloc[:TOP_LINES]:
-        command = without_group_marks(file, str(cell))
-        if command:
-            shown_cell = str(cell)[:MOST_SHOWN]
-            what = f"{shown_cell!r} has marks between groups of digits"
-            return f"{what}; to write it plainly: {command}"
-    return ""
-
-
-def is_words(cells: "Series") -> bool:
-    """Return whether all cells are words: letters, perhaps with digits after them."""
-    return all(re.fullmatch(r"[^\W\d_][\w .-]*", str(cell)) for cell in cells.unique())
-
-
-def _content(name: str, values: np.ndarray, form: Form, *, is_index: bool) -> str:
-    """Return what a column (T,) holds by its name, or why it is left out; "" for readings."""
-    for kind, column in form.names.items():
-        if column == name:
-            return "" if kind == "pressure" else kind
-    last = _last_part(name)
-    content = "line number"
-    if not is_index:
-        content = content_by_name(name)
-    # words, or whole numbers
-    if not content and (np.isnan(values).any() or not (values % 1).any()):
-        content = label_kind(name)
-    steps = np.diff(values)
-    is_counter = np.sum(steps == 1) > MOSTLY * len(steps)
-    rises = np.sum(steps > 0) > MOSTLY * len(steps)
-    # such as the index finger
-    is_sensor_named_like_index = content == "line number" and not is_counter
-    is_temperature = last.lower() == "t" and not rises
-    if is_sensor_named_like_index or is_temperature:
-        content = ""
-    if (content or "pressure") in form.names:
-        return "data.columns names others"
-    return content
-
-
-def content_by_name(name: str) -> str:
-    """Return what a column without readings holds by its name, but for labels in other words.
-
-    A column `.header.stamp.time` holds times too.
-
-    Args:
-        name: of the column.
-
-    Returns:
-        A value of `CONTENTS`; "" for readings.
-    """
-    base, _ = base_and_unit(_last_part(name))
-    return CONTENTS.get(base, "")
-
-
-def _last_part(name: str) -> str:
-    """Return the last part of the name of a field, as ROS writes it: seq of .header.seq."""
-    return re.split("[./]", name)[-1]
-
-
-def base_and_unit(name: str) -> tuple[str, str]:
-    """Return a name in small letters without its unit of time, and the unit.
-
-    A name such as `millis` is both.
-
-    Args:
-        name: of a column.
-    """
-    base, *found = UNIT.split(name.lower())
-    unit = found[0] if found else ""
-    return base, unit or base
-
-
-def _numbers(cells: "Series") -> np.ndarray:
-    """Return the cells of a column (T,) as integers, float64 or bool; NaN where one is no number.
-
-    A column of True and False stays bool. Beside columns of numbers it becomes a sensor of ones and
-    zeros, unless its name says that it holds something else.
-    """
-    from pandas import to_numeric
-
-    if isinstance(cells.dtype, np.dtype) and cells.dtype.kind in NUMBERS:
-        return np.asarray(cells.to_numpy())
-    texts = np.array([str(cell).replace(",", ".") for cell in cells], dtype=object)
-    return np.asarray(to_numeric(texts, errors="coerce"))
-
-
 @dataclass(frozen=True)
 class _Top:
-    """What stands at the top of a table.
+    """The top of a table.
 
     Attributes:
-        separator: of its cells, None for blanks.
-        above: number of lines above the numbers.
+        separator: the separator of the cells; None for blanks.
+        above: the number of lines above the numbers.
         rows: the cells of these lines.
     """
 
@@ -481,12 +181,14 @@ class _Top:
 def _top(file: Path, text: str) -> _Top:
     """Return the separator of a table, and the lines above its numbers.
 
-    A line above the numbers is a comment, or begins with a word and has words where the lines below
-    have numbers. Logging may have begun in the middle of a line, so a file's first line may be cut.
-    If anything stands above the first line of numbers, even a comment, this is not looked for.
+    A line above the numbers is a comment. Or it begins with a word, and has words where the lines
+    below have numbers.
+
+    If logging began in the middle of a line, the first line of the file is cut. This is checked
+    only where nothing stands above the first line of numbers, not even a comment.
 
     Raises:
-        UserError: there is no line of numbers, or the file begins with one that is cut.
+        UserError: there is no line of numbers, or the first line of the file is cut.
     """
     top = list[tuple[int, str]]()
     for number, line in enumerate(islice(io.StringIO(text), TOP_LINES)):
@@ -513,7 +215,12 @@ def _is_comment(line: str) -> bool:
 
 
 def _is_of_numbers(cells: list[str], example: list[str]) -> bool:
-    """Return whether cells begin with a number, or have no words where an example has numbers."""
+    """Return whether a line holds numbers: it begins with one, or has no word in place of one.
+
+    Args:
+        cells: the cells of the line.
+        example: the cells of a line of numbers.
+    """
     pairs = list(zip(cells, example, strict=False))
     if not pairs:
         return False
@@ -531,17 +238,17 @@ def _check_is_whole(
     *,
     width: int,
 ) -> None:
-    """Refuse a table whose first line holds numbers only and is cut at its beginning.
+    """Refuse a table whose first line holds only numbers and is cut at its beginning.
 
-    The line is the first one that is not empty: no names and no comment stand above it.
+    The first line is the first one that is not empty: no names and no comment stand above it.
 
     Args:
-        file: with which the error begins.
-        number: of the line, from 0.
-        cells: of the line.
+        file: the file, which the error names.
+        number: the number of the line, counted from 0.
+        cells: the cells of the line.
         top: the first lines of the file that are not empty, with their numbers.
-        separator: of the cells, None for blanks.
-        width: number of cells of the lines below.
+        separator: the separator of the cells; None for blanks.
+        width: the number of cells in the lines below.
 
     Raises:
         UserError: the line is cut, see `_is_cut`.
@@ -551,7 +258,7 @@ def _check_is_whole(
         return
     lines = f"line {number + 1} has {several(len(cells), 'cell')}, the lines below have {width}"
     remedy = f"sed -i.bak {number + 1}d {quote(str(file))}"
-    raise UserError(f"{file}: {lines}, as one that is cut; delete it: {remedy}")
+    raise UserError(f"{file}: {lines}, so its beginning is cut off; delete it: {remedy}")
 
 
 def _is_cut(
@@ -559,12 +266,13 @@ def _is_cut(
 ) -> bool:
     """Return whether a line of numbers is cut at its beginning.
 
-    It is compared with the lines below it, of which there must be two or more. The last of these
-    is left out, since it may be cut too. All others must have equally many cells. The line is cut
+    The line is compared with the lines below it, of which there must be at least two. The last of
+    these is left out, since it can be cut too. All others must have equally many cells. The line is
+    cut
 
     - if it has fewer cells than they have: `14,502` above `510,514,502`;
-    - if its first cell is empty: `,514,502`. An exception is the line of names that pandas writes,
-      `,0,1`, below which the first cells count 0, 1, 2.
+    - if its first cell is empty: `,514,502`. An exception is the line of names `,0,1` that pandas
+      writes, below which the first cells count 0, 1, 2.
     """
     below = [line for other, line in top if other > number and not _is_comment(line)]
     rows = [split_line(line.strip(), separator) for line in below[:-1]]
@@ -578,13 +286,13 @@ def _is_cut(
 
 
 def separator_of(line: str) -> str | None:
-    """Return the separator of the cells of a line, None for blanks.
+    """Return the separator of the cells of a line; None for blanks.
 
     `1,5 2,5` has decimal commas. `1 501,1 498` has blanks between groups of digits, and commas
     between its cells.
 
     Args:
-        line: of a table, without blanks at its ends.
+        line: a line of a table, without blanks at its ends.
     """
     cells = line.split(",")
     if len(cells) > 1 and all(re.fullmatch(GROUPED_BY_BLANKS, cell.strip()) for cell in cells):
@@ -606,8 +314,8 @@ def split_line(line: str, separator: str | None) -> list[str]:
     """Return the cells of a line, without quotes and blanks around them.
 
     Args:
-        line: of a table.
-        separator: of its cells, None for blanks.
+        line: a line of a table.
+        separator: the separator of its cells; None for blanks.
     """
     if not separator:
         cells = line.split()

@@ -1,20 +1,20 @@
-"""Windows that were cut from one stream: which of them overlap."""
+"""Find the windows that were cut from one stream and overlap."""
 
 import numpy as np
 
-# fewest readings that change from a frame to the next, in the frames that two windows share
+# fewest readings that must change between the frames that two windows share
 OVERLAP_CHANGES = 3
 
 
 def overlapping(windows: np.ndarray) -> np.ndarray:
-    """Return whether each window but the first overlaps the one before.
+    """Return for each window but the first whether it overlaps the window before it.
 
-    The last frames of the one before are its first frames, two at least, and three readings change
-    in them. Frames at rest and padding are alike in all windows: equal frames that do not change
-    are no overlap.
+    A window overlaps if its first frames are the last frames of the window before. These must be at
+    least two frames, in which at least `OVERLAP_CHANGES` readings change. Frames that do not change
+    are no overlap: a hand at rest and padding look alike in all windows.
 
     Args:
-        windows: (n, T, ...), of T frames each.
+        windows: (n, T, ...), the windows of T frames each.
 
     Returns:
         bool (n - 1,).
@@ -24,17 +24,20 @@ def overlapping(windows: np.ndarray) -> np.ndarray:
 
     count, length = windows.shape[:2]
     frames = windows.reshape(count, length, -1)
-    # hashes of equal frames are equal
+    # equal frames have equal hashes
     hashes = hash_pandas_object(DataFrame(frames.reshape(count * length, -1)), index=False)
     hashes = hashes.to_numpy().reshape(count, length)
     before = hashes[:-1]
     after = hashes[1:]
     changed = np.count_nonzero(frames[1:, 1:] != frames[1:, :-1], axis=2)
-    changes = np.cumsum(changed, axis=1)  # up to the second frame, the third and so on
-    # of short windows all but one frame's
+    # changes up to the second frame, up to the third, and so on
+    changes = np.cumsum(changed, axis=1)
+    # short windows have too few steps for so many changes
     fewest_changes = max(1, min(OVERLAP_CHANGES, (length - 2) * frames.shape[2]))
-    is_first = before == after[:, :1]  # frames of the one before that are the first of the next
-    is_last = after == before[:, -1:]  # frames of the next that are the last of the one before
+    # frames of the window before that equal the first frame of the next window
+    is_first = before == after[:, :1]
+    # frames of the next window that equal the last frame of the window before
+    is_last = after == before[:, -1:]
     overlaps = np.zeros(len(after), dtype=bool)
     for shared in range(2, length + 1):
         begins = is_first[:, length - shared]

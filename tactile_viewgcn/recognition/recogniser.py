@@ -20,7 +20,7 @@ from tactile_viewgcn.readers.source import (
     check_shape,
     storage_type,
 )
-from tactile_viewgcn.readers.text import table_of
+from tactile_viewgcn.readers.table_columns import table_of
 from tactile_viewgcn.recognition.growing import NOT_FINITE, GrowingRecording
 from tactile_viewgcn.recognition.model_file import load_classifier
 from tactile_viewgcn.recognition.raw_counts import (

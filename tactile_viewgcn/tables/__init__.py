@@ -1,1 +1,1 @@
-"""What stands between the stages, as tables of columns: recordings, frames, views."""
+"""Define the tables that the stages pass on: recordings, frames, views."""

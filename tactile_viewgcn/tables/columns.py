@@ -1,4 +1,4 @@
-"""The columns of all frames of a source: numbers of names, and what stands in the files."""
+"""Make the columns of all frames of a source, from names and from the contents of the files."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,9 +19,9 @@ def columns_of(
     """Return the columns (T,) of all frames, in the order in which they were written.
 
     Args:
-        recordings: with their names.
-        ids: names of objects, recordings and sessions in the order of their numbers.
-        frames: number of all frames.
+        recordings: the recordings with their names.
+        ids: the names of objects, recordings and sessions in the order of their numbers.
+        frames: the number of all frames.
     """
     columns = dict[str, np.ndarray]()
     for kind in ids:
@@ -52,7 +52,7 @@ def columns_of(
 def _add_from_files(
     columns: dict[str, np.ndarray], recordings: Sequence[Named], frames: int
 ) -> None:
-    """Put what stands in the files into columns, which are added where they are new."""
+    """Copy the columns of the files into the columns of all frames, and add new ones."""
     for recording in recordings:
         found = recording.found
         rows = slice(found.first, found.first + found.frames)
@@ -76,12 +76,12 @@ def _splits(
 def first_fault(
     columns: Mapping[str, np.ndarray], ids: Mapping[str, Sequence[str]], fault: Fault | None
 ) -> Fault | None:
-    """Return the first value out of range among columns, and `fault` if it is earlier.
+    """Return the first fault among the columns and `fault`; None if there is none.
 
     Args:
-        columns: of all frames.
-        ids: names by the column that holds their numbers.
-        fault: of a reading, if there is any.
+        columns: the columns of all frames.
+        ids: the names by the column that holds their numbers.
+        fault: the first fault among the readings, if there is one.
     """
     for name, values in columns.items():
         dtype = np.dtype(COLUMNS[name])
@@ -99,13 +99,13 @@ def first_fault(
 def fault_text(
     path: Path, fault: Fault, columns: Mapping[str, np.ndarray], recordings: Sequence[str]
 ) -> str:
-    """Return what is wrong with a value, where it stands, and what to do.
+    """Return a text that names a value out of range, its place, and the remedy.
 
     Args:
-        path: of the source.
+        path: the path of the source.
         fault: the value.
-        columns: of all frames.
-        recordings: names.
+        columns: the columns of all frames.
+        recordings: the names of the recordings.
     """
     name = recordings[int(columns["recording"][fault.row])]
     frame = int(columns["frame"][fault.row])

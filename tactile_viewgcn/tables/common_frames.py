@@ -1,6 +1,6 @@
-"""Frames that recordings have in common: copies, and pieces of one recording that overlap.
+"""Find frames that recordings have in common: copies, and pieces of one recording that overlap.
 
-Equal frames alone are no sign of a copy. A hand at rest reads the same again and again, and padding
+Equal frames are not enough for a copy. A hand at rest reads the same again and again, and padding
 is the same in all recordings. So a run of frames counts only if its changes are too rare to occur
 twice by chance. Rarity is measured in bits, by how often each sensor changes by that much.
 """
@@ -12,18 +12,19 @@ import pandas as pd
 
 from tactile_viewgcn.tables.counts import Counts, evenly
 
-SAMPLED = 2000  # frames, or steps between frames, that show how common a reading or a change is
-MOST_WEIGHED_SENSORS = 32  # whose bits are added up
-MOST_FRAME_BITS = 24.0  # of a frame: sensors that are pressed together say the same
-RUN_BITS = 72.0  # of a run of frames that is no chance
-COPY_BITS = 40.0  # of a whole recording, and two more for each doubling of the number of recordings
+SAMPLED = 2000  # frames or steps that are sampled to see how common a reading or a change is
+MOST_WEIGHED_SENSORS = 32  # sensors whose bits are added up
+MOST_FRAME_BITS = 24.0  # bits of a frame, since sensors that are pressed together say the same
+RUN_BITS = 72.0  # fewest bits of a run of frames that does not recur by chance
+# fewest bits of a copied recording; each doubling of the number of recordings adds two
+COPY_BITS = 40.0
 RUN_FRAMES = (4, 8, 16, 32, 64, 128)  # lengths of the runs that are compared
-FEWEST_CHANGES = 3  # frames of a run that differ from the one before
-RESOLUTION = 1e-6  # of a sensor's range: smaller differences are rounding errors
-FEWEST_MONOTONE_STEPS = 10  # of all recordings, by which a column counts as monotone
-CLOCK_SHARE = 0.9  # share of the recordings in which a clock moves as one
-HASHED_READINGS = 2**22  # at once
-MULTIPLIER = 0x9E3779B97F4A7C15  # odd, of the rolling hash
+FEWEST_CHANGES = 3  # fewest frames of a run that differ from the frame before
+RESOLUTION = 1e-6  # share of a sensor's range; smaller differences are rounding errors
+FEWEST_MONOTONE_STEPS = 10  # steps of all recordings that a monotone column needs
+CLOCK_SHARE = 0.9  # share of the recordings in which a clock must only rise or only fall
+HASHED_READINGS = 2**22  # readings that are hashed at once
+MULTIPLIER = 0x9E3779B97F4A7C15  # of the rolling hash; it must be odd
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,8 +32,9 @@ class CommonFrames:
     """The frames that R recordings have in common.
 
     Attributes:
-        original: int (R,), index of the first recording of the same frames: mostly its own.
-        shared: int (R,), number of a recording's frames that earlier recordings have too.
+        original: int (R,), the index of the first recording with the same frames. If there is no
+            earlier one, it is the recording's own index.
+        shared: int (R,), the number of a recording's frames that earlier recordings have too.
         links: int (L, 2), pairs of a recording and an earlier one with the same run of frames.
     """
 
@@ -45,28 +47,30 @@ def sensor_weights(sensors: int) -> np.ndarray:
     """Return odd numbers uint64 (S,), one for each sensor, for `frame_hashes`.
 
     Args:
-        sensors: number of sensors.
+        sensors: the number of sensors.
     """
     drawn = np.random.default_rng(0).integers(0, 2**63, sensors, dtype=np.uint64)
     return np.uint64(2) * drawn + np.uint64(1)
 
 
 def is_monotone(live: Counts, index_of: list[np.ndarray]) -> np.ndarray:
-    """Return the columns bool (S,) that rise at every step of nearly all recordings, or fall.
+    """Return the columns bool (S,) that are monotone in nearly all recordings.
 
-    A clock is such a column. Windows may each have a clock that begins at 0: it says nothing of
-    whether their frames are the same. A sensor that moves slowly may only rise in one window, and
-    it falls in another one. Where all columns are monotone, none counts, since nothing is left to
-    compare. Whether a column is surely a clock is a stricter question, see `frames.columns`.
+    Such a column rises at every step of a recording, or falls at every step. A clock does so. If
+    each window has a clock that begins at 0, the clock does not tell whether frames are the same. A
+    sensor that moves slowly can rise all through one window, but it falls in another.
+
+    If all columns are monotone, none is returned, since nothing would be left to compare. To be
+    sure that a column is a clock takes a stricter test, see `frames.columns`.
 
     Args:
-        live: counts (T, S) of the live sensors.
-        index_of: indices of the frames of each recording.
+        live: the counts (T, S) of the live sensors.
+        index_of: the indices of the frames of each recording.
     """
     moving = [index for index in index_of if len(index) > 1]
     most_exceptions = (1 - CLOCK_SHARE) * len(moving)
     sensors = live.shape[1]
-    not_rising = np.zeros(sensors)  # number of recordings in which a column does not always rise
+    not_rising = np.zeros(sensors)  # recordings in which a column does not always rise
     not_falling = np.zeros(sensors)
     for index in moving:
         columns = np.flatnonzero(np.minimum(not_rising, not_falling) <= most_exceptions)
@@ -86,8 +90,8 @@ def frame_hashes(counts: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Return a hash uint64 (n,) of each frame of a recording.
 
     Args:
-        counts: (n, S) of the recording.
-        weights: (S,) of the sensors, see `sensor_weights`.
+        counts: (n, S) the counts of the recording.
+        weights: (S,) the weights of the sensors, see `sensor_weights`.
     """
     hashes = np.empty(len(counts), dtype=np.uint64)
     block = max(1, HASHED_READINGS // max(1, counts.shape[1]))
@@ -107,19 +111,19 @@ def common_frames(
     is_empty: np.ndarray,
     compared: np.ndarray,
 ) -> CommonFrames:
-    """Find the copies, and the runs of frames in common.
+    """Find the copies among recordings, and the runs of frames that they have in common.
 
-    An open hand may be cut out of a grasp as a recording of the empty hand. So runs that these two
-    have in common do not count.
+    A recording of the empty hand can be the open hand cut out of a grasp. So runs that the empty
+    hand and an object have in common do not count.
 
     Args:
-        live: counts (T, S) of the live sensors; only recordings that may have frames in common are
-            read.
-        index_of: indices of the frames of each recording.
-        hashes: uint64 (T,) of all frames, recording after recording.
-        changed: bool (T,), frames that differ from the one before them in their recording.
-        is_empty: bool (R,), recordings of the empty hand.
-        compared: indices of the live sensors that the hashes are of.
+        live: the counts (T, S) of the live sensors. Only recordings that can have frames in common
+            are read.
+        index_of: the indices of the frames of each recording.
+        hashes: uint64 (T,), the hashes of all frames, recording after recording.
+        changed: bool (T,), the frames that differ from the frame before in their recording.
+        is_empty: bool (R,), the recordings of the empty hand.
+        compared: the indices of the live sensors that were hashed.
     """
     recordings = np.arange(len(index_of))
     row = np.repeat(recordings, [len(index) for index in index_of])
@@ -144,12 +148,12 @@ def common_frames(
 
 
 class _Rarity:
-    """How many bits the readings of some sensors tell, by how common they are in a sample.
+    """The rarity of readings in bits, by how common they are in a sample.
 
     Args:
-        live: counts (T, S) of the live sensors.
-        index_of: indices of the frames of each recording.
-        sensors: indices of the live sensors that may be weighed.
+        live: the counts (T, S) of the live sensors.
+        index_of: the indices of the frames of each recording.
+        sensors: the indices of the live sensors that can be weighed.
     """
 
     def __init__(self, live: Counts, index_of: list[np.ndarray], sensors: np.ndarray):
@@ -164,12 +168,13 @@ class _Rarity:
         self._of_changes: _Frequencies | None = None
 
     def of_frames(self, rows: np.ndarray) -> np.ndarray:
-        """Return the bits (T,) of each frame's change from the one before, 24 at most.
+        """Return the bits (T,) of each frame's change from the frame before, at most 24.
 
-        A frame without a change has none.
+        A frame that does not change has no bits.
 
         Args:
-            rows: indices of the recordings whose frames get their bits; others may have 0.
+            rows: the indices of the recordings whose frames get their bits. The frames of other
+                recordings can have 0.
         """
         for row in rows:
             if not self._is_known[row]:
@@ -180,10 +185,10 @@ class _Rarity:
         return self._bits
 
     def of_recording(self, row: int) -> float:
-        """Return the bits of a recording: of the readings of its first frame, and of all changes.
+        """Return the bits of a recording: the bits of its first frame plus the bits of all changes.
 
         Args:
-            row: index of the recording.
+            row: the index of the recording.
         """
         first = self._readings(self._index_of[row][:1])
         bits_of_first = self._reading_frequencies().bits(first)[0]
@@ -202,7 +207,7 @@ class _Rarity:
         return self._of_readings
 
     def _change_frequencies(self) -> "_Frequencies":
-        """Return how common changes from a frame to the next one are; no change has no bits."""
+        """Return how common changes between consecutive frames are; no change has no bits."""
         if self._of_changes is None:
             before = np.concatenate([index[:-1] for index in self._index_of])
             after = np.concatenate([index[1:] for index in self._index_of])
@@ -213,11 +218,11 @@ class _Rarity:
 
 
 class _Frequencies:
-    """How common the values of each sensor are in a sample.
+    """The frequencies of each sensor's values in a sample.
 
     Args:
         sample: (n, K), values of K sensors.
-        zero_has_bits: a value of 0 tells something where it is rare.
+        zero_has_bits: whether a value of 0 has bits if it is rare.
     """
 
     def __init__(self, sample: np.ndarray, *, zero_has_bits: bool = True):
@@ -231,10 +236,12 @@ class _Frequencies:
         self._size = len(sample) + 1
 
     def bits(self, values: np.ndarray) -> np.ndarray:
-        """Return the sum (m,) over the sensors of the bits: -log2 of a value's share of the sample.
+        """Return the bits (m,) of values, summed over the sensors.
+
+        The bits of a value are -log2 of its share of the sample.
 
         Args:
-            values: (m, K), a value of each sensor.
+            values: (m, K), m values of each sensor.
         """
         total = np.zeros(len(values))
         for sensor, (known, counts) in enumerate(self._counts):
@@ -251,7 +258,7 @@ class _Frequencies:
 
 
 def _originals(hashes: np.ndarray, index_of: list[np.ndarray], rarity: _Rarity) -> np.ndarray:
-    """Return `CommonFrames.original`; recordings of common readings may be equal by chance."""
+    """Return `CommonFrames.original`; recordings that can be equal by chance are no copies."""
     ends = np.cumsum([len(index) for index in index_of])
     hashes_of = np.split(hashes, ends[:-1])
     first_of = dict[bytes, int]()
@@ -268,8 +275,8 @@ def _in_several(hashes: np.ndarray, row: np.ndarray) -> np.ndarray:
     """Return the frames bool (T,) whose hash occurs in more than one recording.
 
     Args:
-        hashes: uint64 (T,) of the frames.
-        row: int (T,), index of each frame's recording.
+        hashes: uint64 (T,), the hashes of the frames.
+        row: int (T,), the index of each frame's recording.
     """
     order = np.argsort(hashes, kind="stable")
     is_new = hashes[order][1:] != hashes[order][:-1]
@@ -285,13 +292,13 @@ def _in_several(hashes: np.ndarray, row: np.ndarray) -> np.ndarray:
 def _varied_runs(
     row: np.ndarray, changed: np.ndarray, candidates: np.ndarray, frames: int
 ) -> np.ndarray:
-    """Return the first frame of each run of candidates in one recording in which readings vary.
+    """Return the first frame of each run of candidates, in one recording, whose readings vary.
 
     Args:
-        row: int (T,), index of each frame's recording.
-        changed: bool (T,), frames that differ from the one before.
-        candidates: bool (T,), frames of which a run may be.
-        frames: length of a run.
+        row: int (T,), the index of each frame's recording.
+        changed: bool (T,), the frames that differ from the frame before.
+        candidates: bool (T,), the frames that can be in a run.
+        frames: the length of a run.
     """
     count = len(row) - frames + 1
     if count < 1:
@@ -310,15 +317,15 @@ def _repeated(
 ) -> pd.DataFrame:
     """Return the runs of frames that an earlier recording has too: `start`, `row`, and `first`.
 
-    `first` is the row of the earlier recording. A run that a recording has twice may be in others
-    by chance, and does not count.
+    `first` is the row of the earlier recording. A run that occurs twice in one recording does not
+    count, since it can be in other recordings by chance.
 
     Args:
-        hashes: uint64 (T,) of the frames.
-        row: int (T,), index of each frame's recording.
-        starts: first frame of each run.
-        frames: length of a run.
-        is_empty: bool (R,), recordings of the empty hand.
+        hashes: uint64 (T,), the hashes of the frames.
+        row: int (T,), the index of each frame's recording.
+        starts: the first frame of each run.
+        frames: the length of a run.
+        is_empty: bool (R,), the recordings of the empty hand.
     """
     run_hash = np.zeros(len(starts), dtype=np.uint64)
     for offset in range(frames):
@@ -332,12 +339,12 @@ def _repeated(
 
 
 def _is_rare(runs: pd.DataFrame, frames: int, rarity: _Rarity) -> np.ndarray:
-    """Return the runs bool (n,) whose changes are too rare for a chance.
+    """Return the runs bool (n,) whose changes are too rare to recur by chance.
 
     Args:
-        runs: see `_repeated`.
-        frames: length of a run.
-        rarity: of the readings.
+        runs: the runs, see `_repeated`.
+        frames: the length of a run.
+        rarity: the rarity of the readings.
     """
     bits = np.concatenate([[0.0], np.cumsum(rarity.of_frames(runs["row"].unique()))])
     start = runs["start"].to_numpy()
@@ -348,9 +355,9 @@ def _inside_runs(starts: np.ndarray, frames: int, count: int) -> np.ndarray:
     """Return the frames bool (count,) that are in a run.
 
     Args:
-        starts: first frame of each run.
-        frames: length of a run.
-        count: number of all frames.
+        starts: the first frame of each run.
+        frames: the length of a run.
+        count: the number of all frames.
     """
     edges = np.zeros(count + 1, dtype=np.int64)
     np.add.at(edges, starts, 1)

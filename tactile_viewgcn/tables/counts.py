@@ -1,7 +1,8 @@
-"""A table's folder, counts.npy and columns.npz, and counts that are computed when they are indexed.
+"""Read and write a table's folder, and compute counts when they are indexed.
 
-`counts.npy` holds the readings of all frames uncompressed, so that the operating system reads it
-page by page; `columns.npz` holds all else: arrays, and as JSON what is no array.
+The folder holds two files. `counts.npy` holds the readings of all frames, uncompressed, so that the
+operating system reads it page by page. `columns.npz` holds everything else: arrays as they are, and
+all other values as JSON.
 """
 
 import json
@@ -13,19 +14,19 @@ import numpy as np
 
 COUNTS = "counts.npy"
 COLUMNS_FILE = "columns.npz"
-NO_ARRAYS = "no_arrays"  # the array in columns.npz with the JSON
+NO_ARRAYS = "no_arrays"  # the array in columns.npz that holds the JSON
 
 
 def write_counts(
     folder: Path, shape: tuple[int, ...], dtype: np.dtype, blocks: Iterable[np.ndarray]
 ) -> None:
-    """Write counts, of which only one block need be in memory.
+    """Write counts block by block, so that only one block is in memory.
 
     Args:
-        folder: of the table.
-        shape: (n, H, W) of all counts.
+        folder: the folder of the table.
+        shape: (n, H, W) the shape of all counts.
         dtype: the type in which they are stored.
-        blocks: counts (k, H, W) in order, n frames in all.
+        blocks: the counts (k, H, W) of each block in order, n frames in all.
     """
     header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
     with (folder / COUNTS).open("wb") as file:
@@ -41,7 +42,7 @@ def read_counts(folder: Path) -> np.ndarray:
 
 
 def write_columns(folder: Path, values: Mapping[str, Any]) -> None:
-    """Write values by name: arrays, and texts, numbers, lists and dictionaries of these."""
+    """Write values by name: arrays, texts, numbers, and lists and dictionaries of these."""
     arrays: dict[str, Any] = {}
     others: dict[str, Any] = {}
     for name, value in values.items():
@@ -72,7 +73,7 @@ def evenly(index: np.ndarray, most: int) -> np.ndarray:
 
 
 def middles(total: int, parts: int) -> np.ndarray:
-    """Return the index int64 (parts,) in the middle of each of equal parts of `total` rows."""
+    """Divide `total` rows into equal parts, and return the middle row int64 (parts,) of each."""
     return ((np.arange(parts) + 0.5) * total / parts).astype(np.int64)
 
 
@@ -80,12 +81,12 @@ class Gathered:
     """An array (n, ...) whose rows are computed when a slice, indices or a mask asks for them.
 
     Args:
-        rows_of: function from indices (k,) to rows (k, ...).
-        index: (n,) indices of all rows.
+        rows_of: a function from indices (k,) to rows (k, ...).
+        index: (n,) the indices of all rows.
 
     Attributes:
         shape: (n, ...).
-        dtype: of the rows.
+        dtype: the type of the rows.
     """
 
     def __init__(self, rows_of: Callable[[np.ndarray], np.ndarray], index: np.ndarray):
@@ -99,11 +100,11 @@ class Gathered:
         return len(self._index)
 
     def __getitem__(self, rows: slice | np.ndarray) -> np.ndarray:
-        # sums round by the order in memory
+        # contiguous, since the rounding of sums depends on the order in memory
         return np.ascontiguousarray(self._rows_of(self._index[rows]))
 
     def part(self, rows: np.ndarray) -> "Gathered":
-        """Return the rows at the given indices (k,), which are computed as these are."""
+        """Return the rows at the given indices (k,), which are computed in the same way."""
         return Gathered(self._rows_of, self._index[rows])
 
 

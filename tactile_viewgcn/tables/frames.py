@@ -1,4 +1,4 @@
-"""The tables of kept frames, data/frames, and of views, data/views."""
+"""Define the table of kept frames, data/frames, and the table of views, data/views."""
 
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from tactile_viewgcn.files import new_files, readable
-from tactile_viewgcn.params import SIDES as SIDES  # once for the published split and for this table
+from tactile_viewgcn.params import SIDES as SIDES  # the published split has the same codes
 from tactile_viewgcn.params import TEST as TEST
 from tactile_viewgcn.params import TRAIN as TRAIN
 from tactile_viewgcn.params import VALIDATION as VALIDATION
@@ -25,9 +25,9 @@ from tactile_viewgcn.tables.counts import (
 from tactile_viewgcn.tables.plan import Plan
 
 NO_CLUSTER = -1
-WRITTEN_FRAMES = 4096  # written at once
-INPUT_FRAMES = 512  # whose network input is computed at once
-PLAN = "plan."  # beginning of the names of a plan's values in a table's folder
+WRITTEN_FRAMES = 4096  # frames that are written at once
+INPUT_FRAMES = 512  # frames whose network input is computed at once
+PLAN = "plan."  # the names of a plan's values in a table's folder begin with this
 #: The columns of the table of frames.
 FRAME_COLUMNS = (
     "label",
@@ -46,26 +46,26 @@ FRAME_COLUMNS = (
 class Frames:
     """The n kept frames in the order of their recordings, with R baselines and C classes.
 
-    A column is read as an attribute, `frames.label` for `frames.columns["label"].to_numpy()`.
+    Each column can be read as an attribute: `frames.label` is `frames.columns["label"].to_numpy()`.
 
     Attributes:
-        counts: (n, H, W) raw counts, memory-mapped where the table was read.
-        columns: a row for each frame, with the columns that stand below as attributes.
-        baseline_mean: (R, H, W) counts, in a type that holds `counts` exactly.
-        classes: names, by `label`.
-        recordings: names, by `recording`.
-        sessions: names, by `session`.
+        counts: (n, H, W) raw counts, memory-mapped if the table was read from a folder.
+        columns: a row for each frame. Its columns are listed below as attributes.
+        baseline_mean: (R, H, W) the baselines in counts, in a type that holds `counts` exactly.
+        classes: the names of the classes, by `label`.
+        recordings: the names of the recordings, by `recording`.
+        sessions: the names of the sessions, by `session`.
         plan: how readings became these frames; new recordings become frames in the same way.
-        label: (n,) class.
-        recording: (n,) number of the recording.
-        session: (n,) number of the session.
-        grasp: (n,) number of the grasp inside its recording; 0 where grasps are not numbered.
-        group: (n,) split group.
+        label: (n,) the class.
+        recording: (n,) the number of the recording.
+        session: (n,) the number of the session.
+        grasp: (n,) the number of the grasp inside its recording; 0 if grasps are not numbered.
+        group: (n,) the split group.
         side: (n,) TRAIN, VALIDATION or TEST.
-        anchor: bool (n,), anchors: frames around which a view set is drawn each, about equally many
-            of every class.
-        baseline: (n,) index into `baseline_mean`.
-        time: (n,) seconds since the recording's first frame; NaN in a source without times.
+        anchor: bool (n,), the anchors. A view set is drawn around each anchor. Every class has
+            about equally many.
+        baseline: (n,) the index into `baseline_mean`.
+        time: (n,) seconds since the recording's first frame; NaN if the source has no times.
     """
 
     counts: Counts
@@ -158,7 +158,7 @@ class Frames:
 
     @classmethod
     def of_values(cls, folder: Path, values: dict[str, Any]) -> "Frames":
-        """Return the table of `values`; its counts are memory-mapped in the folder."""
+        """Return the table that `values` describes, with memory-mapped counts from the folder."""
         columns = pd.DataFrame({name: values.pop(name) for name in FRAME_COLUMNS})
         names = [name for name in values if name.startswith(PLAN)]
         plan = Plan(**{name.removeprefix(PLAN): values.pop(name) for name in names})
@@ -168,8 +168,8 @@ class Frames:
         """Return the network input float32 (k, H, W) of frames.
 
         Args:
-            index: (k,) the frames.
-            transform: see `network_input`; None for the table's.
+            index: (k,) the indices of the frames.
+            transform: the transform, see `network_input`; None for the transform of the table.
         """
         inputs = np.empty((len(index), *self.counts.shape[1:]), dtype=np.float32)
         for start in range(0, len(index), INPUT_FRAMES):
@@ -187,7 +187,7 @@ class Frames:
         It is computed when it is indexed.
 
         Args:
-            index: (k,) the frames.
+            index: (k,) the indices of the frames.
         """
         return Gathered(self._inputs_of_live_sensors, index)
 
@@ -195,12 +195,12 @@ class Frames:
         return self.inputs(index)[:, self.live]
 
     def by_recording(self, index: np.ndarray) -> list[np.ndarray]:
-        """Return the frames of each recording among rising indices (n,), in rising arrays."""
+        """Divide rising indices (n,) of frames by recording; the parts are rising too."""
         parts = pd.Series(index).groupby(self.recording[index])
         return [part.to_numpy() for _, part in parts]
 
     def on(self, *sides: int) -> np.ndarray:
-        """Return rising indices of the frames in the given sets, such as TRAIN."""
+        """Return the rising indices of the frames in the given sets, such as TRAIN."""
         return np.flatnonzero(np.isin(self.side, sides))
 
 
@@ -209,10 +209,10 @@ class Views:
     """The result of the stage `cluster`.
 
     Attributes:
-        cluster: int16 (n,) of each kept frame; NO_CLUSTER in the test set, and everywhere if
-            nothing is clustered.
-        pool: int64 (n,) of each kept frame.
-        viewpoints: float64 (V, 3).
+        cluster: int16 (n,) the cluster of each kept frame. It is NO_CLUSTER in the test set, and
+            everywhere if nothing is clustered.
+        pool: int64 (n,) the pool in which each kept frame is clustered.
+        viewpoints: float64 (V, 3), the viewpoints.
     """
 
     cluster: np.ndarray
@@ -234,7 +234,7 @@ class Views:
 
     @classmethod
     def of_values(cls, _: Path, values: dict[str, Any]) -> "Views":
-        """Return the table of `values`."""
+        """Return the table that `values` describes."""
         return cls(**values)
 
 
@@ -245,10 +245,10 @@ def network_input(excess: np.ndarray, transform: str, scale: float) -> np.ndarra
     """Return the network input float32, of the same shape as the counts.
 
     Args:
-        excess: counts above baseline.
-        transform: `clip` (released code): clip(x / scale, 0, 1); `log`: log(1 + max(x, 0));
-            `counts`: x, for systems without a network.
-        scale: counts at full scale, for `clip` only.
+        excess: the counts x above the baseline.
+        transform: `clip` returns clip(x / scale, 0, 1), as the released code does. `log` returns
+            log(1 + max(x, 0)). `counts` returns x, for systems without a network.
+        scale: the counts at full scale, which only `clip` needs.
     """
     excess = np.asarray(excess, dtype=np.float32)
     if transform == "clip":
@@ -261,13 +261,13 @@ def network_input(excess: np.ndarray, transform: str, scale: float) -> np.ndarra
 
 
 def frame_rates(time: np.ndarray, recording: np.ndarray) -> dict[int, float]:
-    """Return the frames a second of each recording that has times, by its number.
+    """Return the frame rate in Hz of each recording that has times, by its number.
 
-    It is one over the median of the steps between frames.
+    The rate is one over the median of the time steps between frames.
 
     Args:
-        time: (n,) seconds, in the order of time.
-        recording: (n,) number of the recording of each frame.
+        time: (n,) the seconds of each frame, in the order of time.
+        recording: (n,) the number of each frame's recording.
     """
     steps_of_time = pd.Series(time).groupby(recording).diff()
     step = steps_of_time.groupby(recording).median()
@@ -287,14 +287,14 @@ def save_table(path: str | Path, table: Frames | Views) -> None:
 
 
 def load_table(path: str | Path, kind: type[Table]) -> Table:
-    """Return a table of `save_table`; counts are memory-mapped.
+    """Return a table that `save_table` wrote, with memory-mapped counts.
 
     Args:
-        path: its folder.
-        kind: its class.
+        path: the folder of the table.
+        kind: the class of the table.
 
     Raises:
-        UserError: the table is damaged, or of a different version of the project.
+        UserError: the table is damaged, or another version of the project wrote it.
     """
     folder = Path(path)
     with readable(folder):

@@ -1,7 +1,7 @@
-"""One look at each recording's readings: what repeats, what stands still, how strong they are.
+"""Look once at each recording's readings: what repeats, what stands still, how strong they are.
 
-Recordings are read one at a time. Little is kept of each: a row of a table, a number for each
-frame, and a few values for each sensor. `tables.remarks` makes warnings of it.
+Recordings are read one at a time. Little of each stays in memory: a row of a table, a number for
+each frame, and a few values for each sensor. `tables.remarks` makes warnings of these.
 """
 
 from dataclasses import dataclass, replace
@@ -23,14 +23,15 @@ from tactile_viewgcn.tables.common_frames import (
 from tactile_viewgcn.tables.counts import COLUMNS_FILE, evenly, read_columns, write_columns
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
-FEWEST_INSIDE = 5  # frames between equal ends, of which it is known how the readings move
-NEARLY_ALL = 0.9  # of the sensors that vary
-MOST_SCALED_SENSORS = 64  # of which the strength and the steps are kept
-MOST_SCALED_FRAMES = 20_000  # of a recording, from which these are computed
+FEWEST_INSIDE = 5  # fewest frames between equal ends that show how the readings move
+NEARLY_ALL = 0.9  # share of the sensors that vary
+MOST_SCALED_SENSORS = 64  # sensors whose strength and steps are computed
+MOST_SCALED_FRAMES = 20_000  # frames of a recording from which these are computed
 STRONG_QUANTILE = 0.99  # of a sensor's absolute readings in a recording
-STEP_QUANTILE = 0.1  # of a sensor's changes: its noise, or the step to which it is rounded
-MOST_PARTS = 10  # of a recording, in each of which a lively sensor changes
-FEWEST_PART_STEPS = 10  # steps of a part
+# of a sensor's changes; it is the size of the noise, or of the step to which readings are rounded
+STEP_QUANTILE = 0.1
+MOST_PARTS = 10  # parts of a recording; a lively sensor changes in each of them
+FEWEST_PART_STEPS = 10  # fewest steps of a part
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,17 +44,18 @@ class Look:
             - `object`: the number of its object;
             - `frames`: the number of its frames;
             - `moves`: the number of frames that differ from the frame before;
-            - `head` and `tail`: how many frames are equal at the beginning and at the end. At
-              least 1, and all frames where nothing changes;
+            - `head` and `tail`: the numbers of equal frames at the beginning and at the end. They
+              are at least 1, and count all frames if nothing changes;
             - `end`: how the longer of these ends reads, see `_kind_of_end`;
             - `original`: the number of the first recording with the same counts;
             - `shared`: the number of its frames that earlier recordings have too;
             - `partner`: the number of the first of these recordings, or else its own;
             - `take`: the number of the first recording with which it is held out together.
-        stuck: bool (R, S), sensors that read the same in all frames of the recording.
-        lively: bool (R, S), sensors that change in every part of the recording.
-        strength: (R, K), the strong reading of up to 64 sensors, see `STRONG_QUANTILE`.
-        step: (R, K), their small changes, see `STEP_QUANTILE`; NaN where a sensor does not change.
+        stuck: bool (R, S), the sensors that read the same in all frames of the recording.
+        lively: bool (R, S), the sensors that change in every part of the recording.
+        strength: (R, K), the strong readings of up to 64 sensors, see `STRONG_QUANTILE`.
+        step: (R, K), the small changes of these sensors, see `STEP_QUANTILE`. It is NaN if a sensor
+            does not change.
     """
 
     by_recording: pd.DataFrame
@@ -69,13 +71,13 @@ class Look:
 
 
 def look_at(recordings: Recordings) -> Look:
-    """Return what one look at every recording that has frames finds.
+    """Look at every recording that has frames, and return the findings.
 
     A clock among the columns always changes. So monotone columns do not count when frames are
     compared.
 
     Args:
-        recordings: the table of raw counts; each recording is read once or twice.
+        recordings: the table of raw counts. Each recording is read once or twice.
     """
     live = recordings.live_counts()
     index_of = frames_by_recording(recordings)
@@ -126,13 +128,13 @@ def look_at(recordings: Recordings) -> Look:
 
 
 def held_together(recordings: Recordings, look: Look) -> Recordings:
-    """Return the recordings, of which those with frames in common are held out together.
+    """Return the recordings such that recordings with frames in common are held out together.
 
-    Such recordings get one number in the column `take`.
+    Recordings with frames in common get the same number in the column `take`.
 
     Args:
         recordings: the table of raw counts.
-        look: of the same recordings.
+        look: the look at the same recordings.
     """
     if not look.has_shared_frames:
         return recordings
@@ -142,12 +144,12 @@ def held_together(recordings: Recordings, look: Look) -> Recordings:
 
 
 def write_takes(folder: Path, recordings: Recordings, look: Look) -> None:
-    """Write the column `take` of `held_together` to a table, where recordings share frames.
+    """Write the column `take` of `held_together` to a table, if recordings share frames.
 
     Args:
-        folder: of the table.
+        folder: the folder of the table.
         recordings: the same table.
-        look: of the same recordings.
+        look: the look at the same recordings.
     """
     if not look.has_shared_frames:
         return
@@ -158,11 +160,11 @@ def write_takes(folder: Path, recordings: Recordings, look: Look) -> None:
 
 
 def groups_together(recordings: Recordings, look: Look, groups: np.ndarray) -> np.ndarray:
-    """Return groups int (T,) of frames, in which groups with frames in common have become one.
+    """Return the groups int (T,) of frames after merging groups that have frames in common.
 
     Args:
         recordings: the table of raw counts.
-        look: of the same recordings.
+        look: the look at the same recordings.
         groups: int (T,), the group of each frame.
     """
     if not look.has_shared_frames:
@@ -185,8 +187,8 @@ def _row(counts: np.ndarray, moved: np.ndarray) -> dict[str, int | str]:
     """Return how a recording moves, see `Look.by_recording`.
 
     Args:
-        counts: (n, S) of the sensors that are compared.
-        moved: bool (n - 1,), steps in which one of them changes.
+        counts: (n, S) the counts of the sensors that are compared.
+        moved: bool (n - 1,), the steps in which any of these sensors changes.
     """
     frames = len(counts)
     steps = np.flatnonzero(moved)
@@ -208,14 +210,14 @@ def _kind_of_end(counts: np.ndarray, *, head: int, tail: int) -> str:
     """Return how the equal frames at the longer end compare with the frames between the ends.
 
     Args:
-        counts: (n, S) of a recording.
-        head: number of equal frames at the beginning.
-        tail: number of equal frames at the end.
+        counts: (n, S) the counts of a recording.
+        head: the number of equal frames at the beginning.
+        tail: the number of equal frames at the end.
 
     Returns:
         `rest` if both ends are equal, or if nearly all sensors have their smallest or largest
         reading there, as in a hand at rest. `outside` if the end is further from all other readings
-        than these are from each other. Else "".
+        than these are from each other. Otherwise "".
     """
     if max(head, tail) < 2:
         return ""
@@ -259,8 +261,8 @@ def _strong_readings(counts: np.ndarray, sensors: np.ndarray) -> np.ndarray:
     """Return the strong reading (K,) of each of the `sensors` (K,), see `STRONG_QUANTILE`.
 
     Args:
-        counts: (n, S) of a recording.
-        sensors: int (K,), which sensors.
+        counts: (n, S) the counts of a recording.
+        sensors: int (K,), the indices of the sensors.
     """
     frames = evenly(np.arange(len(counts)), MOST_SCALED_FRAMES)
     readings = np.abs(counts[np.ix_(frames, sensors)].astype(np.float64))
@@ -271,8 +273,8 @@ def _small_steps(counts: np.ndarray, sensors: np.ndarray) -> np.ndarray:
     """Return a small change (K,) of each of the `sensors` (K,), see `STEP_QUANTILE`.
 
     Args:
-        counts: (n, S) of a recording.
-        sensors: int (K,), which sensors.
+        counts: (n, S) the counts of a recording.
+        sensors: int (K,), the indices of the sensors.
     """
     frames = evenly(np.arange(len(counts) - 1), MOST_SCALED_FRAMES)
     before = counts[np.ix_(frames, sensors)].astype(np.float64)
@@ -303,7 +305,7 @@ def _takes(recordings: Recordings, numbers: np.ndarray, links: np.ndarray) -> np
 
     Args:
         recordings: the table of raw counts.
-        numbers: (R,) of the recordings with frames.
+        numbers: (R,) the numbers of the recordings with frames.
         links: (L, 2) pairs of indices into `numbers`.
     """
     pairs = [links]
@@ -317,7 +319,7 @@ def _takes(recordings: Recordings, numbers: np.ndarray, links: np.ndarray) -> np
 
 
 def takes_of_source(recordings: Recordings) -> pd.Series | None:
-    """Return the take of each recording with frames, by its number; None if the source has none.
+    """Return the take of each recording with frames, by its number; None if there are no takes.
 
     Args:
         recordings: the table of raw counts.
@@ -332,8 +334,8 @@ def _components(pairs: np.ndarray, count: int) -> np.ndarray:
     """Return the number (count,) of the connected component of each node.
 
     Args:
-        pairs: int (L, 2), nodes that are connected.
-        count: number of nodes.
+        pairs: int (L, 2), the nodes that are connected.
+        count: the number of nodes.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

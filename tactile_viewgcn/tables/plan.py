@@ -1,7 +1,7 @@
-"""The plan: how readings become frames, decided on the training set and applied to every recording.
+"""Define the plan: how readings become frames, decided on the training set.
 
-`frames/decide.py` makes it and `frames/apply.py` applies it. The table of frames and the model file
-store it.
+`frames/decide.py` makes the plan, and `frames/apply.py` applies it to every recording. The table of
+frames and the model file store it.
 """
 
 from typing import Annotated, Literal
@@ -12,35 +12,36 @@ from pydantic.dataclasses import dataclass
 
 from tactile_viewgcn.params import PreprocessSection
 
-#: of pydantic's dataclasses that hold arrays
+#: The configuration of pydantic's dataclasses that hold arrays.
 ARRAYS = ConfigDict(arbitrary_types_allowed=True, extra="forbid", hide_input_in_errors=True)
 
 
 @dataclass(frozen=True, eq=False, config=ARRAYS)
 class Plan:
-    """How readings become frames, and what the training frames read.
+    """How readings become frames, and the typical readings of the training frames.
 
-    What is decided stands first, and suffices for the training, validation and test set. New
-    recordings need the rest too: `measured_on` adds it.
+    The decisions stand first. They are enough for the training, validation and test set. New
+    recordings also need the other attributes, from `noise` on, which `measured_on` adds.
 
     Attributes:
-        params: the settings of `preprocess`, every `auto` decided.
+        params: the settings of `preprocess`, with every `auto` decided.
         live: bool (H, W), the sensors whose counts vary in the training set.
-        dtype: type of the raw counts.
-        channel_names: names of the sensors, row after row, or none.
-        shows_open_hand: whether the training recordings show an open hand. If not, no frame gives a
-            baseline as one of the open hand; the filter still decides which frames are in contact.
-        kept_share: share of the training frames that pass the filter.
-        noise: (H, W) mean standard deviation of the training set's baselines in counts; NaN where
-            it was not measured, and (0, 0) before `measured_on`.
-        sessions: names of the S sessions that have training frames.
-        baselines: (S, H, W) mean baseline of each of these sessions in counts.
-        strong_readings: lowest and highest strong reading of the training recordings in counts,
-            above the baseline and then raw, see `frames/training_readings.py`.
-        least_change: smallest `change_between_frames` above 0 of the training recordings in counts;
-            0 if it is not known.
-        rates: lowest and highest frame rate of the training recordings in Hz; 0 and infinity
-            without times.
+        dtype: the type of the raw counts.
+        channel_names: the names of the sensors, row after row, or none.
+        shows_open_hand: whether the training recordings show an open hand. If not, no frame counts
+            as an open hand for a baseline. The filter still decides which frames are in contact.
+        kept_share: the share of the training frames that pass the filter.
+        noise: (H, W) the mean standard deviation of the training set's baselines in counts. It is
+            NaN if it was not measured, and has the shape (0, 0) before `measured_on`.
+        sessions: the names of the S sessions that have training frames.
+        baselines: (S, H, W) the mean baseline of each of these sessions in counts.
+        strong_readings: two pairs, the lowest and the highest strong reading of the training
+            recordings in counts. The first pair is above the baseline and the second raw, see
+            `frames/training_readings.py`.
+        least_change: the smallest `change_between_frames` above 0 of the training recordings in
+            counts; 0 if it is not known.
+        rates: the lowest and the highest frame rate of the training recordings in Hz; 0 and
+            infinity without times.
     """
 
     params: PreprocessSection
@@ -57,13 +58,13 @@ class Plan:
     rates: list[float] = Field(default_factory=lambda: [0.0, np.inf])
 
     def check(self) -> None:
-        """Raise a ValueError unless a plan of `measured_on` can be applied to new recordings.
+        """Raise a ValueError unless the plan can be applied to new recordings.
 
-        Its types are checked when it is made.
+        The plan must come from `measured_on`. Its types are checked when it is made.
 
         Raises:
-            ValueError: an array or a list has another size or type than it should have, or the
-                noise of a sensor is below 0 or infinite.
+            ValueError: a setting is not decided, an array or a list has the wrong size or type, or
+                the noise of a sensor is below 0 or infinite.
         """
         if "auto" in vars(self.params).values():
             raise ValueError("a setting is not decided")
@@ -71,7 +72,7 @@ class Plan:
             raise ValueError("no sensor is live")
         if self.noise.shape != self.live.shape:
             raise ValueError(f"noise of {self.noise.shape}; expected {self.live.shape}")
-        if (self.noise < 0).any() or np.isinf(self.noise).any():  # NaN: not measured
+        if (self.noise < 0).any() or np.isinf(self.noise).any():  # NaN: the noise was not measured
             raise ValueError("the noise of a sensor is below 0 or infinite")
         expected = (len(self.sessions), *self.live.shape)
         if self.baselines.shape != expected or not self.sessions:

@@ -1,7 +1,7 @@
-"""One pass over a source: each file is read once, and its frames are appended to a table.
+"""Read each file of a source once, and append its frames to a table.
 
-The names of objects, recordings and sessions, and their numbers, are decided at the end, when all
-that stands in the files is known. Memory holds one file's frames, or those of the files that are
+The names of objects, recordings and sessions, and their numbers, are decided at the end, when the
+contents of all files are known. Memory holds the frames of one file, or of the files that are
 joined to one recording, and the other columns of all files.
 """
 
@@ -39,19 +39,19 @@ from tactile_viewgcn.tables.columns import columns_of, fault_text, first_fault
 from tactile_viewgcn.tables.counts import write_columns
 from tactile_viewgcn.tables.writing import CountsFile, Fault
 
-COLUMN_BYTES = 32  # of the columns of one frame in a table
-# of the readings of the sensor that varies most; see MAX_PRESSURE in readers/source.py
+COLUMN_BYTES = 32  # bytes of the columns of one frame in a table
+# smallest range of the sensor that varies most; see MAX_PRESSURE in readers/source.py
 MIN_SPREAD = 1e-30
 
 
 @dataclass(frozen=True)
 class Group:
-    """The files of one recording, mostly one.
+    """The files of one recording; most recordings have one file.
 
     Attributes:
-        files: in order.
-        parts: the part of the sensors in each file, such as ["left", "right"]; [""] where neither
-            the layout nor a catalogue names parts.
+        files: the files in order.
+        parts: the part of the sensors in each file, such as ["left", "right"]. It is [""] if
+            neither the layout nor a catalogue names parts.
     """
 
     files: list[Path]
@@ -59,9 +59,9 @@ class Group:
 
 
 def groups_of(source: Source, form: Form) -> list[Group]:
-    """Return the files of a source in groups, of which each is joined to one recording.
+    """Return the files of a source in groups; the files of a group are joined to one recording.
 
-    Files are joined by the catalogue that is the source, or by a PART in the layout.
+    A catalogue that is the source decides which files are joined, or else a PART in the layout.
     """
     keys = {file: (str(file), "") for file in source.files}
     if source.given is not None:
@@ -86,9 +86,9 @@ class _Framed:
     """A recording with pressure (T, H, W).
 
     Attributes:
-        recording: see above.
-        axes: of the array in its file, of which the frames were made.
-        is_only_array: its file holds no other array or table, see `Found`.
+        recording: the recording.
+        axes: the shape of the array in its file, from which the frames were made.
+        is_only_array: whether its file holds no other array or table, see `Found`.
     """
 
     recording: Recording
@@ -98,14 +98,14 @@ class _Framed:
 
 @dataclass(frozen=True)
 class Contents:
-    """What a source holds.
+    """The contents of a source.
 
     Attributes:
-        recordings: in the order of their frames, with their names.
-        channel_names: of the sensors, row after row; empty without any.
-        notes: what was taken for what, and what was left out.
-        unread: what is wrong in each file that was not read, "" where its ending says it.
-        fault: the first reading out of range, if there is any. `write_recordings` refuses it.
+        recordings: the recordings with their names, in the order of their frames.
+        channel_names: the names of the sensors, row after row; empty if they have none.
+        notes: how files were read, and what was left out.
+        unread: the mistake in each file that was not read, "" if only its ending is the reason.
+        fault: the first reading out of range, if there is one. `write_recordings` refuses it.
     """
 
     recordings: list[Named]
@@ -116,12 +116,12 @@ class Contents:
 
 
 class SourcePass:
-    """One reading of the files of a source into a file of counts; at its end all get their names.
+    """One pass over the files of a source, at the end of which all recordings get their names.
 
     Args:
-        source: its files.
-        form: as which they are read.
-        counts: to which frames are appended.
+        source: the source.
+        form: the form in which its files are read.
+        counts: the file to which frames are appended.
     """
 
     def __init__(self, source: Source, form: Form, counts: CountsFile):
@@ -130,10 +130,10 @@ class SourcePass:
         self._counts = counts
         self._found = list[Found]()
         self._mistakes = dict[Path, str]()
-        self._unread_texts = dict[Path, str]()  # what is wrong in each
+        self._unread_texts = dict[Path, str]()  # the mistake in each file
         self._label_tables = dict[Path, pd.DataFrame]()
         self._left_out = set[str]()
-        self._frames = 0  # those that are not written too
+        self._frames = 0  # including frames that are not written
         self._first: Group | None = None
         self._stored = bytes_of(source.files)
         self._given = dict[Path, pd.DataFrame]()  # the catalogue's rows of each file
@@ -141,7 +141,7 @@ class SourcePass:
             self._given = dict(list(source.given.groupby("path", sort=False)))
 
     def read(self) -> None:
-        """Read all files; what is wrong in them is kept until the end."""
+        """Read all files, and keep their mistakes until the end."""
         for group in groups_of(self._source, self._form):
             try:
                 self._read_group(group)
@@ -149,7 +149,7 @@ class SourcePass:
                 self._mistakes[group.files[0]] = str(error)
 
     def _read_group(self, group: Group) -> None:
-        """Read the files of a recording, mostly one, and keep the recordings in them."""
+        """Read the files of one group, and keep the recordings in them."""
         contents = dict[Path, list[_Framed]]()
         parts = list[str]()
         for file, part in zip(group.files, group.parts, strict=True):
@@ -162,7 +162,7 @@ class SourcePass:
         files = list(contents)
         self._check_parts(Group(files, parts))
         if self._given and any(parts):
-            # in the catalogue the parts of each recording may stand in another order
+            # a catalogue can list the parts of each recording in another order
             files, parts = self._in_usual_order(files, parts)
             contents = {file: contents[file] for file in files}
         if len(files) == 1:
@@ -181,11 +181,12 @@ class SourcePass:
     def _recordings_in(self, file: Path) -> list[Recording] | None:
         """Return the recordings in a file, or None if the file counts as no recording.
 
-        That is a labels.csv, and, unless a catalogue names the files, a .txt with any mistake in
-        it: many folders hold a readme.txt. What is wrong in the .txt is kept in `_unread_texts`.
+        A labels.csv counts as no recording. Neither does a .txt with a mistake, since many folders
+        hold a readme.txt; `_unread_texts` keeps the mistake. An exception is a .txt that a
+        catalogue names.
 
         Raises:
-            UserError: another file has a mistake, or a .txt that a catalogue names.
+            UserError: any other file has a mistake, or a .txt that a catalogue names has one.
         """
         try:
             with reading(file):
@@ -201,7 +202,7 @@ class SourcePass:
     def _recordings_in_text(self, file: Path) -> list[Recording] | None:
         """Return the table in a text as one recording; None for a labels.csv.
 
-        If a catalogue names recordings by their `place` in the table, there are several.
+        If a catalogue names recordings by their `place` in the table, return these recordings.
         """
         text = self._source.texts.pop(file, None)
         if text is None:
@@ -217,7 +218,10 @@ class SourcePass:
         return [table]
 
     def _framed(self, file: Path, recordings: list[Recording]) -> list[_Framed]:
-        """Return the recordings in a file with pressure (T, H, W), those that a catalogue names."""
+        """Return the recordings in a file with pressure (T, H, W).
+
+        If a catalogue is the source, return only the recordings that it names.
+        """
         framed_ones = list[_Framed]()
         is_only_array = len(recordings) == 1
         for recording in recordings:
@@ -249,7 +253,7 @@ class SourcePass:
         return [framed_one for framed_one in framed_ones if framed_one.recording.place in named]
 
     def _check_parts(self, group: Group) -> None:
-        """Refuse files of a recording whose parts are others than those of the first recording."""
+        """Refuse a recording whose parts differ from the parts of the first recording."""
         if not any(group.parts):
             return
         if self._first is None:
@@ -260,7 +264,7 @@ class SourcePass:
             parts = sorted(parts, key=lambda part: usual.index(part) if part in usual else -1)
         if parts == usual and len(set(parts)) == len(parts):
             return
-        expected = f"{listed([*dict.fromkeys(usual)])} once each, as by {self._first.files[0]}"
+        expected = f"{listed([*dict.fromkeys(usual)])} once each, as for {self._first.files[0]}"
         what = f"PART is {listed(group.parts)}; expected {expected}"
         remedy = setting("data.layout=auto")
         if self._given:
@@ -276,7 +280,7 @@ class SourcePass:
         return [file_of_part[part] for part in usual], list(usual)
 
     def _keep(self, files: list[Path], parts: list[str], framed_one: _Framed) -> None:
-        """Append the frames of a recording to the counts, and keep all else."""
+        """Append the frames of a recording to the counts, and keep everything else."""
         recording = framed_one.recording
         self._left_out.update(recording.left_out)
         shape, dtype = check_values(recording.values, str(files[0]))
@@ -310,17 +314,19 @@ class SourcePass:
         return self._frames * (prod(shape) * dtype.itemsize + COLUMN_BYTES)
 
     def finish(self) -> Contents:
-        """Return what the source holds, with all names.
+        """Return the contents of the source, with all names.
+
+        A reading out of range is no error here, see `Contents.fault`.
 
         Raises:
-            UserError: lists the files that cannot be read, or are unlike most others, or have the
-                name of an earlier one; or there are no frames, or they take far more room than
-                their files. A reading out of range is no error here, see `Contents.fault`.
+            UserError: files cannot be read, differ from most others, or have the name of an earlier
+                recording; the error lists them. Or there are no frames, or they take far more room
+                than their files.
         """
         naming = self._naming()
         recordings = self._named(naming)
         if self._frames == 0 or self._counts.shape is None:
-            what = "no frames; expected at least one recording with frames in it"
+            what = "no frames; expected at least one recording with frames"
             raise UserError(f"{self._source.path}: {what}")
         dtype = np.result_type(*{found.dtype for found in self._found})
         unpacked = self._bytes(self._counts.shape, dtype)
@@ -337,7 +343,7 @@ class SourcePass:
         return Contents(recordings, channels, notes, unread, fault)
 
     def _naming(self) -> Naming:
-        """Return what gives the recordings their names, for the files that hold recordings."""
+        """Return the `Naming` of the files that hold recordings."""
         files = [file for file in self._source.files if file not in self._unread_texts]
         if not files:
             raise UserError(listed(once_each(self._unread_texts.items()), "; "))
@@ -347,7 +353,7 @@ class SourcePass:
         files = [file for file in files if file not in self._label_tables]
         if not files:
             tables = listed([table.name for table in self._label_tables])
-            raise UserError(f"{self._source.path}: no recordings beside {tables}; {EXPECTED}")
+            raise UserError(f"{self._source.path}: no recordings besides {tables}; {EXPECTED}")
         return Naming(self._source, files, labels, self._form)
 
     def _named(self, naming: Naming) -> list[Named]:
@@ -375,7 +381,7 @@ class SourcePass:
         return recordings
 
     def _check_left_out(self, channels: list[str]) -> None:
-        """Refuse a column to be left out that no file has."""
+        """Refuse a `leave_out` of a column that no file has."""
         if not self._form.labelled or self._found[0].recording.is_framed:
             return
         missing = [name for name in self._form.left_out if name not in self._left_out]
@@ -385,7 +391,10 @@ class SourcePass:
 
 
 def _with_splits(recordings: list[Named]) -> list[Named]:
-    """Return recordings of a catalogue, all with a published set if one has it: else training."""
+    """Return the recordings of a catalogue, all with a published set if any of them has one.
+
+    The set of a recording that has none is then the training set.
+    """
     if not any(recording.has_split for recording in recordings):
         return recordings
     filled = list[Named]()
@@ -401,13 +410,13 @@ def write_recordings(folder: Path, source: Source, form: Form) -> pd.DataFrame:
     """Write the frames of a source to a table, and return its catalogue.
 
     Args:
-        folder: of the table.
-        source: from `discover`.
-        form: as which its files are read.
+        folder: the folder of the table.
+        source: the source, from `discover`.
+        form: the form in which its files are read.
 
     Raises:
-        UserError: as `SourcePass.finish`; or a value is out of range, or the readings vary too
-            little.
+        UserError: a value is out of range, or the readings vary too little. `SourcePass.finish`
+            raises it too.
     """
     counts = CountsFile(folder)
     source_pass = SourcePass(source, form, counts)
@@ -445,7 +454,7 @@ def _check_spread(path: Path, counts: CountsFile) -> None:
 def _sort_lines(
     recordings: Sequence[Named], columns: dict[str, np.ndarray], counts: CountsFile
 ) -> None:
-    """Bring the lines of a table into the order of its recordings, of which they may be mixed."""
+    """Sort the lines of each table by recording, since its recordings can be mixed."""
     done = set[int]()
     for recording in recordings:
         first = recording.found.first

@@ -1,7 +1,7 @@
-"""The table of raw counts, data/recordings: every frame of every recording of a source.
+"""Define the table of raw counts, data/recordings: every frame of every recording of a source.
 
 `read_source` reads the files, checks them and writes a folder, which `Recordings` reads. Counts are
-the sensors' raw ADC counts, or readings in the glove's unit; axes are (frame, row, column).
+the sensors' raw ADC counts, or readings in the glove's unit. Their axes are (frame, row, column).
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,22 +31,23 @@ from tactile_viewgcn.tables.counts import Counts, Gathered, part_of, read_column
 from tactile_viewgcn.tables.reading import write_recordings
 
 ALWAYS = tuple(COLUMNS)[:5]  # the columns that every table has
-NO_SESSION = ""  # name of the session of a recording that names none
-CATALOGUE = "catalogue.csv"  # what the child leaves beside the table, where it is asked for
+NO_SESSION = ""  # the name of the session if a recording names none
+CATALOGUE = "catalogue.csv"  # the file that the child writes into the table's folder, if asked to
 
 
 def read_source(path: Path, out: Path, form: Form = AUTO, *, catalogue: Path | None = None) -> None:
     """Write the recordings at a path to a table, in a child process, see `run_apart`.
 
+    If anything fails, no file is left behind.
+
     Args:
-        path: of the source, see `discover`.
-        out: folder of the table.
-        form: as which files are read.
-        catalogue: file to which the catalogue of the recordings is written too.
+        path: the path of the source, see `discover`.
+        out: the folder of the table.
+        form: the form in which files are read.
+        catalogue: a file to which the catalogue of the recordings is written too.
 
     Raises:
-        UserError: as `discover` and `write_recordings`, or the child crashed; nothing is left
-            behind.
+        UserError: the child crashed. `discover` and `write_recordings` raise it too.
     """
     with new_files(out) as part:
         request = {"path": str(path), "out": str(part), "form": asdict(form)}
@@ -60,10 +61,10 @@ def read_source(path: Path, out: Path, form: Form = AUTO, *, catalogue: Path | N
 
 
 def _read_here(request: dict[str, Any]) -> None:
-    """In the child process: write the table that `read_source` asks for."""
+    """Write the table that `read_source` requests; the child process calls this."""
     path = Path(request["path"])
     form = Form(**request["form"])
-    # texts of Arrow need more memory than this process may take
+    # Arrow's texts need more memory than this process is allowed
     pd.set_option("mode.string_storage", "python")
     system = system_limits()
     limit(request, bytes_of(files_of(path)), system)
@@ -84,9 +85,9 @@ def recordings_of(
     """Yield a temporary table of the recordings at a path; its errors name that path.
 
     Args:
-        path: of the source.
-        form: as which files are read.
-        catalogue: file to which the catalogue of the recordings is written too.
+        path: the path of the source.
+        form: the form in which files are read.
+        catalogue: a file to which the catalogue of the recordings is written too.
     """
     with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
         file = Path(folder) / "recordings"
@@ -98,19 +99,19 @@ def recordings_of(
 class Recordings:
     """The table of raw counts, which are read when they are indexed.
 
-    Its columns are arrays and no DataFrame: they are compared position by position, where pandas
-    would align them by label. Where columns are grouped, a DataFrame is made of them.
+    Its columns are arrays and not a DataFrame: they are compared position by position, whereas
+    pandas would align them by label. To group columns, make a DataFrame of them.
 
     Attributes:
-        path: of the table, or of its source; errors name it.
-        objects: names, by the column `object`.
-        recordings: names, by the column `recording`.
-        sessions: names, by the column `session`.
-        counts: (T, H, W), of all frames.
-        columns: one array (T,) for each column of the source, see `COLUMNS`.
+        path: the path of the table or of its source, which errors name.
+        objects: the names of the objects, by the column `object`.
+        recordings: the names of the recordings, by the column `recording`.
+        sessions: the names of the sessions, by the column `session`.
+        counts: (T, H, W), the counts of all frames.
+        columns: an array (T,) for each column of the source, see `COLUMNS`.
         live: bool (H, W), the sensors whose counts vary.
-        channel_names: names of all sensors, row after row, or none.
-        notes: of the reader, see `source_notes`.
+        channel_names: the names of all sensors, row after row, or none.
+        notes: the notes of the reader, see `source_notes`.
     """
 
     path: Path
@@ -128,7 +129,7 @@ class Recordings:
         """Return the table at a path.
 
         Raises:
-            UserError: it is damaged, or of a different version of the project.
+            UserError: the table is damaged, or another version of the project wrote it.
         """
         folder = Path(path)
         with readable(folder):
@@ -150,14 +151,14 @@ class Recordings:
 
     @property
     def empty_hand(self) -> np.ndarray:
-        """Return bool (T,): frames of recordings of the empty hand."""
+        """Return the frames of recordings of the empty hand, bool (T,)."""
         if EMPTY_HAND not in self.objects:
             return np.zeros(len(self), dtype=bool)
         is_empty: np.ndarray = self.columns["object"] == self.objects.index(EMPTY_HAND)
         return is_empty
 
     def sensor_names(self, chosen: np.ndarray) -> list[str]:
-        """Return the names of sensors: of channels, else row and column from 1.
+        """Return the names of sensors: their channels, or else their rows and columns from 1.
 
         Args:
             chosen: bool (H, W), the sensors.
@@ -170,7 +171,7 @@ class Recordings:
 
     @property
     def sensor_numbers(self) -> np.ndarray:
-        """Return the numbers (W,), from 1, of the sensors of one row among their file's columns."""
+        """Return the numbers (W,), from 1, of the sensors of one row in their file's columns."""
         topics = ("columns", MODEL_TOPIC)
         values = [note.value for note in self.notes if note.topic in topics]
         others = [value for value in values if isinstance(value, int)]
@@ -189,7 +190,7 @@ class Recordings:
         """Return the live sensors whose counts vary in some frames, bool (H, W).
 
         Args:
-            rows: rising indices (n,) of the frames, at least one.
+            rows: the rising indices (n,) of at least one frame.
         """
         part = self.part(rows)
         first = part.counts[np.zeros(1, dtype=int)]
@@ -218,14 +219,14 @@ def in_memory(
     labels: np.ndarray,
     sessions: np.ndarray | None = None,
 ) -> Recordings:
-    """Return the table of n recordings of one layout, with times where all have them.
+    """Return the table of n recordings with the same sensors, with times if all have them.
 
     Args:
-        recordings: of `recording_of`.
-        objects: names.
-        labels: (n,) index of each recording's object.
-        sessions: (n,) number of each recording's session, from 0. None: each has its own, which has
-            no name.
+        recordings: the recordings, from `recording_of`.
+        objects: the names of the objects.
+        labels: (n,) the index of each recording's object.
+        sessions: (n,) the number of each recording's session, counted from 0. If it is None, each
+            recording has a session of its own without a name.
     """
     if sessions is None:
         sessions = np.arange(len(recordings))
@@ -261,7 +262,7 @@ def in_memory(
 
 
 def frames_by_recording(recordings: Recordings) -> list[np.ndarray]:
-    """Return the indices of the frames of each recording that has any."""
+    """Return the indices of the frames of each recording that has frames."""
     recording = recordings.columns["recording"]
     order = np.argsort(recording, kind="stable")
     return np.split(order, 1 + np.flatnonzero(np.diff(recording[order])))

@@ -1,4 +1,4 @@
-"""Warnings of what spoils a result of recordings, for `ingest`, `inspect` and `fit`."""
+"""Warn of recordings that spoil a result, for `ingest`, `inspect` and `fit`."""
 
 import re
 import unicodedata
@@ -12,31 +12,33 @@ from tactile_viewgcn.messages import Note, listed, several
 from tactile_viewgcn.tables.look import Look, takes_of_source
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
-MOST_PLACES = 3  # long texts on recordings in one warning
-MOST_EXPECTED = 1e-3  # recordings that would look so by chance, of which a warning still tells
-# share of a recording's frames that differ from the one before, where sensors have noise
+MOST_PLACES = 3  # recordings with a long text that one warning lists
+MOST_EXPECTED = 1e-3  # a warning needs fewer recordings than this that look so by chance
+# if sensors have noise, at least this share of a recording's frames differ from the frame before
 NOISY_MOVES = 0.5
-FEWEST_EQUAL = 3  # equal frames at the beginning or the end that count
-FEWEST_EQUAL_SHARE = 0.1  # of a recording's frames: the same
-RARE_ENDS = 0.02  # share of the recordings with equal ends, below which only long ends count
-LONG_END = 0.25  # share of a recording's frames: the length of such an end
-# share of frames that equal the one before, inside recordings of sensors with noise
+FEWEST_EQUAL = 3  # fewest equal frames at the beginning or the end that count
+FEWEST_EQUAL_SHARE = 0.1  # the same as a share of the recording's frames
+RARE_ENDS = 0.02  # if a smaller share of the recordings has equal ends, only long ends count
+LONG_END = 0.25  # the length of a long end, as a share of the recording's frames
+# if sensors have noise, at most this share of the frames between the ends equal the frame before
 MOST_REPEATS = 0.05
-FEWEST_REPEATS = 0.01  # the same, of which chance is computed at least
-# share of the sensors: more that stand still in some recordings are untouched, not faulty
+FEWEST_REPEATS = 0.01  # chance is computed with at least this share
+# if more than this share of the sensors stand still in some recordings, they are untouched
 MOST_STUCK = 0.1
-LIVELY_SHARE = 0.9  # of the recordings in which a sensor moves: there it moves all the time
-DIFFER_BELOW = 1e-3  # probability of Kruskal and Wallis, below which lengths differ by object
-# factor between recordings of two units, and an empty gap of that factor between them
+# share of the recordings in which a sensor moves at all; there it must move all the time
+LIVELY_SHARE = 0.9
+# lengths differ by object if the probability of the Kruskal-Wallis test is below this
+DIFFER_BELOW = 1e-3
+# factor between recordings in two units; no recording lies in the gap between them
 OTHER_UNIT = 4.0
 
 
 def remarks(recordings: Recordings, look: Look) -> list[Note]:
-    """Return the reader's notes, and warnings of what spoils a result.
+    """Return the reader's notes, and warnings of recordings that spoil a result.
 
     Args:
         recordings: the table of raw counts.
-        look: of the same recordings, see `look_at`.
+        look: the look at the same recordings, see `look_at`.
     """
     return [
         *recordings.notes,
@@ -64,7 +66,7 @@ def without_frames(recordings: Recordings) -> list[Note]:
         text += f"{several(len(names), 'recording')} without frames: {listed(names)}. "
     objects = _not_in(recordings.columns["object"], recordings.objects)
     if objects:
-        text += f"No frame of the objects {listed(objects)}. "
+        text += f"There is no frame of the objects {listed(objects)}. "
     if not text:
         return []
     return [_warning("no frames", f"{text}Record them again, or remove them.")]
@@ -81,7 +83,7 @@ def _warning(topic: str, text: str) -> Note:
 
 
 def _places(places: list[str]) -> str:
-    """Return the first three places, which are long texts, and the number of the others."""
+    """Return the first three places, which are long texts, and the number of other places."""
     first = places[:MOST_PLACES]
     if len(places) > MOST_PLACES:
         first.append(f"and {len(places) - MOST_PLACES} more")
@@ -89,7 +91,7 @@ def _places(places: list[str]) -> str:
 
 
 def _copies(recordings: Recordings, look: Look) -> Iterator[Note]:
-    """Warn of recordings with the counts of an earlier one."""
+    """Warn of recordings that have the counts of an earlier recording."""
     original = look.by_recording["original"]
     names = recordings.recordings
     pairs = list[str]()
@@ -98,15 +100,16 @@ def _copies(recordings: Recordings, look: Look) -> Iterator[Note]:
     if not pairs:
         return
     text = f"{several(len(pairs), 'recording')} with the counts of a different one: "
-    text += f"{listed(pairs)}. A copy tests nothing, and as a different object it is wrong: "
-    text += "remove it, or record it again."
+    text += f"{listed(pairs)}. A copy tests nothing, and a copy labelled as a different object is "
+    text += "wrong. Remove it, or record it again."
     yield _warning("copies", text)
 
 
 def _shared_frames(recordings: Recordings, look: Look) -> Iterator[Note]:
-    """Warn of recordings that have frames in common with an earlier one, and are no copy of it.
+    """Warn of recordings that have frames in common with an earlier one, and are no copies of it.
 
-    Recordings that the source already holds out together, as overlapping windows, do not count.
+    Recordings that the source already holds out together, such as overlapping windows, do not
+    count.
     """
     table = look.by_recording
     partners = table.loc[table["partner"]]
@@ -127,7 +130,7 @@ def _shared_frames(recordings: Recordings, look: Look) -> Iterator[Note]:
         places.append(f"{names[number]} ({of_frames}, as {names[piece['partner']]})")
     text = f"{several(len(pieces), 'recording')} with frames of a different one: "
     text += f"{_places(places)}. They are overlapping pieces or copies of one recording, "
-    text += "and say nothing of a new one. "
+    text += "and say nothing about a new one. "
     mixed = int((is_remarkable & is_other_object).sum())
     if mixed:
         text += f"{several(mixed, 'pair')} of different objects: are their labels right? "
@@ -137,7 +140,7 @@ def _shared_frames(recordings: Recordings, look: Look) -> Iterator[Note]:
 
 
 def _standing_still(recordings: Recordings, look: Look) -> Iterator[Note]:
-    """Warn of recordings in which nothing changes, where others change nearly all the time."""
+    """Warn of recordings in which nothing changes, if others change nearly all the time."""
     long_enough = look.by_recording[look.by_recording["frames"] > 1]
     moving = long_enough[long_enough["moves"] > 0]
     still = long_enough[long_enough["moves"] == 0]
@@ -155,9 +158,9 @@ def _standing_still(recordings: Recordings, look: Look) -> Iterator[Note]:
 
 
 def _stuck_sensors(recordings: Recordings, look: Look) -> Iterator[Note]:
-    """Warn of sensors that never change in some recordings, and always do in most.
+    """Warn of sensors that never change in some recordings, but always change in most others.
 
-    Where many sensors stand still, they are untouched and read a constant: nothing is wrong.
+    If many sensors stand still, nothing is wrong: nothing touches them, and they read a constant.
     """
     long_enough = look.lively.any(axis=1)
     stuck = look.stuck[long_enough]
@@ -174,12 +177,12 @@ def _stuck_sensors(recordings: Recordings, look: Look) -> Iterator[Note]:
     for sensor in np.flatnonzero(is_odd):
         place = _place_of_stuck(recordings, of_recording["object"], stuck[:, sensor])
         places.append(f"{names[sensor]} in {place}")
-    text = "A sensor never changes in some recordings, and always in others: "
+    text = "A sensor never changes in some recordings, but always changes in others: "
     if len(places) > 1:
         text = f"{several(len(places), 'sensor')} that never change in some recordings, "
-        text += "and always in others: "
+        text += "but always change in others: "
     text += f"{listed(places, '; ')}. Is its cable loose? "
-    text += "If nothing touches it there, this is right."
+    text += "If nothing touches it there, all is well."
     yield _warning("standing still", text)
 
 
@@ -188,8 +191,8 @@ def _place_of_stuck(recordings: Recordings, objects: pd.Series, is_stuck: np.nda
 
     Args:
         recordings: the table of raw counts.
-        objects: of each of some recordings, by its number.
-        is_stuck: bool, in which of these recordings the sensor is stuck.
+        objects: the object of each of some recordings, by the recording's number.
+        is_stuck: bool, whether the sensor is stuck in each of these recordings.
     """
     of_stuck = objects[is_stuck]
     first = of_stuck.iloc[0]
@@ -200,10 +203,10 @@ def _place_of_stuck(recordings: Recordings, objects: pd.Series, is_stuck: np.nda
 
 
 def _equal_ends(recordings: Recordings, look: Look) -> Iterator[Note]:
-    """Warn of recordings that begin or end with equal frames, where frames hardly repeat inside.
+    """Warn of recordings that begin or end with equal frames, if frames hardly repeat inside.
 
-    Sensors without noise read the same while the hand rests, which is right. Readings far from all
-    others are padding.
+    Sensors without noise read the same while the hand rests, which is no fault. Readings far from
+    all others are padding.
     """
     moving = look.by_recording[look.by_recording["moves"] > 0]
     if moving.empty:
@@ -222,22 +225,22 @@ def _equal_ends(recordings: Recordings, look: Look) -> Iterator[Note]:
     text += "Is that padding, or did the glove freeze? "
     of_ends = _equal_frames(moving).where(is_padded, 0)
     if _differ_by_object(of_ends.to_numpy(), moving["object"].to_numpy()):
-        text += "Their number differs between the objects, and a classifier may learn that. "
-    text += "If so, cut these frames off: recordings may be of unlike length. "
-    text += "If the hand rests there, this is right."
+        text += "Their number differs between the objects, and a classifier can learn that. "
+    text += "If it is either, cut these frames off: recordings can differ in length. "
+    text += "If the hand rests there, all is well."
     yield _warning("equal ends", text)
 
 
 def _equal_frames(rows: pd.DataFrame) -> pd.Series:
-    """Return how many frames at both ends of recordings equal the first or the last frame."""
+    """Return how many frames at both ends repeat the first or the last frame of a recording."""
     return rows["head"] + rows["tail"] - 2
 
 
 def _is_padded(rows: pd.DataFrame) -> pd.Series:
-    """Return the recordings that begin or end with equal frames which are no hand at rest.
+    """Return the recordings that begin or end with equal frames that are no hand at rest.
 
     Args:
-        rows: of `Look.by_recording`, of recordings that move.
+        rows: the rows of `Look.by_recording` for recordings that move.
     """
     steps = float((rows["frames"] - 1 - _equal_frames(rows)).sum())
     repeats = (steps - float(rows["moves"].sum())) / max(steps, 1.0)
@@ -252,11 +255,11 @@ def _is_padded(rows: pd.DataFrame) -> pd.Series:
 
 
 def _differ_by_object(lengths: np.ndarray, objects: np.ndarray) -> bool:
-    """Return whether lengths differ between objects, by the test of Kruskal and Wallis.
+    """Return whether lengths differ between objects, by the Kruskal-Wallis test.
 
     Args:
-        lengths: (R,) of recordings.
-        objects: (R,) of the same recordings.
+        lengths: (R,) a length of each recording.
+        objects: (R,) the object of each recording.
     """
     from scipy.stats import kruskal
 
@@ -269,8 +272,8 @@ def _differ_by_object(lengths: np.ndarray, objects: np.ndarray) -> bool:
 def _units(recordings: Recordings, look: Look) -> Iterator[Note]:
     """Warn of recordings whose readings and smallest changes are weaker or stronger by a factor.
 
-    A light grip reads less, but its noise is that of a firm grip: in another unit the noise is
-    different too. Between the recordings of two units there is a gap.
+    A light grip reads less than a firm grip, but has the same noise. In another unit the noise
+    differs too, and there is a gap between the recordings of the two units.
     """
     strength = _relative(look.strength)
     step = _relative(look.step)
@@ -293,16 +296,16 @@ def _units(recordings: Recordings, look: Look) -> Iterator[Note]:
         names = [recordings.recordings[number] for number in numbers[rows]]
         text = f"{several(len(names), 'recording')} about {factor:.3g} times {word} than the "
         text += f"others, noise included: {listed(names)}. "
-        text += "Another unit or gain? Convert them, or remove them."
+        text += "Do they have another unit or gain? Convert them, or remove them."
         yield _warning("unit", text)
 
 
 def _largest_cluster(strength: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return the indices of the most recordings without a gap of a factor between them.
+    """Return the indices of the largest set of recordings without a gap of `OTHER_UNIT` inside.
 
     Args:
-        strength: (R,) logarithms of the strength of recordings.
-        known: indices of the recordings whose strength is known.
+        strength: (R,) the logarithm of each recording's strength.
+        known: the indices of the recordings whose strength is known.
     """
     order = known[np.argsort(strength[known])]
     gaps = np.diff(strength[order], prepend=strength[order[0]])
@@ -311,15 +314,15 @@ def _largest_cluster(strength: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def _relative(values: np.ndarray) -> np.ndarray:
-    """Return the logarithm (R,) of how much larger than usual a recording's values are.
+    """Return the logarithm (R,) of the factor by which a recording's values exceed the usual ones.
 
-    It is the median over sensors, and NaN where no sensor has a value above 0.
+    It is the median over sensors, and NaN if no sensor has a value above 0.
 
     Args:
-        values: (R, K), of each recording and sensor.
+        values: (R, K), the value of each recording and sensor.
     """
     with np.errstate(divide="ignore"), warnings.catch_warnings():
-        # of sensors, or recordings, without a value
+        # NumPy warns of sensors and recordings without a value
         warnings.simplefilter("ignore", RuntimeWarning)
         logarithms = np.log(np.where(values > 0, values, np.nan).astype(np.float64))
         usual = np.nanquantile(logarithms, 0.5, axis=0, method="lower")
@@ -339,7 +342,7 @@ def _spellings(recordings: Recordings) -> Iterator[Note]:
     names = [" and ".join(alike) for alike in spellings.values() if len(alike) > 1]
     if names:
         text = f"Objects whose names differ only in spelling: {listed(names)}. "
-        text += "If one is meant, rename it."
+        text += "If they are one object, give them one name."
         yield _warning("spelling", text)
 
 
@@ -354,5 +357,5 @@ def _times(recordings: Recordings) -> Iterator[Note]:
         return
     first = recordings.recordings[recording[falls.argmax()]]
     text = f"Times repeat or fall at {several(int(falls.sum()), 'place')}, first in {first}. "
-    text += "Look at the clock of the program that records."
+    text += "Check the clock of the program that records."
     yield _warning("time", text)

@@ -1,4 +1,4 @@
-"""The file of counts while a source is read: frames are appended, the header is written last."""
+"""Write the file of counts while a source is read: frames first, and the header last."""
 
 from dataclasses import dataclass
 from math import prod
@@ -10,7 +10,7 @@ import numpy as np
 from tactile_viewgcn.readers.source import BLOCK_FRAMES, first_unfit, limits
 from tactile_viewgcn.tables.counts import COUNTS
 
-ENDLESS = np.dtype(np.float64)  # holds integers that are too large for a table of integers
+ENDLESS = np.dtype(np.float64)  # for integers that are too large for a table of integers
 
 
 @dataclass(frozen=True)
@@ -18,12 +18,12 @@ class Fault:
     """A reading or a value of a column that is out of range.
 
     Attributes:
-        column: `pressure` or a column.
-        row: number of its frame among all frames.
-        value: the first one of that frame.
-        low: the smallest value that may stand there.
-        high: the largest one.
-        is_whole: fractions are out of range too.
+        column: `pressure`, or the name of a column.
+        row: the number of its frame among all frames.
+        value: the first value of that frame that is out of range.
+        low: the smallest value that is in range.
+        high: the largest value that is in range.
+        is_whole: whether fractions are out of range too.
     """
 
     column: str
@@ -37,21 +37,22 @@ class Fault:
 class CountsFile:
     """The counts of all frames in a table's folder, of which one block is in memory at a time.
 
-    The type is that of the recordings so far; what is written already is written anew where a
-    later recording has a wider type.
+    The file has the widest type of the recordings so far. If a later recording has a wider type,
+    the file is written again.
 
     Args:
-        folder: of the table.
+        folder: the folder of the table.
 
     Attributes:
-        frames: number of frames that are written.
-        shape: (H, W) of a frame; None before the first recording.
-        dtype: of what is written.
-        dtypes: of the recordings.
+        frames: the number of frames that are written.
+        shape: (H, W) the shape of a frame; None before the first recording.
+        dtype: the type of the file.
+        dtypes: the types of the recordings.
         low: (H, W) the smallest reading of each sensor so far.
-        high: (H, W) the largest one.
-        fault: the first reading out of range, if there is any.
-        integer_fault: the same, of an integer that only a table of real numbers can hold.
+        high: (H, W) the largest reading of each sensor so far.
+        fault: the first reading out of range, if there is one.
+        integer_fault: the first integer that only a table of real numbers can hold, if there is
+            one.
     """
 
     def __init__(self, folder: Path):
@@ -70,7 +71,7 @@ class CountsFile:
 
         Args:
             pressure: (T, H, W), an array or a dataset that is read in blocks.
-            dtype: type in which a table stores it, see `storage_type`.
+            dtype: the type in which a table stores it, see `storage_type`.
         """
         if self.shape is None:
             self._begin(pressure.shape[1:], dtype)
@@ -91,20 +92,26 @@ class CountsFile:
             self._write_header(file, self.dtype)
 
     def sort(self, first: int, order: np.ndarray) -> None:
-        """Bring the frames from `first` into an order (n,), which is counted from there."""
+        """Sort n frames that begin at `first`.
+
+        Args:
+            first: the number of the first frame.
+            order: (n,) the new order, as indices counted from `first`.
+        """
         frames = self.read(first, len(order))
         with (self._folder / COUNTS).open("rb+") as file:
             file.seek(self._place_of(first))
             file.write(frames[order].tobytes())
 
     def read(self, first: int, frames: int) -> np.ndarray:
-        """Return some of the counts (frames, H, W) that are written.
+        """Return some of the written counts (frames, H, W).
 
-        They are read and not mapped: a map of all would count against the limit on memory.
+        The counts are read and not memory-mapped, since a map of all counts would count against the
+        limit on memory.
 
         Args:
-            first: number of the first frame.
-            frames: how many.
+            first: the number of the first frame.
+            frames: the number of frames.
         """
         shape = (frames, *(self.shape or ()))
         with (self._folder / COUNTS).open("rb") as file:
@@ -130,14 +137,14 @@ class CountsFile:
         np.lib.format.write_array_header_1_0(file, header)
 
     def _place_of(self, frame: int) -> int:
-        """Return where a frame begins in the file, in bytes."""
+        """Return the byte of the file at which a frame begins."""
         bytes_of_frame = prod(self.shape or ()) * self.dtype.itemsize
         size = (self._folder / COUNTS).stat().st_size
         header = size - self.frames * bytes_of_frame
         return header + frame * bytes_of_frame
 
     def _widen(self, dtype: np.dtype) -> None:
-        """Write anew what is written, where a type cannot hold it together with another."""
+        """Write the file again in a wider type, if its type cannot hold values of another type."""
         wider = np.promote_types(self.dtype, dtype)
         if wider == self.dtype:
             return

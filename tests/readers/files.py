@@ -1,4 +1,4 @@
-"""Files of recordings in every form, and what becomes of them when they are read."""
+"""Write files of recordings in every form, and read them."""
 
 import os
 from pathlib import Path
@@ -17,8 +17,9 @@ COUNTS = np.arange(500, 640, dtype=np.int16).reshape(4, 5, 7)
 
 
 def record(path: Path, *, pressure=COUNTS, attributes=(), **datasets) -> Path:
-    """A recording in HDF5, of a mug in session s1 unless the attributes say otherwise; None leaves
-    a thing out.
+    """Write a recording in HDF5, of a mug in session s1 unless the attributes say otherwise.
+
+    A dataset or an attribute of None is left out.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with h5py.File(path, "w") as file:
@@ -32,7 +33,7 @@ def record(path: Path, *, pressure=COUNTS, attributes=(), **datasets) -> Path:
 
 
 def save(path: Path, content=COUNTS) -> Path:
-    """An array as .npy, a mapping of arrays as .npz, or the text or the bytes of a file."""
+    """Save an array as .npy, a mapping of arrays as .npz, or a text or bytes as they are."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if isinstance(content, bytes):
         path.write_bytes(content)
@@ -46,20 +47,21 @@ def save(path: Path, content=COUNTS) -> Path:
 
 
 def read_here(path: Path, out: Path, form: Form = AUTO) -> Recordings:
-    """The table of the recordings at a path, written to `out` in this process."""
+    """Write the table of the recordings at a path to `out` in this process, and return it."""
     write_recordings(out, discover(path, form), form)
     return Recordings.read(out)
 
 
 def ingested(path: Path, **options) -> tuple[np.ndarray, Recordings]:
-    """All frames of the recordings at a path, and their table, read in this process."""
+    """Read the recordings at a path in this process; return all their frames and their table."""
     table = read_here(path, path.parent / f"{path.name}.table", **options)
     return table.counts[np.arange(len(table))], table
 
 
 def refusal(path: Path, place: Path, **options) -> str:
-    """The line that ends the reading of a path, "" if it is read; in time, and with nothing left in
-    `place`/out.
+    """Return the error that ends the reading of a path; "" if the path is read.
+
+    The reading must end in time, and leave nothing in `place`/out.
     """
     (out := place / "out").mkdir(exist_ok=True)
     begin, line = sum(os.times()[:4]), ""
@@ -69,6 +71,6 @@ def refusal(path: Path, place: Path, **options) -> str:
     except UserError as error:
         line = str(error)
     assert list(out.iterdir()) == []
-    # seconds of this process and of those that ended
+    # CPU seconds of this process and of its children that ended
     assert sum(os.times()[:4]) - begin < 20 and "\n" not in line
     return line

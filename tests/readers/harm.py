@@ -1,5 +1,6 @@
-"""What a damaged file may make a library do: run in the child process that reads files, see
-`readers.child`.
+"""Do what a damaged file can make a library do, in the child process that reads files.
+
+See `readers.child`.
 """
 
 import errno

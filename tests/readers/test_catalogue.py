@@ -1,4 +1,4 @@
-"""The catalogue of a source: written, read back to the same table, and corrected by a person."""
+"""A catalogue is written, read back to the same table, and corrected by a person."""
 
 import csv
 import sys
@@ -124,7 +124,7 @@ FORMS = {
 
 
 def catalogued(source, catalogue, form=Form()):  # noqa: B008
-    """The table of a source, whose catalogue is written too, in this process."""
+    """Write the table and the catalogue of a source in this process, and return the table."""
     rows = write_recordings(catalogue.parent / "first", discover(source, form), form)
     text = catalogue_text(rows, catalogue.parent)
     catalogue.write_text(text, encoding="utf-8", newline="")
@@ -155,7 +155,7 @@ def test_a_catalogue_that_nobody_edited_gives_the_same_table(tmp_path, name, pla
     again = read_here(catalogue, tmp_path / "again", Form(**options))
     assert_equal(again, expected)
     rows = pd.read_csv(catalogue, dtype=str, keep_default_na=False)
-    rows[::-1].to_csv(catalogue, index=False)  # the order of the lines says nothing
+    rows[::-1].to_csv(catalogue, index=False)  # the order of the lines does not matter
     assert_equal(read_here(catalogue, tmp_path / "turned", Form(**options)), expected)
 
 
@@ -169,7 +169,7 @@ def test_the_columns_say_where_each_recording_lies_and_what_it_is(tmp_path):
         [f"lab/{first}.npy", "", "mug", "mon", first, "", first, "", "4", ""],
         ["lab/mon/mug/1_right.npy", "", "mug", "mon", "mon/mug/1_right", "", first, "", "4", ""],
     ]
-    assert rows[2][6] == ""  # held out with no other
+    assert rows[2][6] == ""  # this recording is held out with no other
     assert rows[3][0] == "lab/notes.md" and rows[3][-1] and len(rows) == 4
 
 
@@ -210,7 +210,7 @@ def test_a_label_is_corrected_and_what_the_file_says_counts_less(tmp_path):
 def test_recordings_are_dropped_by_their_line_or_by_a_word_in_left_out(tmp_path):
     path = edited(
         tmp_path, lambda rows: with_cell(rows, 1, "left_out", "the hand was open")[1:]
-    )  # the first one is val/pen/1, since files are in the order of their paths
+    )  # the first row is val/pen/1, since files are in the order of their paths
     counts, table = ingested(path)
     assert table.recordings == ["train/pen/1", "val/pen/1"] and len(counts) == 8
     assert any("1 line of c.csv left out" in note.text for note in table.notes)
@@ -312,7 +312,7 @@ def unknown_place(rows):
     return with_cell(rows, 0, "place", "7")
 
 
-WRONG = {  # a change of the rows, and words of the line
+WRONG = {  # a change of the rows, and words of the error
     "an unknown file": (
         lambda r: with_cell(r, 1, "file", "lab/nix.npy"),
         "line 3: no file lab/nix.npy",
@@ -322,11 +322,11 @@ WRONG = {  # a change of the rows, and words of the line
     "a recording twice": (lambda r: pd.concat([r, r[:1]]), "lines 2, 6 are of the same recording"),
     "one name twice": (
         lambda r: r.assign(recording="a"),
-        "lines 2, 3, 4, 5 are of recording 'a'|unlike parts",
+        "lines 2, 3, 4, 5 are of recording 'a'|different parts",
     ),
     "parts of two objects": (
         lambda r: r.assign(recording="a", part=["1", "2", "3", "4"]),
-        "are parts of one recording; write their names alike",
+        "are parts of one recording; give them the same names",
     ),
     "no set": (lambda r: with_cell(r, 0, "split", "exam"), "line 2: split is 'exam'"),
     "no line": (lambda r: r[:0], "names no recording"),
@@ -360,11 +360,11 @@ def test_a_file_of_several_recordings_needs_a_place(tmp_path):
 def test_a_catalogue_in_the_folder_that_is_read_is_no_labels_csv(tmp_path):
     catalogued(arrays(tmp_path / "lab"), tmp_path / "lab" / "c.csv")
     line = refusal(tmp_path / "lab", tmp_path)
-    assert "c.csv: a catalogue among the recordings; give it as the source" in line
+    assert "c.csv: a catalogue lies among the recordings; give it as the source" in line
 
 
 def test_the_limits_of_the_child_are_those_of_the_files_that_a_catalogue_names(tmp_path):
-    counts = RNG.integers(0, 9, (2**15, 32, 32), dtype=np.int64)  # 268 MB, 1.1 GB by way of reading
+    counts = RNG.integers(0, 9, (2**15, 32, 32), dtype=np.int64)  # 268 MB; reading takes 1.1 GB
     (tmp_path / "lab").mkdir()
     with h5py.File(tmp_path / "lab" / "1.h5", "w") as file:
         file.create_dataset("pressure", data=counts, chunks=counts.shape)
@@ -392,7 +392,7 @@ def test_the_command_writes_a_catalogue_that_it_reads_and_never_over_another_fil
         assert isinstance(refused.exception, UserError) and path.read_bytes() == before
 
 
-OPENINGS = {  # sources, and how often each of their files is opened by Python
+OPENINGS = {  # by name, a function that makes a source
     "npy": arrays,
     "npz": windows,
     "csv": tables_of_runs,
@@ -411,12 +411,12 @@ def test_each_file_is_opened_once(tmp_path, name):
     opened = list[str]()
     sys.addaudithook(lambda event, args: _note_opening(opened, event, args))
     read_here(source, tmp_path / "table")
-    # what is no recording may be looked at once more, to say why
+    # a file that is no recording can be opened once more, to find the reason
     no_recordings = (".md", "readme.txt")
     files = [path for path in (tmp_path / "in").rglob("*.*") if path.is_file()]
     files = [str(path) for path in files if not path.name.endswith(no_recordings)]
     counts = {path: opened.count(path) for path in files}
-    most = 2 if name == "MATLAB" else 1  # MATLAB: the signature of HDF5 is looked for
+    most = 2 if name == "MATLAB" else 1  # a MATLAB file is first searched for the signature of HDF5
     assert counts == dict.fromkeys(files, most)
 
 

@@ -64,7 +64,7 @@ def test_stag_s_forms_and_hdf5_give_the_same_frames_and_columns(
     assert table.columns.keys() == fields.keys()
     for column, field in fields.items():
         expected = TREE[field].ravel()
-        if column == "split":  # the file's own codes, of train and test
+        if column == "split":  # the codes of the file for train and test
             expected = np.array([TRAIN, TEST])[expected]
         np.testing.assert_allclose(table.columns[column], expected, atol=1e-9, err_msg=column)
     assert (table.objects, table.sessions) == (["empty_hand", "object1", "object2"], ["000", "001"])
@@ -139,14 +139,15 @@ def test_tables_are_read_as_programs_write_them(tmp_path, name, ending):
     np.testing.assert_array_equal(counts[:, 0], numbers)
     assert counts.dtype.kind == np.array(numbers).dtype.kind
     assert (table.recordings, "|".join(table.channel_names)) == (["mug/1.a"], names)
-    assert ["(units)" in note.text for note in table.notes if note.topic == "units"] == [True] * (
+    assert [" units " in note.text for note in table.notes if note.topic == "units"] == [True] * (
         "units" in name
     )
 
 
 def tables_of(folder, header, line, frames=15):
-    """Two recordings each of two objects, whose lines are `line` of the frame's number and of three
-    readings.
+    """Write two recordings of each of two objects.
+
+    Each line is `line` of the frame's number and of three readings.
     """
     rng = np.random.default_rng(0)
     for place in ("ball/1", "ball/2", "mug/1", "mug/2"):
@@ -158,7 +159,7 @@ def tables_of(folder, header, line, frames=15):
     return folder
 
 
-# names, a line, seconds between frames, and the columns that notes name; three sensors are kept
+# names, a line, seconds between frames, and the columns that notes name; three sensors stay
 COLUMNS = {
     "seconds": ("time,a,b,c\n", lambda t, *r: [1.7e9 + t / 8, *r], 0.125, ["column 1 ('time')"]),
     "two times": (
@@ -236,8 +237,9 @@ def test_windows_with_labels_are_recordings_and_those_that_overlap_are_of_one_ta
 
 
 def windows_of(length, step, *, shape=(6,), levels=0, count=12):
-    """Windows (count, length, ...) of a stream, of real numbers or of some levels, that begin
-    `step` frames apart.
+    """Cut windows (count, length, ...) from a stream of real numbers or of some levels.
+
+    The windows begin `step` frames apart.
     """
     rng, frames = np.random.default_rng(0), length + (count - 1) * step
     stream = (
@@ -247,13 +249,13 @@ def windows_of(length, step, *, shape=(6,), levels=0, count=12):
 
 
 def at_rest(windows, *, before, after, value=0.0):
-    """The windows with equal frames before and after."""
+    """Return the windows with equal frames before and after them."""
     rest = [np.full((len(windows), count, *windows.shape[2:]), value) for count in (before, after)]
     return np.concatenate([rest[0], windows, rest[1]], axis=1)
 
 
 APART = windows_of(20, 20)
-TAKES = {  # windows and whether all are of one take, or each is of its own
+TAKES = {  # windows, and whether all are in one take or each is in a take of its own
     "half an overlap": (windows_of(20, 10), True),
     "a frame at a time": (windows_of(20, 1), True),
     "two frames in common": (windows_of(20, 18), True),
@@ -292,7 +294,7 @@ def test_windows_are_of_one_take_where_they_share_frames_that_change_and_not_whe
         assert "take" not in columns
 
 
-LEFT = {  # a table, data.columns, the names and numbers of its sensors, and words of a note
+LEFT = {  # a table, data.columns, the names and readings of its sensors, and words of a note
     "a text": ("a,note,b\n1,cold,2\n", ["leave_out:note"], "a|b", [[1, 2]], "'note'|data.columns"),
     "by number": ("1,x,2\n", ["leave_out:2"], "", [[1, 2]], "column 2 "),
     "several": (
@@ -343,7 +345,7 @@ def test_arrays_are_left_out_by_name(tmp_path, ending):
     if ending == "npz":
         save(path, {"of_the_hand": COUNTS, "time": np.full((4, 2), 7)})
     else:
-        record(path, time=np.full((4, 2), 7))  # of no form that is read
+        record(path, time=np.full((4, 2), 7))  # times of a shape that is never read
     np.testing.assert_array_equal(ingested(tmp_path / "lab", form=form)[0], COUNTS)
 
 
@@ -360,7 +362,7 @@ def test_letters_of_labels_are_composed_and_blanks_at_their_ends_go(tmp_path):
         assert ingested(tmp_path / place)[1].objects == ["T\xeate"]
 
 
-ONE_TABLE = {  # names and columns of an object's part, and the names of recordings and sessions
+ONE_TABLE = {  # a header, the labels of an object's lines, and the names of recordings and sessions
     "trials": (
         "label,trial,class",
         lambda o, i: (o, i, "toy"),
@@ -396,7 +398,7 @@ def test_one_table_holds_all_recordings(tmp_path, name):
         for label, part, frame, reading in zip(objects, parts, frames, first.tolist(), strict=True)
     ]
     if name == "mixed trials":
-        rows.sort(key=lambda row: row[2])  # all first frames, all second ones
+        rows.sort(key=lambda row: row[2])  # the first frames of all trials come first
     text = "\n".join(",".join(map(str, row)) for row in rows)
     counts, table = ingested(save(tmp_path / "all.csv", f"{header},time_ms,a,b,c\n{text}\n"))
     assert (table.objects, table.recordings, table.sessions) == (
@@ -432,7 +434,7 @@ def test_runs_of_an_object_are_recordings_with_a_note_also_in_a_folder_of_tables
             and "data.columns=[recording:NAME]" in note.text
         )
         assert note.level == "warning"
-    # that of the label alone
+    # only the note of the label is left
     assert not ingested(save(tmp_path / "one.csv", "label,a\nmug,1\nmug,2\n"))[1].notes[1:]
 
 
@@ -446,7 +448,7 @@ def test_real_numbers_of_a_table_are_those_that_python_reads(tmp_path):
 
 
 def with_letters(path):
-    """MATLAB 7.3 with an array, times, and a field of letters, which are stored as numbers too."""
+    """Write MATLAB 7.3 with an array, times, and a field of letters, which it stores as numbers."""
     record(path, pressure=None, emg=COUNTS.T, t=np.arange(4.0)[None] / 8, names=COUNTS[0])
     with h5py.File(path, "r+") as file:
         file["names"].attrs["MATLAB_class"] = np.bytes_("char")
@@ -459,14 +461,14 @@ def soft_link(path):
             "raw/counts", data=COUNTS, compression="gzip", shuffle=True, fletcher32=True
         )
         file["pressure"] = h5py.SoftLink("/raw/counts")
-        # nor readable
+        # an attribute that cannot be read
         h5py.h5a.create(
             file.id, b"of no use", h5py.h5t.UNIX_D32LE, h5py.h5s.create(h5py.h5s.SCALAR)
         )
 
 
-# a function that writes mug/1, its ending, the form, the frames, and the columns that are no
-# default
+# a function that writes mug/1, its ending, the form, the frames, and the columns that differ from
+# the default
 FILES = {
     "one frame by its shape": (
         partial(save, content=COUNTS[0]),
@@ -556,7 +558,7 @@ def test_a_recording_needs_no_object_where_none_is_asked_for(tmp_path, name, pla
         case ".h5":
             record(path, attributes={"object": None, "session": None})
         case _:
-            save(path, "time_s,a\n0,1\n1,2\n0,3\n")  # times that fall part recordings
+            save(path, "time_s,a\n0,1\n1,2\n0,3\n")  # a new recording begins where the time falls
     form = Form(labelled=False, columns=["object:motion"])
     _, table = ingested(path if place == "grip" else path.parent, form=form)
     names = ["grip/1", "grip/2"] if name == "grip.csv" else ["grip"]

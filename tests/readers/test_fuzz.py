@@ -1,5 +1,6 @@
-"""Files with random damage: each is read, or refused in one line, in little time, whatever it does
-to the libraries.
+"""Files with random damage are read or refused in one line, whatever they do to the libraries.
+
+That takes little time.
 """
 
 import numpy as np
@@ -10,7 +11,7 @@ from tactile_viewgcn.readers.source import Form
 from tests.readers.files import COUNTS, record, refusal, save
 from tests.stag_files import metadata, save_matlab5, save_matlab73
 
-INPUTS = 25  # of each kind
+INPUTS = 25  # damaged files of each kind
 WORDS = [0, 1, 127, 2**15, 2**16 - 1, 2**31 - 1, 2**32 - 1, 2**62, 2**64 - 1]  # wrong sizes
 NAMED = b"time_ms,label,trial,a,b\n0,mug,1,5,6\n9,mug,1,5,7\n0,pen,1,8,6\n"
 
@@ -39,7 +40,7 @@ KINDS = {  # the name of a file, and a function that makes a good one
 
 
 def damaged(data: bytes, rng: np.random.Generator) -> bytes:
-    """The bytes with one to six faults: pieces lost, doubled or moved, and wrong numbers."""
+    """Put one to six faults into bytes: pieces lost, doubled or moved, and wrong numbers."""
     out = bytearray(data)
     for _ in range(rng.integers(1, 7)):
         at, other = rng.integers(max(1, len(out)), size=2).tolist()
@@ -68,6 +69,6 @@ def test_a_damaged_file_is_read_or_refused_in_one_line(kind, tmp_path):
     lines = []
     for number in range(INPUTS):
         path.write_bytes(damaged(good, np.random.default_rng([number, *kind.encode()])))
-        # which asserts what must hold
+        # `refusal` asserts that reading ends in time and leaves nothing behind
         lines.append(refusal(path, tmp_path, form=Form(labelled=False)))
     assert any(lines) and all(str(path) in line for line in lines if line)

@@ -1,4 +1,4 @@
-"""What the paths of files say: objects, sessions, sides, and which files are one recording."""
+"""The paths of files name objects, sessions and published sets, and files of one recording."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from tests.readers.files import COUNTS, ingested, record, refusal, save
 
 
 def side_of_recording(table):
-    """The code of the published set of each recording, by its name."""
+    """Return the code of the published set of each recording, by its name."""
     names = [table.recordings[number] for number in table.columns["recording"]]
     return dict(zip(names, table.columns["split"].tolist(), strict=True))
 
@@ -24,7 +24,7 @@ SIDES = {"train": TRAIN, "test": TEST, "val": VALIDATION, "dev": VALIDATION}
     [
         ("pen/1.json pen/2.json ball/3.PKL", "2 .json, 1 .pkl|ball 2 of 3, pen 0 of 2."),
         ("mug/4.txt", "1 .txt|mug/4.txt: |mug 2 of 3"),
-        # beside the objects, about a recording that is read, or deeper
+        # files next to the objects, next to a recording that is read, or in deeper folders
         ("notes.md ball/1.json ball/old/3.json", ""),
     ],
 )
@@ -75,20 +75,20 @@ def test_a_table_of_files_names_their_objects_and_sessions(tmp_path, place):
         ("01_left 01_right 02_left 02_right", [0, 0, 2, 2], "OBJECT/FILE_PART"),
         ("left-1 left-2 right-1 right-2", [0, 1, 0, 1], "OBJECT/PART-FILE"),
         ("r1/accelX r1/accelY r2/accelX r2/accelY", [0, 0, 2, 2], "OBJECT/FILE/PART"),
-        ("rec3_part1 rec3_part2 rec4_part1", [0, 0, 2], ""),  # one after the other, not beside it
+        ("rec3_part1 rec3_part2 rec4_part1", [0, 0, 2], ""),  # parts in time, which are not joined
         ("Rec3_part1 rec3_Part2 rec4_part1", [0, 0, 2], ""),
         (
             "4_glove1 4_glove2 5_glove1 5_glove3",
             [0, 0, 2, 2],
             "glove1, glove3; expected glove1, glove2 once each, as",
         ),
-        ("glove1 glove2 glove3", None, ""),  # as well three grasps
+        ("glove1 glove2 glove3", None, ""),  # these can be three grasps
         ("left_1 left_2 left_3", None, ""),
         ("01 01_aug1 01_aug2 02 02_aug1", [0, 0, 0, 3, 3], ""),
         ("01_noise 01_scaled 02_noise 02", [0, 0, 2, 2], ""),
         ("aug_1_01 aug_1_02 orig_0_01", [0, 1, 0], ""),
-        ("noise_1 noise_2 noise_3", None, ""),  # as well three recordings of noise
-        ("1_aug2023 1_aug2024", None, ""),  # years
+        ("noise_1 noise_2 noise_3", None, ""),  # these can be three recordings of noise
+        ("1_aug2023 1_aug2024", None, ""),  # the numbers are years
     ],
 )
 def test_recordings_whose_names_differ_by_a_part_or_a_copy_are_held_out_together_or_joined(
@@ -151,7 +151,7 @@ def test_tables_that_differ_by_part_are_joined_by_names_and_refused_with_unlike_
     save(lab / "mug" / "right" / "1.csv", "time,x,y\n0,1,2\n")
     line = refusal(lab, tmp_path, form=form)
     assert (
-        "right/1.csv: frames and rows (1, 1); expected (2, 1) as in " in line
+        "right/1.csv: (frames, rows) are (1, 1); expected (2, 1) as in " in line
         and "left/1.csv" in line
     )
     save(lab / "mug" / "left" / "1.tsv", "x\n1\n")

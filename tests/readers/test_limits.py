@@ -1,5 +1,6 @@
-"""What reading may take, and whose faults are whose: sizes are checked first, and one file is in
-memory at a time.
+"""Reading stays within its limits: sizes are checked first, and one file is in memory at a time.
+
+Faults of the user and faults of the program are told apart.
 """
 
 import gzip
@@ -21,11 +22,11 @@ from tests.readers.files import COUNTS, ingested, read_here, record, refusal, sa
 from tests.stag_files import metadata, save_matlab5, save_matlab73
 
 FRAMES = 2**23
-ZEROS = 2**29  # bytes
+ZEROS = 2**29  # bytes of zeros in a file
 
 
 def equal_frames(path, shape=(16, 16), chunk=2**14):
-    """HDF5 with a chunk of equal frames, to which the file says that all others are alike."""
+    """Write HDF5 with one chunk of equal frames, which the file gives for all other chunks too."""
     with h5py.File(path, "w") as file:
         file.create_dataset(
             "pressure",
@@ -40,7 +41,7 @@ def equal_frames(path, shape=(16, 16), chunk=2**14):
 
 
 def one_chunk(path):
-    """HDF5 whose only chunk holds all frames, so that each block would unpack it again."""
+    """Write HDF5 whose only chunk holds all frames, so that each block would unpack it again."""
     with h5py.File(path, "w") as file:
         file.create_dataset(
             "pressure", (2**21, 8, 8), "i2", chunks=(2**21, 8, 8), compression="gzip"
@@ -103,8 +104,8 @@ def test_a_file_that_unpacks_to_far_more_than_it_stores_is_refused_before_it_is_
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert str(path) in str(refused.value) and f"{stored:,} bytes" in str(refused.value)
-    assert most < ZEROS / 2  # a text is unpacked up to its limit, the others not at all
-    assert "uncompressed" in refusal(path.parents[1], tmp_path)  # in time
+    assert most < ZEROS / 2  # a text is unpacked up to its limit, any other file not at all
+    assert "uncompressed" in refusal(path.parents[1], tmp_path)  # `refusal` measures the time
 
 
 def test_many_files_that_unpack_to_far_more_than_all_store_are_refused(tmp_path):
@@ -118,7 +119,7 @@ def test_many_files_that_unpack_to_far_more_than_all_store_are_refused(tmp_path)
 
 @pytest.mark.parametrize("ending", ["h5", "npz", "mat", "csv.gz", "npy"])
 def test_recordings_that_are_packed_as_usual_are_read(tmp_path, ending):
-    # mostly zeros, of eight bytes
+    # mostly zeros, with eight bytes each
     frames = (np.random.default_rng(0).random((3000, 4, 4)) < 0.02).astype(np.int64)
     path = tmp_path / "lab" / "mug" / f"1.{ending}"
     path.parent.mkdir(parents=True)
@@ -138,7 +139,7 @@ def test_recordings_that_are_packed_as_usual_are_read(tmp_path, ending):
 
 
 def test_a_single_large_chunk_is_unpacked_once(tmp_path):
-    # beyond the cache of chunks
+    # larger than the cache of chunks
     frames = np.random.default_rng(0).integers(0, 9, (2**15, 32, 32), dtype=np.int16)
     record(tmp_path / "lab" / "mug" / "1.h5", pressure=None)
     with h5py.File(tmp_path / "lab" / "mug" / "1.h5", "r+") as file:
@@ -149,7 +150,7 @@ def test_a_single_large_chunk_is_unpacked_once(tmp_path):
 
 
 def large_table(path, seed):
-    """A table that takes 1.6 MB in memory."""
+    """Write a table that takes 1.6 MB in memory."""
     numbers = np.random.default_rng(seed).integers(100, 999, (4000, 50))
     save(path, "\n".join(",".join(map(str, row)) for row in numbers) + "\n")
 
@@ -164,7 +165,7 @@ def test_one_file_is_in_memory_at_a_time(tmp_path, ending):
                 save(path, {"emg": np.random.default_rng(number).random((4000, 50))})
             else:
                 large_table(path, number)
-        # what libraries keep once and for all is kept already
+        # warm up, so that libraries already hold all that they keep
         read_here(tmp_path / "lab2", tmp_path / "warm")
         tracemalloc.start()
         frames = len(read_here(tmp_path / f"lab{count}", tmp_path / "table"))
@@ -175,11 +176,11 @@ def test_one_file_is_in_memory_at_a_time(tmp_path, ending):
 
 
 class PlantedError(TypeError):
-    """A fault of ours."""
+    """A fault of the program, which a test plants."""
 
 
 def sources(folder):
-    """A small source of each kind."""
+    """Make a small source of each kind."""
     tree = metadata(objects=2, recordings=1, frames=4)
     save(folder / "npy" / "mug" / "1.npy")
     save(folder / "npz" / "mug" / "1.npz", {"pressure": COUNTS, "time": np.arange(4.0)})
@@ -207,7 +208,7 @@ def sources(folder):
 
 
 def own_functions():
-    """The functions that the readers' modules hold, each with its module and name."""
+    """Yield the module and the name of each function in the readers' modules."""
     package = tactile_viewgcn.readers
     for found in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
         module = importlib.import_module(found.name)
@@ -229,7 +230,7 @@ def test_a_fault_of_our_own_is_never_called_damage_of_a_file(tmp_path, monkeypat
     def fail(*_, **__):
         raise PlantedError
 
-    guards = ("library",)  # contexts, in which libraries are called
+    guards = ("library",)  # the contexts in which libraries are called
     raised = 0
     for module, name in list(own_functions()):
         if name in guards:

@@ -1,5 +1,6 @@
-"""Sources with mistakes, damage or intent to harm: one line names the file, in time and memory, and
-nothing is left.
+"""Sources with mistakes, damage or intent to harm are refused in one line that names the file.
+
+The refusal comes in time, within the memory, and leaves nothing behind.
 """
 
 import errno
@@ -25,8 +26,8 @@ from tests.readers.files import COUNTS, ingested, record, refusal, save
 from tests.stag_files import metadata, save_folder, save_hdf5, save_matlab5, save_matlab73
 
 TREE = metadata(objects=2, recordings=1, frames=4)
-FRAMES = 8  # of TREE
-MISTAKES = {  # the content of a recording in HDF5, and words of the line
+FRAMES = 8  # number of frames in TREE
+MISTAKES = {  # the content of a recording in HDF5, and words of the error
     "no pressure": ({"pressure": None, "force": COUNTS}, "pressure; found force|data.columns"),
     "no object": ({"attributes": {"object": None}}, "object"),
     "no sensors": ({"pressure": np.zeros((4, 0, 3))}, "0 x 3"),
@@ -48,7 +49,7 @@ MISTAKES = {  # the content of a recording in HDF5, and words of the line
     ),
     "endless time": ({"time": [-np.inf, 0, 1, 2]}, "time of frame 1"),
 }
-MATLAB = {  # changes of a metadata.mat, and words of the line
+MATLAB = {  # changes of a metadata.mat, and words of the error
     "no pressure": ({"pressure": None}, "pressure|objectId"),
     "complex pressure": ({"pressure": TREE["pressure"] * 1j}, "pressure"),
     "object out of range": ({"objectId": TREE["objectId"] + 1}, "object of frame 0|is 2|0 to 1"),
@@ -87,7 +88,7 @@ def saved(folder, name, content=COUNTS, below=True):
     return folder if below else path
 
 
-#: By a name: a function that makes a source in a folder, and words of the line that refuses it.
+#: By name, a function that makes a source in a folder, and words of the error that refuses it.
 SOURCES = {
     **{
         f"HDF5: {name}": (
@@ -104,7 +105,7 @@ SOURCES = {
         for name, (changes, words) in MATLAB.items()
         for kind, save_as in (("5", save_matlab5), ("7.3", save_matlab73))
         if kind == "5" or " as " not in name
-    },  # what save_matlab73 writes follows the field's name
+    },  # save_matlab73 chooses each type by the field's name, so it cannot write one as another
     **{
         f"{save_as.__name__} cut to {share}": (
             partial(cut_short, save_as=save_as, last=last, share=share),
@@ -130,7 +131,7 @@ SOURCES = {
     "arrays at other places beside HDF5": (both_forms, "mug/1.npy: names no object"),
     "labels alone": (
         partial(saved, name="labels.csv", content="file,object\na,mug\n"),
-        "no recordings beside labels",
+        "no recordings besides labels",
     ),
     "an array without an object": (partial(saved, name="1.npy"), "1.npy: names no object"),
 }
@@ -147,7 +148,7 @@ def test_a_source_that_cannot_be_read_ends_in_a_line_that_names_what_is_wrong(tm
     )
 
 
-TABLES = {  # the text of mug/1.csv, and words of the line
+TABLES = {  # the text of mug/1.csv, and words of the error
     "a word": ("a,b\r\n1,2\r\n\r\n# x\r\n3,x\r\n", "line 5, column 2 ('b') is not a number"),
     "below units": ("% x\na;b\nN;N\n1,5;2\n;;\n3;x\n", "line 6, column 2 ('b') is not a number"),
     "below units of ones": ("a,b\n1,1\n5,6\n7,inf\n", "line 4, column 2 ('b') is not a number"),
@@ -176,8 +177,8 @@ def test_a_table_that_cannot_be_read_is_refused_at_a_line_and_a_column(tmp_path,
     assert "mug/1.csv: " in line and words in line and "pa55" not in line
 
 
-# the content of mug/2.ENDING beside a good mug/1 of the same ending, the form, and words of the
-# line
+# the content of mug/2.ENDING next to a good mug/1 with the same ending, the form, and words of the
+# error
 UNLIKE = {
     "order of columns": ("csv", "b,a\n1,2\n", {}, "channels ['b', 'a']; expected ['a', 'b'] as in"),
     "more columns": (
@@ -227,9 +228,7 @@ def test_a_file_unlike_most_others_or_the_form_is_named(tmp_path, name, bad):
     )
     assert all_alike or (f"mug/{bad}.{ending}: {words}" in line and line.count(f".{ending}: ") == 1)
     assert ("'data.columns=[leave_out:c]'" in line) == (name == "more columns")
-    assert ("params.yaml may have it from others: set 'data.layout=auto'" in line) == (
-        "layout" in form
-    )
+    assert ("for other recordings, set 'data.layout=auto'" in line) == ("layout" in form)
 
 
 def test_a_file_of_many_recordings_counts_once(tmp_path):
@@ -289,7 +288,7 @@ def test_the_mistakes_of_all_recordings_are_listed_at_once_ten_at_most(tmp_path)
     line = refusal(tmp_path / "lab", tmp_path)
     beside = (
         "1.h5: time has",
-        "2.h5: recording 'b', as in",
+        "2.h5: it holds recording 'b', as ",
         "3.h5: columns ['valid']; expected []",
         "7.npy",
     )
@@ -301,9 +300,7 @@ def test_the_mistakes_of_all_recordings_are_listed_at_once_ten_at_most(tmp_path)
 
 
 def hdf5(folder, change):
-    """A recording in HDF5 without /pressure, or with a field of MATLAB 7.3, in which `change`
-    writes.
-    """
+    """Write a recording in HDF5 without /pressure, or a file of MATLAB 7.3, and `change` it."""
     path = save_matlab73(folder / "metadata.mat", TREE) if change is cell_outside else None
     path = path or record(folder / "bad.h5", pressure=None)
     record(folder.parent / "other.h5")
@@ -333,7 +330,7 @@ def pipe(folder, name):
 
 
 def array(folder, size, shape):
-    """A .npz whose array has that many bytes of zeros, and declares a shape."""
+    """Write a .npz whose array has that many bytes of zeros, and declares a shape."""
     (folder / "mug").mkdir()
     with (
         zipfile.ZipFile(folder / "mug/1.npz", "w", zipfile.ZIP_DEFLATED) as archive,

@@ -1,5 +1,6 @@
-"""What has two readings is refused or asked about, with the line to type; and that line gives the
-right recordings.
+"""Data with two readings are refused or asked about, with a command for each reading.
+
+The command then gives the right recordings.
 """
 
 import gzip
@@ -27,7 +28,7 @@ def run_line(line: str, mark: str) -> None:
 
 
 def form_in(line: str) -> Form:
-    """The form that a refusal or a note says to set."""
+    """Return the form that a refusal or a note says to set."""
     key, _, value = line.partition("'data.")[2].partition("'")[0].partition("=")
     if key == "layout":
         return Form(layout=value)
@@ -39,7 +40,7 @@ def texts(table, topic=""):
     return [note.text for note in table.notes if topic in note.topic]
 
 
-# the text of a table, its ending, and the numbers that it holds if the mark is of thousands
+# the text of a table, its ending, and its numbers if the mark parts thousands
 GROUPED = {
     "quoted": ('a,b\n987,5\n"1,012",6\n', "csv", [[987, 5], [1012, 6]]),
     "quoted, all": ('a,b\n"1,987","2,005"\n"1,012","2,006"\n', "csv", [[1987, 2005], [1012, 2006]]),
@@ -121,13 +122,13 @@ def test_a_comma_inside_quotes_may_be_decimal_and_a_line_says_so(tmp_path, text,
 @pytest.mark.parametrize(
     ("text", "first"),
     [
-        # a mark that is decimal elsewhere is decimal here
+        # other numbers show that the mark is decimal
         ("a;b\n1,012;0,5\n2,345;1,987\n", [1.012, 0.5]),
         ("a;b\n1,5;1,012\n2,25;1,987\n", [1.5, 1.012]),
         ("b;a\n0,125;1,012\n0,250;987\n", [0.125, 1.012]),
-        ("a;b\n1.012;2.345\n1.987;2.500\n", [1.012, 2.345]),  # no whole number beside them
+        ("a;b\n1.012;2.345\n1.987;2.500\n", [1.012, 2.345]),  # no column has whole numbers
         ("a b\n1.012 987\n0.998 988\n", [1.012, 987]),
-        ("a,b\n1.012,987\n1.998,988\n", [1.012, 987]),  # commas stand between cells
+        ("a,b\n1.012,987\n1.998,988\n", [1.012, 987]),  # commas separate cells
         ("a,b\n1,012\n2,345\n", [1, 12]),
         ("time;a\n12:30:01,123;1,5\n12:30:02,456;2,5\n", [1.5]),
     ],
@@ -184,7 +185,7 @@ def test_labels_that_are_fractions_stay_apart(tmp_path):
 
 
 def one_table(label, *, words):
-    """Lines of three objects with a counter, readings and labels."""
+    """Write lines of three objects with a counter, readings and labels."""
     rows = [f"ID,s0,s1,s2,{label}"]
     for run in range(4):
         for number, name in enumerate(OBJECTS):
@@ -354,7 +355,7 @@ def test_labels_of_frames_part_an_array_into_runs(tmp_path, ending):
     assert len(table.recordings) == 6
 
 
-PERSONS = {  # the place of a recording, the layout that reads it, and the one that is offered
+PERSONS = {  # the place of a recording, the layout that reads it, and the layout that is offered
     "S01_03": ("{o}/S{p:02}_{i:02}.npy", "auto", "OBJECT/SESSION_FILE"),
     "subject1-trial3": ("{o}/subject{p}-trial{i}.npy", "auto", "OBJECT/SESSION-FILE"),
     "03_anna": ("{o}/{i:02}_{n}.npy", "auto", "OBJECT/FILE_SESSION"),
@@ -424,7 +425,7 @@ def test_a_word_in_names_that_cannot_be_a_layout_has_a_remedy_too(tmp_path):
 
 
 def test_windows_have_the_sessions_that_stand_beside_them_and_a_label_each(tmp_path):
-    """Four windows of two objects by two persons; three labels for them are refused."""
+    """There are four windows of two objects by two persons; three labels for them are refused."""
     X = np.stack([COUNTS + number for number in range(4)])
     folder = tmp_path / "lab"
     folder.mkdir()
@@ -447,7 +448,7 @@ def test_windows_have_the_sessions_that_stand_beside_them_and_a_label_each(tmp_p
 
 
 def test_windows_that_overlap_are_counted(tmp_path):
-    """Five windows of ten frames, each but the third begins in the middle of the one before."""
+    """Five windows have ten frames; all but the third begin in the middle of the window before."""
     rng = np.random.default_rng(0)
     long = [rng.integers(500, 600, (20, 4)), rng.integers(500, 600, (25, 4))]
     X = np.stack([long[0][0:10], long[0][5:15], long[1][0:10], long[1][5:15], long[1][10:20]])

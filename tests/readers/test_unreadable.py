@@ -1,5 +1,6 @@
-"""Files that are no recordings, or not there: one line names the cause and what to type, which then
-reads them.
+"""Files that are no recordings, or do not exist, get one error with the cause and the remedy.
+
+The remedy then makes them readable.
 """
 
 import os
@@ -20,7 +21,7 @@ from tests.readers.test_two_readings import OBJECTS, STACK, form_in, run_line, t
 
 ROWS = np.arange(500, 512).reshape(4, 3)
 CELLS = [",".join(map(str, row)) for row in ROWS]
-SERIAL = {  # the lines that a serial monitor or a program saved of ROWS
+SERIAL = {  # ROWS as a serial monitor or a program saves them
     "clock and commas": [f"12:34:0{at}.789 -> {cells}" for at, cells in enumerate(CELLS)],
     "clock and blanks": [
         f"1:34:0{at} -> {cells.replace(',', ' ')}" for at, cells in enumerate(CELLS)
@@ -43,7 +44,7 @@ def test_lines_that_are_no_cells_are_named_and_the_command_makes_cells_of_them(
     path = save(tmp_path / "lab" / "mug" / f"1.{ending}", "\n".join(SERIAL[name]) + "\n")
     line = refusal(tmp_path / "lab", tmp_path)
     assert f"mug/1.{ending}: " in line and "is not a number" not in line
-    run_line(line, "make one: ")
+    run_line(line, "make a table of numbers: ")
     path.with_name(f"{path.name}.bak").unlink()
     np.testing.assert_array_equal(ingested(tmp_path / "lab")[0][:, 0], ROWS)
 
@@ -73,7 +74,9 @@ def test_a_first_line_that_is_cut_is_named_and_the_command_deletes_it(tmp_path, 
 def test_an_ordinary_table_is_none_of_these(tmp_path, text):
     save(tmp_path / "lab" / "mug" / "1.csv", text)
     assert not [
-        word for word in ("make one: ", "is cut") if word in refusal(tmp_path / "lab", tmp_path)
+        word
+        for word in ("make a table of numbers: ", "is cut")
+        if word in refusal(tmp_path / "lab", tmp_path)
     ]
 
 
@@ -141,7 +144,7 @@ def test_a_link_to_what_is_not_there_is_called_so(tmp_path):
     save(tmp_path / "lab" / "mug" / "1.npy")
     (tmp_path / "lab" / "mug" / "2.npy").symlink_to("../../.git/annex/objects/XX/k.npy")
     line = refusal(tmp_path / "lab", tmp_path)
-    assert "2.npy: a link to ../../.git/annex/objects/XX/k.npy" in line and "git annex get" in line
+    assert "a link to ../../.git/annex/objects/XX/k.npy" in line and "git annex get" in line
 
 
 def test_a_link_to_a_recording_is_read(tmp_path):
@@ -193,7 +196,7 @@ def test_forty_thousand_windows_are_as_many_recordings(tmp_path):
     y = np.arange(40_000) % 3
     X = y[:, None, None] + np.random.default_rng(0).random((40_000, 2, 2), dtype=np.float32)
     np.savez(tmp_path / "all.npz", X=X, y=y)
-    assert refusal(tmp_path / "all.npz", tmp_path) == ""  # in time
+    assert refusal(tmp_path / "all.npz", tmp_path) == ""  # `refusal` measures the time
     counts, table = ingested(tmp_path / "all.npz")
     np.testing.assert_array_equal(counts[:, 0].reshape(X.shape), X)
     assert len(table.recordings) == 40_000 and (table.columns["object"] == np.repeat(y, 2)).all()

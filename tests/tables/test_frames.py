@@ -18,7 +18,7 @@ from tests.glove_data import table, with_settings
 
 
 def made(*, dtype=np.int16, frames=10, transform="clip", scale=150.0):
-    """Ten frames or fewer out of the small table, above two baselines by turns."""
+    """Return at most ten frames of the small table, above two baselines in turn."""
     whole, at = table(), np.arange(0, 288, 29)[:frames]
     columns = whole.columns.iloc[at].reset_index(drop=True).assign(baseline=np.arange(frames) % 2)
     means = np.random.default_rng(0).uniform(510, 516, (2, 12, 12)).astype(np.float32)
@@ -71,7 +71,7 @@ def test_what_is_written_is_read_back_in_every_field(tmp_path, dtype, frames):
     np.testing.assert_array_equal(read.counts, written.counts)
     assert read.counts.dtype == written.counts.dtype
     values = read.values()
-    assert len(values) == 9 + 4 + 12  # columns, baselines and names, and the plan
+    assert len(values) == 9 + 4 + 12  # the columns, the baselines and names, and the plan
     for name, before in written.values().items():
         after = values[name]
         if isinstance(before, np.ndarray):
@@ -88,7 +88,7 @@ def put(path, content):
     )
 
 
-DAMAGE = {  # what is done to a table's folder
+DAMAGE = {  # by name, a function that damages a table's folder
     "counts cut short": lambda path: os.truncate(path / "counts.npy", 200),
     "counts of objects": lambda path: put(path / "counts.npy", np.array([print], dtype=object)),
     "columns cut short": lambda path: os.truncate(path / "columns.npz", 500),
@@ -115,7 +115,7 @@ def test_a_damaged_table_is_refused_in_one_line(tmp_path, damage):
 @pytest.mark.parametrize("share", [0, 0.3, 0.999])
 def test_recordings_without_room_on_the_disk_leave_the_earlier_table(tmp_path, share):
     path, source = tmp_path / "recordings", tmp_path / "pen.npy"
-    # two blocks
+    # enough frames for two blocks
     np.save(source, np.random.default_rng(0).integers(500, 600, size=(5000, 3, 4)).astype(np.int16))
     read_source(source, path, Form(labelled=False))
     right = {file.name: file.read_bytes() for file in path.iterdir()}

@@ -1,7 +1,7 @@
-"""What a look at the readings finds: frames in common, what stands still, equal ends, another unit;
-and no false alarm.
+"""A look finds frames in common, sensors that stand still, equal ends and another unit.
 
-Recordings are of channels, or of an array, made here; which of them are faulty is known.
+It gives no false alarm. The recordings of channels or of an array are made here, so it is known
+which of them are faulty.
 """
 
 import warnings
@@ -23,20 +23,20 @@ TOPICS = {"copies", "shared frames", "standing still", "equal ends", "unit"}
 
 
 def table_of(arrays, labels=None):
-    """Recordings (T, C) of three objects in turn, or of the given labels."""
+    """Return the table of recordings (T, C), of three objects in turn or with the given labels."""
     labels = np.arange(len(arrays)) % 3 if labels is None else np.array(labels)
     frames = [np.asarray(array)[:, None] for array in arrays]
     return of_arrays(frames, OBJECTS, labels, np.zeros(len(arrays), dtype=int))
 
 
 def warned(recordings):
-    """The texts of the warnings of the look, by topic."""
+    """Return the texts of the warnings after a look, by topic."""
     notes = warnings_of(remarks(recordings, look_at(recordings)))
     return {note.topic: note.text for note in notes if note.topic in TOPICS}
 
 
 def counts(seed, *, recordings=12, frames=40, channels=8):
-    """Recordings (T, C) of readings about 500 with noise, pressed from the tenth frame on."""
+    """Make recordings (T, C) of readings about 500 with noise, pressed from the tenth frame on."""
     rng = np.random.default_rng(seed)
     arrays = [500 + rng.normal(0, 1, (frames, channels)) for _ in range(recordings)]
     for number, array in enumerate(arrays):
@@ -45,7 +45,7 @@ def counts(seed, *, recordings=12, frames=40, channels=8):
 
 
 def walk(seed, frames, channels, step=2.0):
-    """A recording (T, C) that wanders slowly."""
+    """Make a recording (T, C) that wanders slowly."""
     rng = np.random.default_rng(seed)
     return 500 + np.cumsum(rng.normal(0, step, (frames, channels)), axis=0)
 
@@ -129,8 +129,9 @@ def test_windows_that_only_touch_and_recordings_that_are_alike_are_not_warned_of
 
 
 def quantised(seed, *, channels, levels):
-    """Recordings (T, C) of few levels, at rest most of the time, pressed in the middle: many frames
-    are equal.
+    """Make recordings (T, C) of few levels, in which many frames are equal.
+
+    The sensors rest most of the time, and are pressed in the middle.
     """
     rng = np.random.default_rng(seed)
     arrays = []
@@ -176,7 +177,7 @@ def test_a_copy_whose_zeros_have_a_sign_is_a_copy():
 
 
 def test_motions_that_each_recording_repeats_are_no_frames_in_common():
-    """The same steps of a machine, again and again; each recording begins with another one."""
+    """A machine repeats the same steps; each recording begins with another step."""
     steps = np.random.default_rng(0).normal(500, 50, (20, 8))
     turned = [np.roll(steps, number, axis=0) for number in range(9)]
     assert warned(table_of([np.tile(each, (10, 1)) for each in turned])) == {}
@@ -194,7 +195,7 @@ def test_pieces_that_the_source_holds_together_are_named_only_as_wrong_labels():
     recordings = table_of(parts, labels)
     recordings.columns["take"] = np.repeat(of_long, 40)
     assert warned(recordings) == {}
-    labels[15] = 2  # a mug's
+    labels[15] = 2  # a piece of a recording of the mug
     mislabelled = table_of(parts, labels)
     mislabelled.columns["take"] = recordings.columns["take"]
     text = warned(mislabelled)["shared frames"]
@@ -237,7 +238,7 @@ def test_groups_of_recordings_with_common_frames_become_one():
     each = recordings.columns["recording"].astype(int)
     groups = groups_together(recordings, look_at(recordings), each)
     np.testing.assert_array_equal(np.unique(groups, return_inverse=True)[1], each // 10)
-    person = each // 20  # two of the long recordings each
+    person = each // 20  # each person has two of the long recordings
     np.testing.assert_array_equal(groups_together(recordings, look_at(recordings), person), person)
     alike = table_of(counts(0))
     np.testing.assert_array_equal(
@@ -257,7 +258,7 @@ def test_fit_says_that_windows_overlap():
 
 
 def frozen(arrays, chosen, at):
-    """The same, where the chosen recordings repeat a frame to their ends."""
+    """Return the recordings, of which the chosen ones repeat a frame to their ends."""
     return [
         np.concatenate([array[:at], np.repeat(array[at : at + 1], len(array) - at, axis=0)])
         if number in chosen
@@ -297,14 +298,15 @@ def test_a_dead_cable_of_a_sensor_that_changes_seldom_is_named(frames, every):
 
 def test_sensors_that_nothing_touches_in_some_recordings_are_not_faulty():
     arrays = counts(0, recordings=24, channels=64)
-    for number, array in enumerate(arrays):  # 0 without touch; each object touches a third
+    # sensors read 0 without touch, and each object touches a third of them
+    for number, array in enumerate(arrays):
         array[:, np.arange(64) % 3 != number % 3] = 500
         array -= 500
     assert warned(table_of([array.round() for array in arrays])) == {}
 
 
 def padded(arrays, fill, at_end=True):
-    """The same, filled up to 120 frames with zeros or with the value at that end."""
+    """Return the recordings filled up to 120 frames, with zeros or with the frame at that end."""
     filled = []
     for array in arrays:
         edge = array[-1:] if at_end else array[:1]
@@ -382,6 +384,6 @@ def test_a_light_grip_and_an_empty_hand_are_no_other_unit():
         for number in range(24)
     ]
     assert warned(table_of(arrays)) == {}
-    # muscles of any strength
+    # muscles of different strength
     weak = [rng.normal(0, 30 * 0.7 ** (number % 12), (60, 8)) for number in range(24)]
     assert warned(table_of(weak)) == {}

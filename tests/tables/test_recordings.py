@@ -91,7 +91,7 @@ def test_frames_and_sensors_that_ever_vary_are_indexed_like_arrays(tmp_path):
             np.arange(0),
         ):
             np.testing.assert_array_equal(gathered[at], array[at])
-            assert gathered[at].flags.c_contiguous  # sums over it are the same to the last digit
+            assert gathered[at].flags.c_contiguous  # so sums are equal to the last digit
 
 
 def test_a_part_has_the_sensors_that_vary_in_it_and_mixed_recordings_their_frames_in_order(

@@ -1,4 +1,4 @@
-"""What is said of a table before anything is computed from it."""
+"""The warnings about a table before anything is computed from it."""
 
 import numpy as np
 import pytest
@@ -8,14 +8,14 @@ from tactile_viewgcn.tables.remarks import remarks
 from tests.glove_data import written
 
 COUNTS = np.random.default_rng(0).integers(500, 600, (60, 4, 6)).astype(np.int16)
-# of the recording: two of the empty hand, two of each of two objects
+# the recording of each frame: two of the empty hand, two of each of two objects
 NUMBER = np.repeat(np.arange(6), 10)
 SOUND = {"object": NUMBER // 2, "recording": NUMBER, "time": 0.1 * np.arange(60)}
-COPIED = COUNTS[np.r_[:30, 20:30, 20:30, 50:60]]  # recordings 3 and 4 are of the counts of 2
+COPIED = COUNTS[np.r_[:30, 20:30, 20:30, 50:60]]  # recordings 3 and 4 copy recording 2
 SECONDS = 0.1 * np.arange(60)
 
 
-CASES = {  # counts, changes, and by topic what a warning says
+CASES = {  # counts, changes, and words of the warnings by topic
     "sound": (COUNTS, {}, {}),
     "empty recording": (
         COUNTS,
