@@ -44,7 +44,7 @@ def summary_sentence() -> str:
 
 
 def _errors() -> pd.DataFrame:
-    """Return sets.csv with the errors in %: ours, the lowest of the simple ones, and ours less it."""
+    """Return sets.csv with the errors in %: ours, simple (the lowest of three), and more."""
     errors = pd.read_csv(FOLDER / "results.csv", index_col="set")
     sets = pd.read_csv(FOLDER / "sets.csv", index_col="set")
     table = sets.join(errors, how="inner", validate="one_to_one")
