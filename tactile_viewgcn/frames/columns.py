@@ -160,7 +160,8 @@ def _column_warning(recordings: Recordings) -> list[Note]:
     if not is_array(recordings.live) and constant.sum() > 1:
         error = _error_below_chance(recordings, motion.first[:, constant])
         if error:
-            text += f"Together the constant ones predict the object: error {_of_chance(error)}. "
+            text += "The constant columns together predict the object: "
+            text += f"error {_of_chance(error)}. "
     return [_with_remedy(recordings, [column.sensor for column in odd], text)]
 
 
