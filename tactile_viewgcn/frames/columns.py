@@ -336,9 +336,9 @@ class _Steps:
 
 
 def _motion_of(recordings: Recordings) -> _Motion:
-    """Return how the live sensors move, from one reading of each recording.
+    """Return how the live sensors move, after reading each recording once.
 
-    Once a column is clearly a sensor, its steps are no longer looked at.
+    Once a column is clearly a sensor, its steps are no longer computed.
     """
     live = recordings.live_counts()
     index_of = frames_by_recording(recordings)

@@ -233,9 +233,9 @@ def _answers(
 
     With `nearest` the answer is the object of the nearest mean of other groups. Otherwise it is the
     object whose mean ridge scores are nearest to the scores of the mean. The largest score does not
-    serve: it would never name an object that reads between two others, for example because all
-    sensors of an object share an offset (Hastie, Tibshirani and Friedman, "The elements of
-    statistical learning", section 4.2, masking).
+    serve. It would never name an object that reads between two others, for example because all
+    sensors of an object share an offset. Hastie, Tibshirani and Friedman call this masking ("The
+    elements of statistical learning", section 4.2).
 
     Args:
         means: (n, S), mean readings.

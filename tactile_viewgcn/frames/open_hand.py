@@ -8,7 +8,7 @@ The detection fails without a warning in three cases:
 
 - A recording has no five successive frames without contact, and its session has no empty hand. Then
   a light grip is taken for the open hand, and only stronger pressure counts as contact.
-- Several sensors jump by about four standard deviations of their noise between two frames, or they
+- Several sensors jump between two frames, by about four standard deviations of their noise. Or they
   drift by more than about a tenth of a standard deviation a frame. After a rise the later frames
   count as contact. Before a fall the earlier frames do.
 - An object that is held from the first frame to the last presses more than three quarters of the

@@ -302,7 +302,7 @@ def draw_anchors(
     """Return the anchors bool (T,) among the kept frames.
 
     The anchors are drawn at random, equally many of every class in a set. Their number is the
-    number of frames of the smallest class, but at least 100, so that one small class does not
+    number of frames of the smallest class. It is at least 100, so that one small class does not
     reduce all other classes to a handful. A class with fewer frames uses all of them.
 
     Args:

@@ -18,8 +18,8 @@ class Arrays:
 
     The arrays are contiguous, so that a loaded state gives the same answers to the last digit.
 
-    In the shapes of subclasses, F is the length of a point, K is the number of classes in the fit,
-    and S is the number of live sensors.
+    The shapes of subclasses have these letters: F is the length of a point, K is the number of
+    classes in the fit, and S is the number of live sensors.
     """
 
     def state_dict(self) -> dict[str, np.ndarray]:

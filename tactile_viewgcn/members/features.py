@@ -108,9 +108,9 @@ def unordered(readings: np.ndarray) -> np.ndarray:
 def in_time(readings: np.ndarray) -> np.ndarray:
     """Return nine statistics of channels in the order of time.
 
-    The first five are the statistics of `unordered`. Then come the logarithm of the mean absolute
-    change between frames, the slope over the recording, and the means of the first and of the last
-    tenth.
+    The first five are the statistics of `unordered`. The sixth is the logarithm of the mean
+    absolute change between frames. The others are the slope over the recording, the mean of the
+    first tenth and the mean of the last tenth.
 
     Args:
         readings: (B, T, S) in the order of time.

@@ -4,7 +4,7 @@ Positions are (..., N, 3). Squared distances are sums of squared differences, ne
 the square, so the distance of coincident points is exactly zero.
 
 Ties go to the lowest index. Two distances are a tie if they differ by less than a 65,536th of the
-largest distance, since equal distances on a circle differ by rounding errors. Distances are
+largest distance: on a circle, for example, equal distances differ by rounding errors. Distances are
 compared in float64. So a graph is the same in every precision of the network, and the squares of
 very small and very large coordinates stay finite.
 """
@@ -68,8 +68,8 @@ def first_places(viewpoints: Tensor, count: int) -> Tensor:
 
     Args:
         viewpoints: (V, 3).
-        count: number of views. For V views all viewpoints are returned in their order. For fewer,
-            the viewpoints are those that furthest point sampling chooses first.
+        count: number of views. V views take all viewpoints in their order. Fewer views take the
+            viewpoints that furthest point sampling chooses first.
     """
     if count == len(viewpoints):
         return viewpoints
