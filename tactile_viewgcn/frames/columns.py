@@ -126,7 +126,7 @@ class _OddColumn:
 
 
 def column_notes(recordings: Recordings) -> list[Note]:
-    """Return warnings about columns that no sensor moves like, and about odd frame rates.
+    """Return warnings about columns that do not move like sensors, and about odd frame rates.
 
     Such a column is constant within every recording while others vary, like the number of a person.
     Or it rises, or falls, by even steps, like a clock. It is named in either of two cases: the
@@ -137,8 +137,8 @@ def column_notes(recordings: Recordings) -> list[Note]:
     be anything. Among channels each constant column and each clock is named, and the constant
     columns are also checked together.
 
-    A bent finger is no such column, since it trembles. A finger that closes evenly is none either,
-    since its rate differs from time to time.
+    The sensor of a bent finger is not named, since it trembles. The sensor of a finger that closes
+    evenly is not named either, since its rate differs from time to time.
 
     Frame rates are odd if they predict the objects, or if no tactile sensor has them.
 

@@ -1,7 +1,7 @@
 """Folds: groups of frames, or of recordings, that are held out together.
 
 Scikit-learn's `StratifiedGroupKFold` does not serve here. It refuses data in which every class has
-fewer groups than there are folds, and it can hold out all groups of a class at once.
+fewer groups than there are folds. It can also hold out all groups of a class at once.
 """
 
 import numpy as np

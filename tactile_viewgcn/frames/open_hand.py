@@ -30,7 +30,7 @@ from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 Moments = tuple[np.ndarray | None, np.ndarray]  # mean and noise
 MIN_FRAMES = 5  # for a mean
 # most sensors of an open hand that read contact, since one can be faulty. If a single sensor is
-# enough for contact, there is none
+# enough for contact, an open hand has none
 OPEN_SENSORS = 1
 # share of the threshold that counts as weak pressure: a hand that closes, or holds little, presses
 # several sensors a little
