@@ -1,1 +1,1 @@
-"""Frames to learn from: above baseline, filtered, split, balanced."""
+"""The way from recordings to the frames that a system learns from."""

@@ -1,20 +1,23 @@
-"""Apply a plan: the baseline of each frame, and which frames are in contact.
+"""Apply a plan to recordings: the baseline of each frame, and which frames are in contact.
 
-Nothing else looks at readings once a plan is made. All fallbacks stand here and in
-`frames/baseline.py`. With the baseline `grasp` a recording in which the hand never opens takes the
-first of these that is available; with `empty_hand` each recording does:
+Once a plan is made, no other file looks at readings. All fallbacks for a baseline stand here and in
+`frames/baseline.py`. With `preprocess.baseline: grasp` they serve recordings in which the hand
+never opens. With `empty_hand` they serve every recording. A recording takes the first that is
+available:
 
 1. the empty hand of its session;
-2. the open hand of its session's recordings. A new recording has none of other recordings;
-3. if it is new, what the training set measured in a session of this name. A session that has no
-   name, or that the training set does not know, has the mean of the training set's sessions;
+2. the open hand in the recordings of its session. A new recording counts as a session of its own
+   here, so it takes nothing from other recordings;
+3. if the recording is new, the baseline that the training set has for a session of this name. If
+   the session has no name, or the training set does not know it, the mean over the training set's
+   sessions;
 4. its five quietest frames.
 
-So a new recording depends on no other one but the empty hand of its session.
+So a new recording depends on no other recording, except on the empty hand of its session.
 
-New recordings may lack the flags of the source that a plan filters by. Then contact is found above
-the baseline. If the plan has no baseline, all frames count as contact where nearly all training
-frames did.
+New recordings can lack the flags of the source that a plan filters by. Then the frames above the
+baseline are in contact. If the plan has no baseline, all frames count as contact, provided that the
+filter kept nearly all training frames.
 """
 
 from dataclasses import replace
@@ -34,7 +37,7 @@ from tactile_viewgcn.frames.open_hand import HandStates, Moments, hand_states
 from tactile_viewgcn.tables.plan import Plan
 from tactile_viewgcn.tables.recordings import NO_SESSION, Recordings
 
-# share of the training frames that the filter kept, from which all frames count as contact
+# if the filter kept this share of the training frames or more, all frames count as contact
 ALL_KEPT = 0.99
 
 
@@ -43,21 +46,21 @@ def apply(
 ) -> tuple[Baseline, np.ndarray]:
     """Return the baseline of recordings, and which of their frames are in contact.
 
-    The recordings of the training, validation and test set are measured session by session, and
-    only the plan's settings and sensors are used. New recordings are measured one by one, and what
-    they do not show comes from the training set.
+    Recordings of the training, validation and test set are measured session by session. Only the
+    plan's settings and sensors are used for them. New recordings are measured one by one. Where
+    they show no baseline, the plan's baseline of the training set is used.
 
-    Names of objects are not used, except the name of the empty hand.
+    The names of objects are not used, except the name of the empty hand.
 
     Args:
-        plan: for new recordings one of `measured_on`.
+        plan: how readings become frames. For new recordings, `measured_on` has to have made it.
         recordings: T frames.
         new: whether the recordings are new.
-        states: the hand's states of these recordings, if they are known already.
+        states: the states of the hand in these recordings, if they are known already.
 
     Returns:
-        The baseline, and bool (T,): the frames in contact, or with a flag of the source if the plan
-        filters by flags.
+        The baseline, and bool (T,), the frames in contact. If the plan filters by flags of the
+        source, these are the frames with a flag.
     """
     params = plan.params
     recordings = replace(recordings, live=plan.live)
@@ -81,7 +84,7 @@ def apply(
 
 
 def _in_contact(plan: Plan, recordings: Recordings, baseline: Baseline) -> np.ndarray:
-    """Return bool (T,): the frames in contact, by the plan's filter or what stands in for it."""
+    """Return the frames in contact, bool (T,), by the plan's filter or by its substitute."""
     flags = flags_of(recordings)
     if plan.params.filter == "flags" and flags is not None:
         return flags
@@ -94,14 +97,14 @@ def _in_contact(plan: Plan, recordings: Recordings, baseline: Baseline) -> np.nd
 
 
 def keeps_every_frame(plan: Plan) -> bool:
-    """Return whether every frame without a flag of the source counts as contact."""
+    """Return whether all frames of recordings without flags count as contact."""
     if plan.params.filter == "none":
         return True
     return plan.params.baseline == "none" and plan.kept_share >= ALL_KEPT
 
 
 def _measured_apart(recordings: Recordings) -> Recordings:
-    """Return the table in which each recording of a session without an empty hand is a session."""
+    """Return the recordings, each as its own session if its session has no empty hand."""
     session = recordings.columns["session"]
     has_empty_hand = sessions_with_empty_hand(recordings)[session]
     recording = np.where(has_empty_hand, -1, recordings.columns["recording"])
@@ -113,7 +116,7 @@ def _measured_apart(recordings: Recordings) -> Recordings:
 
 
 def _trained_moments(plan: Plan, sessions: list[str]) -> list[Moments]:
-    """Return for each session what the training set read there: baseline and noise (S,)."""
+    """Return the baseline (S,) and the noise (S,) that the training set has for each session."""
     mean_of = dict(zip(plan.sessions, plan.baselines, strict=True))
     mean_of.pop(NO_SESSION, None)
     average = plan.mean_baseline()

@@ -1,6 +1,6 @@
 """The baseline of each frame, by `preprocess.baseline`, and the moments of the empty hand.
 
-It is measured alike on the training, validation and test set and on new recordings.
+Training, validation and test set and new recordings are all measured in the same way.
 """
 
 from dataclasses import dataclass, field
@@ -15,20 +15,22 @@ from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 ROUNDING_SD = 12**-0.5  # standard deviation of rounding to whole steps, in steps
-# standard deviations; frames further away are left out, since the empty hand bumps into objects
+# a frame this many standard deviations from the mean is an outlier: even the empty hand bumps into
+# objects
 OUTLIER_SD = 3.0
-MAX_PASSES = 5  # over the frames, to leave out outliers
-MEAN_FRAMES = 10_000  # most for a mean, which then is exact to a hundredth of the noise
-NOISE_FRAMES = 2000  # most that show the noise
-# share of the frames in which a sensor reads the smallest count, if its noise is cut off there
+MAX_PASSES = 5  # most passes over the frames that leave out outliers
+MEAN_FRAMES = 10_000  # most frames for a mean, which is then exact to a hundredth of the noise
+NOISE_FRAMES = 2000  # most frames for the noise
+# if a sensor reads the smallest count in more than this share of the frames, its noise is cut off
 CUT_OFF = 0.25
-# standard deviation of a normal distribution cut off at its mean, relative to that of the whole
+# standard deviation of a normal distribution that is cut off at its mean, as a share of the
+# standard deviation of the whole distribution
 HALF_SD = 0.584
 #: Fallbacks for the baseline of a recording in which the hand never opens, as notes name them.
-EMPTY = "their session's empty hand"
-OPEN = "their session's open hand"
-TRAINED = "the training's baseline"
-QUIETEST = "their five quietest frames"
+EMPTY = "the session's empty hand"
+OPEN = "the session's open hand"
+TRAINED = "the training set's baseline"
+QUIETEST = "the five quietest frames"
 
 
 @dataclass(frozen=True)
@@ -36,11 +38,12 @@ class Baseline:
     """R baselines: one for each session, one for each grasp, or one for all frames.
 
     Attributes:
-        mean: (R, H, W) counts; float32 if that holds the recordings' counts exactly, else float64.
-        noise: (R, H, W) standard deviation in counts, see `visible_noise`; NaN if it was not
+        mean: (R, H, W) counts. They are float32 if that holds the recordings' counts exactly, else
+            float64.
+        noise: (R, H, W) standard deviation in counts, see `visible_noise`. It is NaN if it was not
             measured.
         of_frame: int (T,), index of the baseline of each frame of the recordings.
-        notes: on what stands in for an open hand that was not recorded.
+        notes: the fallbacks that replace an open hand that was not recorded.
     """
 
     mean: np.ndarray
@@ -50,7 +53,7 @@ class Baseline:
 
 
 class _OpenHand(NamedTuple):
-    """What stands for the open hand: name in notes, mean (S,) and noise (S,) in counts."""
+    """An open hand or its fallback: name in notes, mean (S,) and noise (S,) in counts."""
 
     kind: str
     mean: np.ndarray
@@ -58,14 +61,14 @@ class _OpenHand(NamedTuple):
 
 
 class _Measured:
-    """Baselines of recordings, as they are measured one after another."""
+    """The baselines that have been measured so far, one after another."""
 
     def __init__(self, recordings: Recordings):
         self.recordings = recordings
         self.of_frame = np.empty(len(recordings), dtype=np.int32)
         self.means = list[np.ndarray]()
         self.noises = list[np.ndarray]()
-        self.replaced = dict[str, list[str]]()  # by fallback: names of recordings
+        self.replaced = dict[str, list[str]]()  # names of recordings by fallback
 
     def add(self, mean: np.ndarray, noise: np.ndarray) -> int:
         """Add a baseline of mean (S,) and noise (S,), and return its index."""
@@ -74,12 +77,12 @@ class _Measured:
         return len(self.means) - 1
 
     def replace(self, kind: str, frame: int) -> None:
-        """Note that the recording of a frame has a fallback."""
+        """Remember that the recording of a frame has this kind of fallback."""
         recording = self.recordings.columns["recording"][frame]
         self.replaced.setdefault(kind, []).append(self.recordings.recordings[recording])
 
     def baseline(self) -> Baseline:
-        """Return all baselines as maps of the sensors, and a note on each fallback."""
+        """Return all baselines as maps of the sensors, with a note on each fallback."""
         recordings = self.recordings
         shape = (len(self.means), *recordings.shape)
         # cells without a sensor never change
@@ -90,14 +93,17 @@ class _Measured:
         noise[:, recordings.live] = self.noises
         total = several(len(np.unique(recordings.columns["recording"])), "recording")
         notes = [
-            Note(f"{len(names)} of {total}: it is from {kind}: {listed(names)}", topic="baseline")
+            Note(
+                f"it comes from {kind} in {len(names)} of {total}: {listed(names)}",
+                topic="baseline",
+            )
             for kind, names in self.replaced.items()
         ]
         return Baseline(mean, noise, self.of_frame, notes)
 
 
 def _dtype(recordings: Recordings) -> np.dtype:
-    """Return the type of a baseline, which holds the recordings' counts exactly."""
+    """Return a type for baselines that holds the recordings' counts exactly."""
     return np.result_type(recordings.counts.dtype, np.float32)
 
 
@@ -109,24 +115,26 @@ def measure_baseline(
 ) -> Baseline:
     """Return the baseline that `preprocess.baseline` names.
 
-    - `empty_hand`: the mean of each session's frames of the empty hand, as the paper subtracts it.
+    - `empty_hand`: the mean of each session's frames of the empty hand. The paper subtracts it.
     - `grasp`: the mean of the open hand before each grasp. A recording without an open hand has a
-      fallback: its session's open hand, see `_open_hand_of_session`, else its five quietest frames.
-    - `none`: the constant `preprocess.zero` for every sensor, as the released code subtracts it,
-      with unknown noise.
+      fallback: the open hand of its session, see `_open_hand_of_session`. If the session has none,
+      the fallback is the five quietest frames of the recording.
+    - `none`: the constant `preprocess.zero` for every sensor, with unknown noise. The released code
+      subtracts it.
 
-    Frames of the test set's empty hand count too: it calibrates the glove, and a user records it
-    anew in each session. The accuracy of the class empty hand is too high because of that.
+    The test set's frames of the empty hand are used too: they calibrate the glove, and a user
+    records them again in each session. For that reason the error rate of the class empty hand is
+    too low.
 
     Args:
         recordings: T frames.
         params: the settings of a plan.
-        moments: of each session, see `session_moments`.
-        states: of these recordings. They are needed by `grasp`, and where a session lacks an empty
-            hand.
+        moments: the moments of each session, see `session_moments`.
+        states: the states of the hand in these recordings. They are needed for `grasp`, and if a
+            session lacks an empty hand.
 
     Raises:
-        ValueError: a baseline that is none of these.
+        ValueError: the baseline is none of these.
     """
     match params.baseline:
         case "none":
@@ -136,11 +144,11 @@ def measure_baseline(
         case "grasp":
             assert states
             return _of_grasps(recordings, moments, states)
-    raise ValueError(f"no such baseline: {params.baseline}")
+    raise ValueError(f"unknown preprocess.baseline {params.baseline!r}")
 
 
 def _constant(recordings: Recordings, zero: float) -> Baseline:
-    """Return one baseline for all frames, whose noise is not known."""
+    """Return one baseline of unknown noise for all frames."""
     mean = np.full((1, *recordings.shape), zero, _dtype(recordings))
     of_frame = np.zeros(len(recordings), dtype=np.int16)
     return Baseline(mean, np.full_like(mean, np.nan), of_frame)
@@ -149,7 +157,7 @@ def _constant(recordings: Recordings, zero: float) -> Baseline:
 def _of_sessions(
     recordings: Recordings, moments: list[Moments], states: HandStates | None
 ) -> Baseline:
-    """Return a baseline for each session: its empty hand, or what stands in for it."""
+    """Return a baseline for each session: its empty hand, or a fallback."""
     measured = _Measured(recordings)
     session = recordings.columns["session"]
     for number in np.unique(session):
@@ -166,7 +174,7 @@ def _of_grasps(recordings: Recordings, moments: list[Moments], states: HandState
     """Return a baseline for each grasp, and fallbacks for recordings without an open hand."""
     measured = _Measured(recordings)
     hands = dict[int, _OpenHand | None]()
-    shared = dict[int, int]()  # by session: the baseline that its recordings share
+    shared = dict[int, int]()  # the baseline that the recordings of a session share, by session
     for row, index in enumerate(frames_by_recording(recordings)):
         number = recordings.columns["session"][index[0]]
         _, noise = moments[number]
@@ -195,16 +203,16 @@ def _open_hand_of_grasps(
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return the open hand before each grasp of a recording.
 
-    Uses the open-hand frames since the previous grasp, at least five. A grasp with fewer has the
-    baseline of the nearest earlier grasp, or else of the nearest later one.
+    Uses the open-hand frames since the previous grasp, at least five. A grasp with fewer takes the
+    baseline of the nearest earlier grasp, or, if there is none, of the nearest later grasp.
 
     Args:
-        states: of the recordings.
-        index: (n,) the recording's frames.
+        states: the states of the hand in all recordings.
+        index: (n,) the frames of one recording.
 
     Returns:
-        The index (n,) of each frame's baseline, and the mean (S,) of each baseline in counts. There
-        are no means if every grasp has too few open-hand frames.
+        The index (n,) of each frame's baseline, and the mean (S,) of each baseline in counts. If
+        every grasp has too few open-hand frames, there are no means.
     """
     opened = states.open[index]
     grasp = grasps(opened, states.contact[index])
@@ -222,10 +230,10 @@ def _open_hand_of_grasps(
 def _open_hand_of_session(
     recordings: Recordings, moments: list[Moments], states: HandStates | None, number: int
 ) -> _OpenHand | None:
-    """Return what stands for the open hand in all of a session; None without anything.
+    """Return the open hand of a session, or a fallback; None if there is neither.
 
-    It is the empty hand, else the open hand of the session's recordings, else what the training set
-    measured.
+    The session's empty hand comes first, then the open hand of the session's recordings, then the
+    baseline of the training set.
     """
     mean, noise = moments[number]
     if mean is not None and sessions_with_empty_hand(recordings)[number]:
@@ -244,10 +252,10 @@ def _open_hand_of_session(
 
 
 def grasps(opened: np.ndarray, contact: np.ndarray) -> np.ndarray:
-    """Return the number (n,) of the grasp of each frame of a recording, from 1.
+    """Return the number (n,) of the grasp of each frame of a recording, counted from 1.
 
     The next grasp begins when the hand opens after contact. Frames that are neither open nor in
-    contact belong to the grasp before them.
+    contact belong to the previous grasp.
 
     Args:
         opened: bool (n,), frames of the open hand.
@@ -260,22 +268,22 @@ def grasps(opened: np.ndarray, contact: np.ndarray) -> np.ndarray:
 
 
 def with_empty_hand(recordings: Recordings, frames: np.ndarray) -> np.ndarray:
-    """Return rising indices of frames bool (T,) and of the empty hand in their sessions.
+    """Return rising indices of some frames bool (T,) and of the empty hand in their sessions.
 
-    The empty hand is taken from whichever set it is in.
+    The set of an empty hand does not matter here.
     """
     session = recordings.columns["session"]
     return np.flatnonzero(frames | (recordings.empty_hand & np.isin(session, session[frames])))
 
 
 def sessions_with_empty_hand(recordings: Recordings) -> np.ndarray:
-    """Return bool (sessions,): sessions with enough frames of the empty hand for a baseline."""
+    """Return bool (sessions,), the sessions with enough empty-hand frames for a baseline."""
     frames = recordings.columns["session"][recordings.empty_hand]
     return np.bincount(frames, minlength=len(recordings.sessions)) >= MIN_FRAMES
 
 
 def without_empty_hand(recordings: Recordings) -> list[str]:
-    """Return the names of sessions with frames, but too few of the empty hand for a baseline."""
+    """Return the names of recorded sessions with too few empty-hand frames for a baseline."""
     is_enough = sessions_with_empty_hand(recordings)
     recorded = np.unique(recordings.columns["session"])
     return [recordings.sessions[number] for number in recorded if not is_enough[number]]
@@ -284,13 +292,13 @@ def without_empty_hand(recordings: Recordings) -> list[str]:
 def session_moments(recordings: Recordings, trained: list[Moments] | None = None) -> list[Moments]:
     """Return the mean (S,) of the empty hand and the noise (S,) of each session's live sensors.
 
-    Without enough frames of the empty hand they are the session's of `trained`. Without both, the
-    mean is None, and the noise is measured on differences of successive frames: drift adds little
-    to them, and contact changes in few of them.
+    If a session has too few frames of the empty hand, its moments come from `trained`. Without
+    `trained`, the mean is None, and the noise is measured on differences of successive frames:
+    drift adds little to them, and contact changes in few of them.
 
     Args:
         recordings: T frames.
-        trained: what the training set measured in each of these sessions.
+        trained: the moments that the training set has for each of these sessions.
     """
     session = recordings.columns["session"]
     moments = []
@@ -304,7 +312,7 @@ def session_moments(recordings: Recordings, trained: list[Moments] | None = None
 
 
 def _moments(recordings: Recordings, index: np.ndarray) -> Moments:
-    """Return the same for one session, whose frames are `index` (n,)."""
+    """Return the moments of one session, whose frames are `index` (n,)."""
     counts = recordings.live_counts()
     if len(index) < 2:
         return None, np.ones(counts.shape[1])
@@ -321,14 +329,14 @@ def _moments(recordings: Recordings, index: np.ndarray) -> Moments:
 def trimmed_moments(counts: np.ndarray, visible: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean and the standard deviation (...) of each sensor, without outliers.
 
-    Frames further than three standard deviations from the mean are left out. A median would be no
-    finer than whole counts, and the signal's median is one count. Differences from the first frame
-    are summed, so that an offset costs no digits.
+    Readings further than three standard deviations from the mean are left out. A median would not
+    do: it is no finer than whole counts, and the median of the signal is one count. Differences
+    from the first frame are summed, so that an offset costs no digits.
 
     Args:
         counts: (T, ...).
-        visible: see `visible_noise`; the standard deviation is divided by it, and is at least that
-            of rounding, see `_step`.
+        visible: see `visible_noise`. The standard deviation is divided by it. It never becomes
+            smaller than the standard deviation of rounding, see `_step`.
     """
     dtype = np.result_type(counts.dtype, np.float32)
     first = counts[0].astype(np.float64)
@@ -348,8 +356,8 @@ def trimmed_moments(counts: np.ndarray, visible: float = 1.0) -> tuple[np.ndarra
 def visible_noise(counts: np.ndarray) -> float:
     """Return the share of the noise's standard deviation that counts (n, S) of live sensors show.
 
-    It is 1, or 0.584 where most sensors often read the smallest of all counts: half of their noise
-    is cut off there.
+    The share is 0.584 if most sensors often read the smallest of all counts, because half of their
+    noise is cut off there. Otherwise it is 1.
     """
     is_smallest = counts == counts.min()
     if np.median(is_smallest.mean(axis=0)) > CUT_OFF:
@@ -360,8 +368,9 @@ def visible_noise(counts: np.ndarray) -> float:
 def _step(counts: np.ndarray) -> float:
     """Return the step that counts (T, ...) are rounded to.
 
-    It is 1 for integers, and the smallest gap between real numbers. Gaps below eight units of the
-    last digit are rounding errors. If all counts are equal, the step is that unit.
+    The step of integers is 1. The step of real numbers is the smallest gap between two of them,
+    where gaps below eight units of the last digit are rounding errors. If all counts are equal, the
+    step is one unit of the last digit.
     """
     if counts.dtype.kind in "iu":
         return 1.0

@@ -1,4 +1,4 @@
-"""Columns that are no sensor, as a clock or a number, by how they move and what they predict."""
+"""Find columns that are not sensors, such as clocks, by how they move and what they predict."""
 
 from dataclasses import dataclass
 from shlex import quote
@@ -15,15 +15,15 @@ from tactile_viewgcn.tables.common_frames import CLOCK_SHARE
 from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
-MOST_UNEVEN = 0.1  # share of a clock's steps: its gaps, restarts and jitter
+MOST_UNEVEN = 0.1  # share of a clock's steps that are gaps, restarts or jitter, at most
 WIDE_RANGE = 100  # times the range of the median column
-ALIKE_RATES = 1.1  # times the lowest frame rate, below which all are alike
-FEWEST_CLOCK_STEPS = 5  # steps that are not 0 of a clock in a recording
-CLOCK_RATES = 1.5  # times the usual rate at which a clock moves, at most
+ALIKE_RATES = 1.1  # frame rates up to this multiple of the lowest are alike
+FEWEST_CLOCK_STEPS = 5  # steps of a clock in a recording that are not 0
+CLOCK_RATES = 1.5  # a clock's rate is at most this multiple of its usual rate
 SLOWEST = 1.0  # frames a second of a tactile sensor
 FASTEST = 100_000.0
 
-# How a column moves, of one column and of several.
+# How a column moves: the words for one column, and for several.
 CONSTANT = ("is constant in each recording", "are constant in each recording")
 EVEN_STEPS = ("moves by even steps", "move by even steps")
 ONE_RATE = (
@@ -38,8 +38,9 @@ class _Motion:
 
     Attributes:
         moves: int (R, S), number of steps that are not 0.
-        usual: (R, S), median of these steps; 0 without any.
-        is_even: bool (S,), almost all steps are like their recording's usual one, and of one sign.
+        usual: (R, S), median of these steps; 0 if there are none.
+        is_even: bool (S,), almost all steps resemble the usual step of their recording, and the
+            usual steps of all recordings have one sign.
         is_onward: bool (S,), the column never falls, or never rises.
         first: (R, S), readings of the first frame.
         last: (R, S), readings of the last frame.
@@ -60,7 +61,7 @@ class _Motion:
 
     @property
     def is_constant(self) -> np.ndarray:
-        """Return the columns bool (S,) that are constant in each recording, and differ between."""
+        """Return the columns bool (S,) that are constant in each recording, but not over all."""
         never_moves = (self.moves == 0).all(axis=0)
         return np.asarray(never_moves & (self.width > 0))
 
@@ -71,33 +72,33 @@ class _Motion:
 
     @property
     def starts_apart(self) -> np.ndarray:
-        """Return the columns bool (S,) whose beginnings differ more than they move.
+        """Return the columns bool (S,) whose recordings begin at clearly different readings.
 
-        They differ by more than a recording's mean differs from its beginning.
+        The beginnings spread at least as widely as a recording's mean differs from its beginning.
         """
         within = np.median(np.abs(self.mean - self.first), axis=0)
         return np.asarray(within <= self.first.std(axis=0))
 
     @property
     def is_clock(self) -> np.ndarray:
-        """Return the columns bool (S,) that move as one clock.
+        """Return the columns bool (S,) that move like a clock.
 
-        A clock of even steps may begin anywhere; one of uneven steps begins alike everywhere. The
-        question is stricter than `tables.common_frames.is_monotone`: a slow sensor is monotone too,
-        and no clock.
+        A clock of even steps can begin anywhere. A clock of uneven steps begins at the same reading
+        in each recording. This test is stricter than `tables.common_frames.is_monotone`: a slow
+        sensor is monotone too, but it is not a clock.
         """
         moves = np.quantile(self.moves, 1 - CLOCK_SHARE, axis=0, method="lower")
         return np.asarray((self._ticks() | self._runs_on()) & (moves >= FEWEST_CLOCK_STEPS))
 
     def _ticks(self) -> np.ndarray:
-        """Return the columns bool (S,) whose steps are alike in nearly all recordings."""
+        """Return the columns bool (S,) whose steps are similar in nearly all recordings."""
         usual = np.median(self.usual, axis=0)
         has_usual_steps = np.abs(self.usual - usual) <= np.abs(usual) / 2
         in_nearly_all = has_usual_steps.mean(axis=0) >= CLOCK_SHARE
         return np.asarray(self.is_even & (usual != 0) & in_nearly_all)
 
     def _runs_on(self) -> np.ndarray:
-        """Return the columns bool (S,) that rise, or fall, from one beginning at one rate."""
+        """Return the columns bool (S,) that always begin alike and rise, or fall, at one rate."""
         rate = (self.last - self.first) / np.maximum(self.frames - 1, 1)[:, None]
         usual = np.median(rate, axis=0)
         speed = np.abs(rate)
@@ -111,12 +112,12 @@ class _Motion:
 
 @dataclass(frozen=True, kw_only=True)
 class _OddColumn:
-    """A column that is no sensor.
+    """A column that is not a sensor.
 
     Attributes:
         sensor: its index among the live sensors.
         kind: how it moves, see `CONSTANT`.
-        evidence: what else shows that it is no sensor; empty if only its motion does.
+        evidence: a further reason why it is not a sensor; empty if there is only its motion.
     """
 
     sensor: int
@@ -125,16 +126,19 @@ class _OddColumn:
 
 
 def column_notes(recordings: Recordings) -> list[Note]:
-    """Return warnings of columns that move as no sensor does, and of odd frame rates.
+    """Return warnings about columns that do not move like sensors, and about odd frame rates.
 
-    Such a column is constant within every recording where others vary, as the number of a person.
-    Or it rises, or falls, by even steps, as a clock. It is named if its beginnings predict the
-    objects of held-out recordings, or if its range is far wider than the others'. The sensors of an
-    array are of one kind, so that nothing else is named there. Channels may be anything: there each
-    constant column and each clock is named, and constant columns are also checked together.
+    Such a column is constant within every recording while others vary, like the number of a person.
+    Or it rises, or falls, by even steps, like a clock. It is named in either of two cases: the
+    beginnings of its recordings predict the objects of held-out recordings, or its range is far
+    wider than the ranges of the other columns.
 
-    A finger that stays bent trembles, and one that closes evenly does so at another rate each time.
-    Neither is such a column.
+    The sensors of an array are of one kind, so no other column of an array is named. Channels can
+    be anything. Among channels each constant column and each clock is named, and the constant
+    columns are also checked together.
+
+    The sensor of a bent finger is not named, since it trembles. The sensor of a finger that closes
+    evenly is not named either, since its rate differs from time to time.
 
     Frame rates are odd if they predict the objects, or if no tactile sensor has them.
 
@@ -145,30 +149,31 @@ def column_notes(recordings: Recordings) -> list[Note]:
 
 
 def _column_warning(recordings: Recordings) -> list[Note]:
-    """Return the warning that names all columns that are no sensor."""
+    """Return the warning that names all columns that are not sensors."""
     motion = _motion_of(recordings)
     odd = _odd_columns(recordings, motion)
     if not odd:
         return []
     names = recordings.sensor_names(recordings.live)
-    text = f"A clock, number or label is no sensor: {_listed_columns(odd, names)}. "
+    text = f"A clock, a number or a label is not a sensor: {_listed_columns(odd, names)}. "
     constant = _unless_all(motion.is_even) & motion.is_constant
     if not is_array(recordings.live) and constant.sum() > 1:
         error = _error_below_chance(recordings, motion.first[:, constant])
         if error:
-            text += f"The constant ones together predict the object: error {_of_chance(error)}. "
+            text += "The constant columns together predict the object: "
+            text += f"error {_of_chance(error)}. "
     return [_with_remedy(recordings, [column.sensor for column in odd], text)]
 
 
 def _unless_all(chosen: np.ndarray) -> np.ndarray:
-    """Return the chosen columns bool (S,), none if all are: there is nothing to compare with."""
+    """Return the chosen columns bool (S,), or none if all are: there is nothing to compare with."""
     if chosen.all():
         return np.zeros_like(chosen)
     return chosen
 
 
 def _odd_columns(recordings: Recordings, motion: _Motion) -> list[_OddColumn]:
-    """Return the columns that are no sensor."""
+    """Return the columns that are not sensors."""
     is_even = _unless_all(motion.is_even)
     starts_apart = is_even & motion.starts_apart
     is_wide = is_even & (motion.relative_width > WIDE_RANGE)
@@ -195,7 +200,10 @@ def _odd_columns(recordings: Recordings, motion: _Motion) -> list[_OddColumn]:
 
 
 def _listed_columns(odd: list[_OddColumn], names: list[str]) -> str:
-    """Return the columns with how they move and the evidence; those without any stand together."""
+    """Return a text that says how each column moves, with the evidence.
+
+    Columns without evidence that move in the same way are listed together.
+    """
     texts = list[str]()
     names_of_kind = dict[tuple[str, str], list[str]]()
     for column in odd:
@@ -211,9 +219,10 @@ def _listed_columns(odd: list[_OddColumn], names: list[str]) -> str:
 
 
 def _with_remedy(recordings: Recordings, sensors: list[int], text: str) -> Note:
-    """Return the warning with the change that leaves out columns.
+    """Return the warning, with the change of params.yaml that leaves out the columns.
 
-    Columns without names go by their numbers, which a table of text takes, and an array does not.
+    Columns without names are left out by their numbers. That works for a table of text, but not for
+    an array.
 
     Args:
         recordings: the table of raw counts.
@@ -225,17 +234,17 @@ def _with_remedy(recordings: Recordings, sensors: list[int], text: str) -> Note:
         columns = [f"{LEAVE_OUT}{names[sensor]}" for sensor in sensors if names[sensor]]
         if columns:
             change = quote(as_change("data.columns", columns))
-            text += f"Set {change}, in addition to what it lists already."
+            text += f"Set {change}, in addition to the columns that it lists already."
             return Note(text, "warning", "columns", "data.columns", columns)
     if len(recordings.live) == 1:
         numbers = recordings.sensor_numbers[recordings.live[0]]
         columns = [f"{LEAVE_OUT}{numbers[sensor]}" for sensor in sensors]
-        text += f"Of a table without names set {quote(as_change('data.columns', columns))}. "
-    return Note(f"{text}Save an array without such columns.", "warning", "columns")
+        text += f"For a table without names, set {quote(as_change('data.columns', columns))}. "
+    return Note(f"{text}Save an array again without these columns.", "warning", "columns")
 
 
 def _rate_warnings(recordings: Recordings) -> list[Note]:
-    """Return warnings of frame rates that no tactile sensor has, or that predict the objects."""
+    """Return warnings about frame rates that no tactile sensor has, or that predict the objects."""
     recording = np.asarray(recordings.columns["recording"])
     of_recording = frame_rates(np.asarray(recordings.columns["time"]), recording)
     rates = np.array(list(of_recording.values()))
@@ -244,17 +253,17 @@ def _rate_warnings(recordings: Recordings) -> list[Note]:
     warnings = list[Note]()
     usual = float(np.median(rates))
     if not SLOWEST <= usual <= FASTEST:
-        text = f"{usual:.3g} frames a second: are times in another unit? "
-        text += "Name their column with its unit, as `time_ms` or `time_us`; "
-        text += "or leave it out by data.columns=[leave_out:NAME]. If it is right, go on."
+        text = f"{usual:.3g} frames a second; a tactile sensor has {SLOWEST:g} to {FASTEST:,.0f}. "
+        text += "If the times have another unit, name their column with it, as `time_ms` or "
+        text += "`time_us`, or leave the column out with data.columns=[leave_out:NAME]."
         warnings.append(Note(text, "warning", "frame rate"))
     has_all = len(rates) == len(np.unique(recording))
     if not has_all or rates.max() <= ALIKE_RATES * rates.min():
         return warnings
     error = _error_below_chance(recordings, rates[:, None])
     if error:
-        text = f"{rates.min():.4g} to {rates.max():.4g} frames a second: the rate predicts "
-        text += f"the objects with an error of {_of_chance(error)}. Record all at one rate."
+        text = f"Recordings have {rates.min():.4g} to {rates.max():.4g} frames a second, and the "
+        text += f"rate predicts the objects: error {_of_chance(error)}. Record all at one rate."
         warnings.append(Note(text, "warning", "frame rate"))
     return warnings
 
@@ -268,7 +277,7 @@ def _error_below_chance(recordings: Recordings, values: np.ndarray) -> QuickErro
 
     Args:
         recordings: the table of raw counts.
-        values: (R, K), of the recordings with frames.
+        values: (R, K), K values of each recording that has frames.
     """
     first_frames = [index[0] for index in frames_by_recording(recordings)]
     label = np.asarray(recordings.columns["object"])[first_frames]
@@ -284,7 +293,7 @@ class _Steps:
     """Counts of the steps from frame to frame of S columns, over the recordings read so far.
 
     Args:
-        columns: their number.
+        columns: S, the number of columns.
     """
 
     def __init__(self, columns: int):
@@ -292,7 +301,7 @@ class _Steps:
         self.uneven = np.zeros(columns, dtype=np.int64)
         self.rises = np.zeros(columns, dtype=np.int64)
         self.falls = np.zeros(columns, dtype=np.int64)
-        self.usually_rises = np.zeros(columns, dtype=bool)  # in a recording
+        self.usually_rises = np.zeros(columns, dtype=bool)  # in any recording
         self.usually_falls = np.zeros(columns, dtype=bool)
 
     def maybe_odd(self) -> np.ndarray:
@@ -305,7 +314,7 @@ class _Steps:
         return np.asarray((self.rises == 0) | (self.falls == 0))
 
     def is_even(self) -> np.ndarray:
-        """Return the columns bool (S,) almost all of whose steps are usual, and of one sign."""
+        """Return the columns bool (S,) with almost only usual steps, which have one sign."""
         has_one_sign = ~(self.usually_rises & self.usually_falls)
         return np.asarray((self.uneven <= MOST_UNEVEN * self.moves) & has_one_sign)
 
@@ -313,9 +322,9 @@ class _Steps:
         """Count the steps of a recording.
 
         Args:
-            steps: (n - 1, K), differences between the readings of a frame and the one before.
-            columns: int (K,), their columns.
-            usual: (K,), the usual step of each.
+            steps: (n - 1, K), differences between the readings of a frame and the previous frame.
+            columns: int (K,), the column of each of these.
+            usual: (K,), the usual step of each of these columns.
         """
         is_unusual = np.abs(steps - usual) > np.abs(usual) / 2
         self.moves[columns] += np.count_nonzero(steps, axis=0)
@@ -327,7 +336,10 @@ class _Steps:
 
 
 def _motion_of(recordings: Recordings) -> _Motion:
-    """Read each recording once; the steps of columns that are clearly sensors are not read on."""
+    """Return how the live sensors move, after reading each recording once.
+
+    Once a column is clearly a sensor, its steps are no longer computed.
+    """
     live = recordings.live_counts()
     index_of = frames_by_recording(recordings)
     shape = (len(index_of), int(recordings.live.sum()))
@@ -365,6 +377,6 @@ def _motion_of(recordings: Recordings) -> _Motion:
 
 
 def _usual_step(steps: np.ndarray) -> np.ndarray:
-    """Return the median (K,) of the steps (n, K) that are not 0; 0 without any."""
+    """Return the median (K,) of the steps (n, K) that are not 0, or 0 if all are."""
     moving = pd.DataFrame(np.where(steps, steps, np.nan))
     return np.asarray(moving.median().fillna(0))

@@ -1,4 +1,4 @@
-"""Decide how readings become frames: a value for every `auto` of the section `preprocess`.
+"""Decide how readings become frames: a value for every `auto` in the section `preprocess`.
 
 Only readings of the training set are looked at.
 """
@@ -28,11 +28,12 @@ from tactile_viewgcn.tables.plan import Plan
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 COMPARED_FRAMES = 2000  # frames whose readings are compared
-NEAR_ZERO = 0.05  # of the range of readings
-MOST_LOST = 0.05  # share of recordings without a frame in contact, above which contact is no filter
-RELEASED_SCALE = 150.0  # counts, of the released code, for STAG's glove
-# the released scale of 150 is kept if it is at least the strongest hundredth of the readings in
-# contact, and at most ten times that
+NEAR_ZERO = 0.05  # a reading within this share of the range of readings is about 0
+# if more than this share of the recordings has no frame in contact, contact is no filter
+MOST_LOST = 0.05
+RELEASED_SCALE = 150.0  # counts; the released code has it for STAG's glove
+# the released scale is used unless the strongest hundredth of the readings in contact is above it,
+# or below a tenth of it
 HEADROOM = 10.0
 #: A setting and the reason for it.
 Reasoned = tuple[Any, str]
@@ -40,15 +41,15 @@ Reasoned = tuple[Any, str]
 
 @dataclass(frozen=True)
 class Choice:
-    """A plan, and what it was decided by.
+    """A plan, and the measurements that it was decided by.
 
     Attributes:
-        plan: not yet `measured_on` the training frames.
-        states: of the training set's frames, whether the hand is open or in contact.
-        baseline: of these frames, as `apply` returns it.
-        leak: the leak check above that baseline; None where it cannot be made.
-        notes: one of level `choice` for each value that was `auto`, those of the leak check and on
-            columns.
+        plan: how readings become frames. `measured_on` the training frames comes later.
+        states: whether the hand is open or in contact in each frame of the training set.
+        baseline: the baseline of these frames, as `apply` returns it.
+        leak: the leak check above that baseline; None if it cannot be made.
+        notes: a note of level `choice` for each value that was `auto`, and notes on the leak check
+            and on columns.
     """
 
     plan: Plan
@@ -64,15 +65,15 @@ def decide(
     """Decide every `auto`, and measure the baseline and the leak of the training set.
 
     Args:
-        recordings: of T frames; its `live` sensors vary in the training set.
+        recordings: T frames. The `live` sensors are the sensors that vary in the training set.
         rows: rising indices (n,) of the training set's frames and of the empty hand of its
             sessions. No reading of other frames is looked at.
-        settings: the section of params.yaml, some of it `auto`.
+        settings: the section of params.yaml, with some values `auto`.
         group: (T,) split group of each frame.
 
     Raises:
-        UserError: no sensor varies; the recordings cannot give the baseline of the settings;
-            readings are too small or too large.
+        UserError: no sensor varies; the recordings lack the frames that the baseline of the
+            settings needs; readings are too small or too large.
     """
     training = recordings.part(rows)
     _require_live_sensors(training)
@@ -136,26 +137,26 @@ def _require_live_sensors(training: Recordings) -> None:
     if not training.live.any():
         frames = several(len(training), "frame")
         raise UserError(
-            f"{training.path}: no sensor varies over {frames}; expected some that do: "
-            "is the glove connected?"
+            f"{training.path}: no sensor varies over {frames}; expected at least one. "
+            "Check that the glove is connected."
         )
 
 
 def _grasps_subtract_signal() -> Note:
-    """Return the warning of a baseline of each grasp where no open hand is seen beside one."""
+    """Return the warning that `preprocess.baseline: grasp` finds no open hand before grasps."""
     text = (
-        "most recordings do not show an open hand and a grasp, so grasp may subtract signal: "
-        "set preprocess.baseline to auto"
+        "most recordings do not show both an open hand and a grasp, so the baseline grasp can "
+        "subtract signal; set preprocess.baseline to auto"
     )
     return Note(text, "warning", "baseline", "preprocess.baseline", "auto")
 
 
 def _require_empty_hand(settings: PreprocessSection, lacking: list[str]) -> None:
-    """Raise a UserError if sessions lack the empty hand that the settings name as baseline."""
+    """Raise a UserError if the baseline is the empty hand, and sessions lack it."""
     if settings.baseline == "empty_hand" and lacking:
         raise UserError(
-            f"fewer than {MIN_FRAMES} frames of {EMPTY_HAND!r} in {listed(lacking)}; expected some "
-            "in each session. Record them, as preprocess.baseline empty_hand needs, or set "
+            f"fewer than {MIN_FRAMES} frames of {EMPTY_HAND!r} in {listed(lacking)}; "
+            "preprocess.baseline empty_hand needs them in each session. Record them, or set "
             "preprocess.baseline to auto"
         )
 
@@ -170,8 +171,9 @@ def _states(
 ) -> tuple[HandStates, bool]:
     """Return the hand's states, and whether the recordings show an open hand.
 
-    Every frame counts as contact if some session lacks an empty hand, and the sensors are few or
-    the recordings show no open hand.
+    If every session has an empty hand, the states are measured. Otherwise every frame counts as
+    contact in two cases: the baseline is `auto` and the sensors are not an array, or the recordings
+    show no open hand.
     """
     if has_empty_hand:
         return hand_states(training, sensors, moments), True
@@ -187,12 +189,12 @@ def _contact_sensors(live: int) -> Reasoned:
     """Return the fewest sensors in a frame of contact, by the number of sensors that vary."""
     sensors = sensors_in_contact(live)
     if sensors == 1:
-        return sensors, f"of {several(live, 'sensor')} an object may press a single one"
+        return sensors, f"of {several(live, 'sensor')}, an object can press only one"
     return sensors, f"a fortieth of {several(live, 'sensor')}, at least 2 and at most 14"
 
 
 def _shows_open_hand(recordings: Recordings, states: HandStates) -> bool:
-    """Return whether most recordings have enough open-hand frames, and some in contact."""
+    """Return whether most recordings have enough open-hand frames and a frame in contact."""
     masks = pd.DataFrame({"open": states.open, "contact": states.contact})
     frames = masks.groupby(recordings.columns["recording"]).sum().median()
     return bool(frames["open"] >= MIN_FRAMES and frames["contact"] > 0)
@@ -203,33 +205,35 @@ def _baseline(
 ) -> Reasoned:
     """Return the kind of baseline.
 
-    Recordings like the paper's have the paper's baseline, and recordings without an open hand none.
+    Recordings like the paper's recordings get the paper's baseline. Recordings without an open hand
+    get none.
     """
     array = is_array(training.live)
     if has_empty_hand and published:
-        return "empty_hand", "recorded in every session, and the split is published"
+        return "empty_hand", "every session has an empty hand, and the split is published"
     if has_empty_hand and not array:
-        return "empty_hand", "recorded in every session"
+        return "empty_hand", "every session has an empty hand"
     if not array:
-        reason = "channels may read anything without contact: they are taken as they are"
+        reason = "channels can read anything without contact, so they are taken as they are"
         return "none", reason
     if states.all_contact:
-        reason = "most recordings do not show an open hand and a grasp: they are taken as they are"
+        reason = "most recordings do not show both an open hand and a grasp, so they are taken as "
+        reason += "they are"
         return "none", reason
-    return "grasp", "of the open hand before each grasp: it may drift"
+    return "grasp", "the open hand before each grasp, since the baseline can drift"
 
 
 def _zero(training: Recordings) -> Reasoned:
-    """Return the constant that stands for a baseline."""
+    """Return the constant that is subtracted in place of a baseline."""
     zero = smallest_reading(training)
-    reason = "what the sensors read at least"
+    reason = "the smallest reading of the sensors"
     if zero == 0:
-        reason += ": about 0"
+        reason += ", which is about 0"
     return zero, reason
 
 
 def smallest_reading(recordings: Recordings) -> float:
-    """Return the smallest reading of a live sensor in counts, to three digits; 0 near 0."""
+    """Return the smallest reading of a live sensor in counts, to three digits; 0 if it is small."""
     counts = recordings.live_counts()
     step = max(1, len(counts) // COMPARED_FRAMES)
     low, high = np.percentile(counts[::step], [0.1, 99])
@@ -253,8 +257,8 @@ def contact_readings(recordings: Recordings, states: HandStates, baseline: Basel
 def _filter(recordings: Recordings, states: HandStates, baseline: str) -> Reasoned:
     """Return the filter.
 
-    It is `flags` if every object has flagged frames, else contact above a baseline, if few
-    recordings are lost by it.
+    If every object has flagged frames, it is `flags`. Otherwise it is `contact`, if there is a
+    baseline and few recordings lose all frames. Otherwise it is `none`.
     """
     objects = recordings.columns["object"]
     is_object = ~recordings.empty_hand
@@ -262,13 +266,13 @@ def _filter(recordings: Recordings, states: HandStates, baseline: str) -> Reason
     if flags is not None and not len(np.setdiff1d(objects[is_object], objects[flags])):
         return "flags", "the source says in which frames the object is held"
     if baseline == "none":
-        return "none", "contact cannot be detected without a baseline: every frame is kept"
+        return "none", "contact cannot be detected without a baseline, so every frame is kept"
     recorded = [index for index in frames_by_recording(recordings) if is_object[index[0]]]
     lost = sum(not states.contact[index].any() for index in recorded)
     if lost > MOST_LOST * len(recorded):
         reason = (
-            f"{lost} of {several(len(recorded), 'recording')} have no frame in contact: "
-            "every frame is kept"
+            f"{lost} of {several(len(recorded), 'recording')} have no frame in contact, so every "
+            "frame is kept"
         )
         return "none", reason
     return "contact", f"{100 * states.contact.mean():.0f} % of the frames are in contact"
@@ -278,14 +282,14 @@ def _scale(in_contact: np.ndarray) -> Reasoned:
     """Return the counts at full scale, by readings (n,) of sensors in contact.
 
     Raises:
-        UserError: params would refuse the value.
+        UserError: the value is outside of the bounds of params.yaml.
     """
     if not len(in_contact):
-        return RELEASED_SCALE, "the released code's: no sensor is in contact"
+        return RELEASED_SCALE, "the released code's scale, since no sensor is in contact"
     strongest = float(np.percentile(in_contact, 99))
     reason = f"the strongest hundredth of the sensors in contact reads {strongest:.3g} or more"
     if strongest <= RELEASED_SCALE <= HEADROOM * strongest:
-        return RELEASED_SCALE, f"the released code's fits: {reason}"
+        return RELEASED_SCALE, f"the released code's scale fits: {reason}"
     scale = float(f"{strongest:.2g}")
     if not 1 / MAX_NUMBER <= scale <= MAX_NUMBER:
         raise UserError(

@@ -10,16 +10,17 @@ from tactile_viewgcn.messages import Note, UserError, listed, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, PreprocessSection
 from tactile_viewgcn.tables.recordings import Recordings
 
-SENSORS_IN_CONTACT = 14  # fewest in a frame of contact, of STAG's 548
-CONTACT_SHARE = 1 / 40  # the same share of a smaller array
-FEW_SENSORS = 16  # fewer are one or a few a finger
+SENSORS_IN_CONTACT = 14  # fewest pressed sensors in a frame of contact, of STAG's 548 sensors
+CONTACT_SHARE = 1 / 40  # the same share, for a smaller array
+FEW_SENSORS = 16  # a glove of fewer sensors has one or a few on each finger
 
 
 def sensors_in_contact(live: int) -> int:
     """Return the fewest sensors that are pressed in a frame of contact.
 
-    They are 14 of STAG's 548 and a fortieth of a smaller array, but at least two, since one may be
-    faulty. Of fewer than 16 an object may press a single one: then one is enough.
+    For STAG's 548 sensors the number is 14. For a smaller array it is a fortieth, but at least two,
+    since one sensor can be faulty. Of fewer than 16 sensors an object can press a single one, so
+    there one is enough.
 
     Args:
         live: number of sensors that vary.
@@ -37,24 +38,25 @@ def require_filter(recordings: Recordings, params: PreprocessSection) -> None:
         params: the settings of the plan.
 
     Raises:
-        UserError: there are no flags, or contact shall be found above an unknown baseline.
+        UserError: the filter is `flags`, and there are none; or the filter is `contact`, and there
+            is no baseline.
     """
     if params.filter == "flags" and flags_of(recordings) is None:
         raise UserError(
             f"{recordings.path}: no validity flags (grasp_valid or valid), which preprocess.filter "
-            "flags needs: set it to auto"
+            "flags needs; set preprocess.filter to auto"
         )
     if params.filter == "contact" and params.baseline == "none":
         raise UserError(
-            "preprocess.filter is contact, which needs the baseline's noise: "
-            "expected preprocess.filter auto, or preprocess.baseline empty_hand or grasp"
+            "preprocess.filter contact needs a baseline, and preprocess.baseline is none; "
+            "set preprocess.filter to auto, or preprocess.baseline to empty_hand or grasp"
         )
 
 
 def passing(
     recordings: Recordings, contact: np.ndarray, params: PreprocessSection
 ) -> tuple[np.ndarray, list[Note]]:
-    """Return the frames that pass `preprocess.filter`, and notes on the others.
+    """Return the frames that pass `preprocess.filter`, and notes on the other frames.
 
     Every frame of the empty hand passes the filter `contact`.
 
@@ -64,7 +66,7 @@ def passing(
         params: the settings of the plan.
 
     Returns:
-        bool (T,), and notes on dropped frames, recordings and objects.
+        The frames that pass, bool (T,), and notes on dropped frames, recordings and objects.
     """
     if params.filter == "none":
         return contact, []
@@ -73,8 +75,9 @@ def passing(
     if params.filter == "contact":
         passed = contact | recordings.empty_hand
         sensors = several(int(params.contact_sensors), "sensor")
-        condition = f"{sensors} above {CONTACT_SIGMAS:g} sd"
-    dropped = f"{(~passed).sum():,} of {several(len(passed), 'frame')} dropped, without {condition}"
+        condition = f"{sensors} above {CONTACT_SIGMAS:g} standard deviations"
+    frames = several(len(passed), "frame")
+    dropped = f"dropped {(~passed).sum():,} of {frames}, since they lack {condition}"
     notes = [Note(f"{params.filter}: {dropped}", topic="filter")]
     notes += _dropped(recordings, "recording", passed, condition)
     notes += _dropped(recordings, "object", passed, condition)
@@ -82,7 +85,7 @@ def passing(
 
 
 def _dropped(recordings: Recordings, column: str, passed: np.ndarray, condition: str) -> list[Note]:
-    """Return a note on the recordings, or the objects, of which no frame passed."""
+    """Return a note on the recordings, or the objects, that lose all their frames."""
     names = recordings.recordings
     level: Literal["info", "warning"] = "info"
     if column == "object":
@@ -93,14 +96,16 @@ def _dropped(recordings: Recordings, column: str, passed: np.ndarray, condition:
     if not len(emptied):
         return []
     count = f"{len(emptied)} of {several(len(np.unique(of_frame)), column)}"
-    text = f"{count} dropped, no frame has {condition}: {listed([names[i] for i in emptied])}"
+    text = f"dropped {count}, since no frame has {condition}: "
+    text += listed([names[i] for i in emptied])
     return [Note(text, level, "filter")]
 
 
 def flags_of(recordings: Recordings) -> np.ndarray | None:
-    """Return a copy of the source's flags that an object is held, bool (T,); None without any.
+    """Return a copy of the source's flags that an object is held, bool (T,); None if it has none.
 
-    They are the column `grasp_valid` if there is one, as in STAG's set of weights, else `valid`.
+    The flags are the column `grasp_valid` if there is one, as in STAG's set of weights. Otherwise
+    they are the column `valid`.
     """
     for column in ("grasp_valid", "valid"):
         if column in recordings.columns:
@@ -109,13 +114,13 @@ def flags_of(recordings: Recordings) -> np.ndarray | None:
 
 
 def pressed_frames(recordings: Recordings, baseline: Baseline, sensors: int) -> np.ndarray:
-    """Return bool (T,): in which frames enough live sensors are pressed.
+    """Return the frames, bool (T,), in which enough live sensors are pressed.
 
     A pressed sensor reads more than five standard deviations above its baseline.
 
     Args:
         recordings: T frames.
-        baseline: of these frames; its noise is known.
+        baseline: the baseline of these frames, with known noise.
         sensors: fewest sensors in a frame of contact.
     """
     contact = np.zeros(len(recordings), dtype=bool)

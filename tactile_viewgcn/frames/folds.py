@@ -1,7 +1,7 @@
 """Folds: groups of frames, or of recordings, that are held out together.
 
-These are not the folds of scikit-learn's `StratifiedGroupKFold`: it refuses classes that all have
-fewer groups than folds, and may hold out all groups of a class at once.
+Scikit-learn's `StratifiedGroupKFold` does not serve here. It refuses data in which every class has
+fewer groups than there are folds. It can also hold out all groups of a class at once.
 """
 
 import numpy as np
@@ -20,12 +20,13 @@ def in_fold(
 
     Args:
         groups: (n,), split groups.
-        labels: (n,), classes; the groups of each class are counted by themselves.
+        labels: (n,), classes. The groups of each class are counted separately.
         folds: number of folds.
         fold: number of the fold, from 0.
-        across: groups span classes, as sessions do, and are counted once for all classes.
-        deal: 0 counts the groups in their order; any other number in a random order, the same for
-            all folds.
+        across: whether groups span classes, as sessions do. They are then counted once for all
+            classes.
+        deal: 0 counts the groups in their order. Any other number is a seed: it counts them in a
+            random order, which is the same for all folds.
     """
     inside = np.zeros(len(groups), dtype=bool)
     for label, of_class in members_by_class(labels, across=across):
@@ -44,16 +45,17 @@ def complete_folds(groups: np.ndarray, labels: np.ndarray, folds: int) -> list[n
     """Return masks bool (n,), one for each fold, that hold out every class of two groups or more.
 
     Each member of such a class is in exactly one mask. A group goes to the fold that has the fewest
-    groups of its classes, the first of several. A fold never gets the last group of a class whose
-    other groups it has: that class could not be learnt. Where every fold would, there is one fold
-    more. Where groups do not span classes, these are the folds of `in_fold`.
+    groups of its classes, or to the first of several such folds. If a fold has all other groups of
+    a class, it does not get the last one, because the class could not be learnt then. If no fold
+    can take a group, there is one more fold. If groups do not span classes, these are the folds of
+    `in_fold`.
 
     A class of a single group is in no mask, even if the group is held out for other classes.
 
     Args:
         groups: (n,), groups, each of which is held out as a whole.
         labels: (n,), classes.
-        folds: number of folds, at least 2; there may be more or fewer masks.
+        folds: number of folds, at least 2. There can be more or fewer masks.
     """
     class_of_row = pd.factorize(labels, sort=True)[0]
     pairs = pd.DataFrame({"group": groups, "label": class_of_row}).drop_duplicates()
@@ -70,9 +72,9 @@ def _deal_groups(pairs: pd.DataFrame, groups_of_class: np.ndarray, folds: int) -
     """Return the fold of each group, see `complete_folds`.
 
     Args:
-        pairs: `group` and `label`, once for each class of a group, by rising groups.
+        pairs: a row for each pair of `group` and `label` that occurs, sorted by group.
         groups_of_class: number of groups of each class.
-        folds: number of folds; there may be more.
+        folds: number of folds. There can be more.
     """
     fold_of_group = dict[int, int]()
     if pairs.empty:
@@ -95,7 +97,7 @@ def _deal_groups(pairs: pd.DataFrame, groups_of_class: np.ndarray, folds: int) -
 
 
 def spans_classes(groups: np.ndarray, labels: np.ndarray) -> bool:
-    """Return whether a group has members of several classes, as a session has.
+    """Return whether any group has members of several classes, as a session has.
 
     Args:
         groups: (n,), groups.
@@ -110,7 +112,7 @@ def members_by_class(labels: np.ndarray, *, across: bool = False) -> list[tuple[
 
     Args:
         labels: (n,), classes.
-        across: all members are of one class, 0.
+        across: whether to take all members for one class, 0.
     """
     if across:
         return [(0, np.ones(len(labels), dtype=bool))]

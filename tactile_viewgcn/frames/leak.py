@@ -1,6 +1,6 @@
-"""Checks by a quick classifier on held-out groups: do frames without contact predict the object?
+"""Check by a quick classifier on held-out groups whether frames without contact predict the object.
 
-If they do, a low error of a system says little about touch.
+If they do, a low error rate of a system says little about touch.
 """
 
 import warnings
@@ -21,13 +21,13 @@ from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings
 
 TOPIC = "leak check"
-MOST_FRAMES_READ = 2000  # in all; of each pair of an object and a group equally many
-FRAMES_OF_MEAN = 8  # at most: as many as the paper's views
+MOST_FRAMES_READ = 2000  # in all; about equally many of each pair of an object and a group
+FRAMES_OF_MEAN = 8  # at most; the paper has as many views
 LEAK_FOLDS = 3
 RIDGE_PENALTY = 2.0  # for each sensor
 ROUNDING = 1e-9  # of a share
-PERMUTATIONS = 99  # of the objects, by which an error that is little below chance is judged
-MOST_BY_CHANCE = 0.02  # share of the permutations that may have an error as low
+PERMUTATIONS = 99  # of the objects; an error a little below chance is compared with theirs
+MOST_BY_CHANCE = 0.02  # largest share of the permutations with an error as low
 
 
 @dataclass(frozen=True)
@@ -35,16 +35,17 @@ class QuickError:
     """The error of a quick classifier on held-out groups.
 
     Attributes:
-        error: mean over the pairs of an object and a group of it, which count alike.
+        error: mean over the pairs of an object and one of its groups. Each pair has the same
+            weight.
         low: lower end of the 95 % interval, which resamples groups.
         high: upper end of that interval.
         chance: error of always answering the object with the most groups.
         groups: number of groups that were used.
         frames: number of frames that were used.
-        objects_left_out: number of objects that have usable frames in a single group, which no fold
-            can hold out.
+        objects_left_out: number of objects that have usable frames in a single group only, which no
+            fold can hold out.
         by_chance: share of random assignments of the objects to the groups that have an error as
-            low; 0 where that was not computed, as of an error far below chance.
+            low. It is 0 if it was not computed, for example because the error is far below chance.
     """
 
     error: float
@@ -58,9 +59,9 @@ class QuickError:
 
     @property
     def beats_chance(self) -> bool:
-        """Whether the readings predict the object.
+        """Return whether the readings predict the object.
 
-        The whole interval lies below chance, and few permutations have an error as low.
+        They do if the whole interval lies below chance, and few permutations have an error as low.
         """
         return self.high < self.chance - ROUNDING and self.by_chance <= MOST_BY_CHANCE
 
@@ -70,7 +71,7 @@ class _Means:
     """Mean readings of cells: a cell is an object in a group.
 
     Attributes:
-        values: float64 (n, S), means over eight frames at most of S sensors.
+        values: float64 (n, S), means of S sensors over at most eight frames.
         cell: int (n,), the cell of each mean.
         label: int (C,), the object of each cell.
         group: int (C,), the group of each cell.
@@ -92,19 +93,20 @@ def quick_error(
     group: np.ndarray,
     nearest: bool = False,
 ) -> QuickError | None:
-    """Return the error of recognising the objects in means of eight of about 2,000 frames.
+    """Return the error of recognising the objects by mean readings over up to eight frames.
 
-    Each mean is over frames that are spread over an object's frames in a group. About a third of
-    the groups is held out at a time, for all objects at once. Each object of two groups or more is
-    answered in all of them. An object of a single group is neither learnt nor answered.
+    About 2,000 frames are read. The frames of a mean are spread over the frames of an object in a
+    group. About a third of the groups is held out at a time, for all objects at once. Each object
+    of two groups or more is answered in all of its groups. An object of a single group is neither
+    learnt nor answered.
 
     Args:
         readings: function from frames (n,) to their readings (n, S).
         usable: bool (T,), frames to draw from.
         label: int (T,), object of each frame.
         group: int (T,), group of each frame.
-        nearest: the answer is the nearest mean's object, however objects alternate; else by ridge
-            regression.
+        nearest: whether the answer is the object of the nearest mean, which works however the
+            objects alternate. Otherwise ridge regression answers.
 
     Returns:
         The error; None unless two objects have two groups each.
@@ -143,7 +145,7 @@ def _frames_of_cells(frames: np.ndarray, cell: np.ndarray) -> list[np.ndarray]:
 
     Args:
         frames: int (n,), rising.
-        cell: int (n,), the cell of each of these frames; no cell is without a frame.
+        cell: int (n,), the cell of each of these frames. Every cell has a frame.
     """
     order = np.argsort(cell, kind="stable")
     ends = np.cumsum(np.bincount(cell))
@@ -155,7 +157,7 @@ def _means_of(
     frames_of_cell: list[np.ndarray],
     cells: pd.DataFrame,
 ) -> _Means:
-    """Return means of readings, of about equally many frames of each cell.
+    """Return means of readings over about equally many frames of each cell.
 
     Args:
         readings: see `quick_error`.
@@ -187,8 +189,8 @@ def _wrong_by_cell(means: _Means, labels: np.ndarray, *, nearest: bool) -> np.nd
     """Return the share of wrong answers (C,) of each cell.
 
     Args:
-        means: of the cells.
-        labels: (C,), objects that the cells are taken for.
+        means: mean readings of the cells.
+        labels: (C,), the object that each cell is taken for.
         nearest: see `quick_error`.
     """
     expected = labels[means.cell]
@@ -200,12 +202,12 @@ def _wrong_by_cell(means: _Means, labels: np.ndarray, *, nearest: bool) -> np.nd
 def _share_by_chance(error: float, means: _Means) -> float:
     """Return the share of random assignments of objects to groups whose error is as low.
 
-    An object keeps its number of groups. Where groups span objects, as sessions do, objects change
-    places within each.
+    An object keeps its number of groups. If groups span objects, as sessions do, objects change
+    places only within a group.
 
     Args:
-        error: of the objects as they are.
-        means: of the cells.
+        error: the error with the true objects.
+        means: mean readings of the cells.
     """
     rng = stream(SPLIT_SEED, "permutations")
     block_of_cell = np.zeros_like(means.group)
@@ -227,13 +229,13 @@ def _answers(
 ) -> np.ndarray:
     """Return the objects (n,) that a classifier of other groups assigns to mean readings.
 
-    Every object has two groups or more, so that each mean is answered, see `complete_folds`.
+    Every object has two groups or more, so each mean is answered, see `complete_folds`.
 
-    A mean of readings is answered by the nearest mean of other groups. Ridge scores are answered by
-    the object whose mean score is nearest. The largest score would never name an object that reads
-    between two others, as
-    where all sensors of an object share an offset (Hastie, Tibshirani and Friedman, "The elements
-    of statistical learning", section 4.2, masking).
+    With `nearest` the answer is the object of the nearest mean of other groups. Otherwise it is the
+    object whose mean ridge scores are nearest to the scores of the mean. The largest score does not
+    serve. It would never name an object that reads between two others, for example because all
+    sensors of an object share an offset. Hastie, Tibshirani and Friedman call this masking ("The
+    elements of statistical learning", section 4.2).
 
     Args:
         means: (n, S), mean readings.
@@ -246,9 +248,9 @@ def _answers(
     from threadpoolctl import threadpool_limits
 
     answer = np.full(len(label), -1)
-    # no choice depends on the number of threads
+    # one thread, so that no choice depends on the number of threads
     with threadpool_limits(1), warnings.catch_warnings():
-        # many objects of two groups each
+        # scikit-learn warns if many objects have two groups each
         warnings.filterwarnings("ignore", "The number of unique classes")
         for held_out in complete_folds(group, label, LEAK_FOLDS):
             training = ~held_out
@@ -286,18 +288,19 @@ def check_leak(
 ) -> QuickError | None:
     """Return the error of recognising objects by open-hand frames.
 
-    From each open-hand frame the baseline of the last frame of contact before it is subtracted. The
-    open hand's own baseline contains these frames, so that its drift would cancel. Frames before
-    the first contact of a recording have no other than their own. The empty hand is no object here.
+    The baseline of the last frame of contact before it is subtracted from each open-hand frame. Its
+    own baseline would not do: it is a mean over open-hand frames, so that drift would cancel. Only
+    frames before the first contact of a recording have their own baseline subtracted. The empty
+    hand is not an object here.
 
     Args:
         recordings: the table of raw counts.
-        baseline: of its frames.
-        states: of the hand in these frames.
+        baseline: the baseline of its frames.
+        states: the states of the hand in these frames.
         group: (T,), split group of each frame.
 
     Returns:
-        The error; None unless two objects have such frames in two groups each.
+        The error; None unless two objects have open-hand frames in two groups each.
     """
     frame = pd.Series(np.arange(len(recordings)))
     recording = np.asarray(recordings.columns["recording"])
@@ -314,11 +317,11 @@ def check_leak(
 
 
 def leak_note(leak: QuickError, *, advised: bool) -> Note:
-    """Return a leak check in one line; a warning with a remedy where the objects are recognised.
+    """Return a leak check in one line; it is a warning with a remedy if the objects are recognised.
 
     Args:
         leak: the error without contact.
-        advised: to set the baseline to `grasp` is a remedy.
+        advised: whether setting the baseline to `grasp` is a remedy.
     """
     text = (
         f"frames without contact predict the object with an error of {100 * leak.error:.1f} % "
@@ -327,10 +330,10 @@ def leak_note(leak: QuickError, *, advised: bool) -> Note:
     )
     if leak.objects_left_out:
         objects = several(leak.objects_left_out, "object")
-        text += f"; not in it: {objects} with such frames in a single group"
+        text += f"; {objects} left out, with such frames in a single group only"
     if not leak.beats_chance:
         return Note(text, topic=TOPIC)
-    text += ". Errors say less about touch than they seem to: "
+    text += ". A low error rate says little about touch then: "
     if not advised:
         return Note(f"{text}choose another split.by", "warning", TOPIC)
     text += "set preprocess.baseline to grasp, or choose another split.by"

@@ -1,20 +1,20 @@
-"""The open hand: frames in which nothing is touched, detected even where the baseline drifts.
+"""The open hand: frames in which nothing is touched, detected even if the baseline drifts.
 
 A baseline that a whole session shares shows contact everywhere once it has drifted by more than the
 signal. So each recording begins with its quietest frames, and the baseline follows the open hand
 from there. It stands still during a grasp, as in a capacitive touch sensor.
 
-It fails, and nothing says so,
+The detection fails without a warning in three cases:
 
-- where a recording has no five successive frames without contact, and its session no empty hand: a
-  light grip is then taken for the open hand, and only what presses more than it is contact;
-- where several sensors jump by about four standard deviations of their noise between two frames, or
-  drift by more than about a tenth of one a frame. After a rise the later frames count as contact;
-  before a fall the earlier frames do;
-- where what is held from the first frame to the last presses more than three quarters of the
-  sensors: that is taken for drift, even beside an empty hand.
+- A recording has no five successive frames without contact, and its session has no empty hand. Then
+  a light grip is taken for the open hand, and only stronger pressure counts as contact.
+- Several sensors jump between two frames, by about four standard deviations of their noise. Or they
+  drift by more than about a tenth of a standard deviation a frame. After a rise the later frames
+  count as contact. Before a fall the earlier frames do.
+- An object that is held from the first frame to the last presses more than three quarters of the
+  sensors. It is taken for drift, even if the session has an empty hand.
 
-A flag of the source that an object is held always counts as contact.
+A frame that the source flags as holding an object always counts as contact.
 """
 
 from dataclasses import dataclass, replace
@@ -29,35 +29,39 @@ from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 Moments = tuple[np.ndarray | None, np.ndarray]  # mean and noise
 MIN_FRAMES = 5  # for a mean
-# most sensors of an open hand that read contact: one may be faulty; none where one is contact
+# most sensors of an open hand that read contact, since one can be faulty. If a single sensor is
+# enough for contact, an open hand has none
 OPEN_SENSORS = 1
-# of the threshold: a hand that closes, or holds little, presses several sensors a little
+# share of the threshold that counts as weak pressure: a hand that closes, or holds little, presses
+# several sensors a little
 WEAK = 0.6
-# most sensors of an open hand above that: two and a hundredth of all
+# most sensors of an open hand with weak pressure: two, and a hundredth of all sensors
 WEAK_SENSORS = 2
 WEAK_SHARE = 0.01
 # frames this near to a touch do not count as open: the hand is closing, or has just let go
 MARGIN = 2
 # share of the difference between an open-hand frame and the baseline that the baseline follows
 FOLLOWED = 0.1
-UNMOVED = 0.25  # share of the sensors that a dense grasp leaves as they are, and drift does not
-# enough to estimate what all sensors share, in a fifth of the time that 548 take
+# a dense grasp leaves this share of the sensors unmoved, and drift does not
+UNMOVED = 0.25
+# enough sensors to estimate the signal that all share, in a fifth of the time that 548 take
 COMMON_SENSORS = 100
 
 
 @dataclass(frozen=True)
 class HandStates:
-    """The hand's state in each of T frames, and what that is computed from.
+    """The hand's state in each of T frames, and the measurements behind it.
 
     Attributes:
-        counts: (T, S) of the live sensors, an array or read from the recordings' file when indexed.
+        counts: (T, S) of the live sensors. They are an array, or they are read from the recordings'
+            file when they are indexed.
         noise: (sessions, S) standard deviation in counts, see `visible_noise`.
-        contact: bool (T,) enough sensors are in contact, or a flag of the source says that an
+        contact: bool (T,), enough sensors are in contact, or a flag of the source says that an
             object is held.
-        open: bool (T,) the hand is open in this frame and in the two before and after it: at most
-            one sensor is in contact, at most two and a hundredth of all reach three fifths of the
-            threshold of contact, and no flag says that an object is held. In other frames the hand
-            is closing or opening, or presses weakly.
+        open: bool (T,), the hand is open in this frame and in the two frames before and after it.
+            In an open hand at most one sensor is in contact. At most two sensors and a hundredth of
+            all reach three fifths of the threshold of contact. No flag says that an object is held.
+            In frames of neither kind the hand is closing or opening, or presses weakly.
         quiet: (R, S) mean in counts over the five quietest successive frames of each recording with
             frames.
     """
@@ -72,23 +76,23 @@ class HandStates:
     def all_contact(self) -> bool:
         """Return whether every frame counts as contact, so that no open hand gives a baseline.
 
-        That is so where the quietest frames are contact, and after `as_all_contact`.
+        That happens if even the quietest frames are contact, and after `as_all_contact`.
         """
         return bool(self.contact.all())
 
     def as_all_contact(self) -> "HandStates":
-        """Return the same states, but every frame is in contact and none of the open hand."""
+        """Return a copy in which every frame is in contact, and no frame shows an open hand."""
         contact = np.ones_like(self.contact)
         return replace(self, contact=contact, open=np.zeros_like(self.open))
 
 
 class _Followed(NamedTuple):
-    """What a baseline that follows the open hand shows of the n frames of a recording.
+    """The n frames of a recording, compared with a baseline that follows the open hand.
 
     Attributes:
         pressed: (n,) number of sensors in contact.
-        still: bool (n,) the hand seems open.
-        fallen: number of frames that fall below the baseline by as much as contact.
+        still: bool (n,), the hand seems open.
+        fallen: number of frames that fall below the baseline by as much as contact rises above it.
     """
 
     pressed: np.ndarray
@@ -103,14 +107,14 @@ def hand_states(
     *,
     all_contact: bool = False,
 ) -> HandStates:
-    """Return the frames of contact and those of the open hand.
+    """Return the frames of contact and the frames of the open hand.
 
     Args:
         recordings: T frames.
         contact_sensors: fewest sensors that are pressed in a frame of contact.
-        moments: of each session, see `session_moments`.
-        all_contact: look for no open hand: every frame counts as contact, and the quietest frames
-            are not known.
+        moments: the moments of each session, see `session_moments`.
+        all_contact: whether to skip the search for an open hand. Then every frame counts as
+            contact, and the quietest frames are not known.
     """
     counts = recordings.live_counts()
     noise = np.stack([noise_of_session for _, noise_of_session in moments])
@@ -133,7 +137,7 @@ def hand_states(
 
 
 def _flagged_as_held(recordings: Recordings) -> np.ndarray:
-    """Return bool (T,): frames of which a flag of the source says that an object is held."""
+    """Return the frames, bool (T,), in which a flag of the source says that an object is held."""
     is_held: np.ndarray = np.zeros(len(recordings), dtype=bool)
     for name in ("valid", "grasp_valid"):
         if name in recordings.columns:
@@ -145,15 +149,15 @@ def _flagged_as_held(recordings: Recordings) -> np.ndarray:
 def _followed_from_quietest(
     counts: np.ndarray, threshold: np.ndarray, sensors: int, empty: np.ndarray | None
 ) -> tuple[_Followed, int]:
-    """Return what the frames of a recording show, and the index of its first quietest frame.
+    """Return a recording's frames above a baseline, and the index of the first quietest frame.
 
-    Frames that fall below the baseline by as much as contact show that the hand was not open where
-    the baseline began. Then it begins at the frames with the smallest sums, without leaving out
-    what all sensors share, as a dense grasp is shared.
+    The baseline begins at the quietest frames. If later frames fall below it by as much as contact,
+    the hand was not open there. Then the baseline begins at the frames with the smallest sums. The
+    signal that all sensors share stays in these sums, because a dense grasp is shared too.
 
     Args:
         counts: (n, S) of the recording.
-        threshold: (S,) the least that a sensor in contact reads above the baseline.
+        threshold: (S,) the least excess over the baseline of a sensor in contact.
         sensors: fewest sensors in a frame of contact.
         empty: (S,) the session's empty hand, if it is known.
     """
@@ -176,14 +180,15 @@ class Follower:
 
     Args:
         baseline: (S,) counts before the first frame.
-        threshold: (S,) the least that a sensor in contact reads above the baseline.
+        threshold: (S,) the least excess over the baseline of a sensor in contact.
         sensors: fewest sensors in a frame of contact.
 
     Attributes:
         baseline: (S,) counts after the last frame.
         pressed: number of sensors in contact in the last frame.
         still: whether the hand seems open in the last frame.
-        fallen: whether the last frame falls below the baseline by as much as contact.
+        fallen: whether the last frame falls below the baseline by as much as contact rises above
+            it.
     """
 
     def __init__(self, baseline: np.ndarray, threshold: np.ndarray, sensors: int):
@@ -210,22 +215,22 @@ class Follower:
 
 
 def most_weak_sensors(sensors: int) -> float:
-    """Return how many of all sensors of an open hand may read three fifths of the threshold."""
+    """Return how many of all sensors of an open hand can have weak pressure, see `WEAK`."""
     return WEAK_SENSORS + WEAK_SHARE * sensors
 
 
 def _follow(
     counts: np.ndarray, start: int, baseline: np.ndarray, threshold: np.ndarray, sensors: int
 ) -> _Followed:
-    """Return what the frames show above a baseline that follows the open hand.
+    """Return the frames of a recording above a baseline that follows the open hand.
 
-    It follows from the frame `start` forwards, and from there backwards.
+    The baseline follows from the frame `start` forwards, and from there backwards.
 
     Args:
         counts: (n, S) of the recording.
         start: index of the frame in which the baseline is known.
         baseline: (S,) in that frame.
-        threshold: (S,) the least that a sensor in contact reads above the baseline.
+        threshold: (S,) the least excess over the baseline of a sensor in contact.
         sensors: fewest sensors in a frame of contact.
     """
     pressed = np.zeros(len(counts), dtype=np.int64)
@@ -242,11 +247,11 @@ def _follow(
 
 
 def quietest(counts: np.ndarray, *, common: bool = True) -> int:
-    """Return the index of the first of the five successive frames that read least.
+    """Return the index of the first of the five successive frames with the smallest readings.
 
     Args:
         counts: (n, S) of a recording.
-        common: leave out what all sensors share.
+        common: whether to leave out the signal that all sensors share.
     """
     excess = counts - counts.mean(axis=0)
     activity = excess.sum(axis=1)
@@ -262,16 +267,16 @@ def is_contact(excess: np.ndarray, threshold: np.ndarray, sensors: int = 2) -> b
 
     Drift moves all sensors together, or some up and some down. Sparse contact raises less than half
     of the sensors. Dense contact raises up to three quarters of them and lowers none. A single
-    sensor cannot tell drift from contact: what it reads above the threshold is contact.
+    sensor cannot tell drift from contact, so any reading above the threshold is contact.
 
     Args:
         excess: (S,) in counts.
-        threshold: (S,) the least that a sensor in contact reads above the empty hand.
+        threshold: (S,) the least excess over the empty hand of a sensor in contact.
         sensors: fewest sensors that are pressed in a frame of contact.
     """
     if len(excess) == 1:
         return bool(excess[0] > threshold[0])
-    # as it is, and without what all sensors share
+    # with the signal that all sensors share, and without it
     both = np.stack([excess, excess - np.median(excess)])
     up = (both > threshold).sum(axis=1)
     down = (both < -threshold).sum(axis=1)

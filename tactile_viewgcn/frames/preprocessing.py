@@ -1,4 +1,4 @@
-"""From the table of raw counts to the frames that a system learns from."""
+"""Turn the table of raw counts into the table of frames that a system learns from."""
 
 from dataclasses import dataclass, replace
 
@@ -22,17 +22,17 @@ from tactile_viewgcn.tables.recordings import Recordings
 
 @dataclass(frozen=True)
 class Preprocessed:
-    """The table of frames, and how it came about.
+    """The table of frames, and the decisions behind it.
 
     Attributes:
         frames: the kept frames, with the plan.
-        choice: what was decided on the training set.
+        choice: the decisions that were made on the training set.
         sides: the set of every frame.
         passed: bool (T,), frames that passed the filter.
-        keep: bool (T,), frames that are in the table: they passed, and their class and their
+        keep: bool (T,), frames in the table. They passed the filter, and their class and their
             training group are used.
-        notes: on what `auto` chose, on the baseline, the leak check and what was left out, and
-            warnings.
+        notes: notes on the choices of `auto`, on the baseline, on the leak check and on whatever
+            was left out, and warnings.
     """
 
     frames: Frames
@@ -52,18 +52,18 @@ def preprocess_recordings(
 ) -> Preprocessed:
     """Return the table of frames: split, decide the plan, apply it to each set, draw the anchors.
 
-    Each set's baseline comes from the set's frames and the empty hand of its sessions, in whichever
-    set that is.
+    The baseline of a set comes from the frames of the set and from the empty hand of its sessions.
+    The empty hand is used even if it is in another set.
 
     Args:
         recordings: T frames.
-        settings: the section of params.yaml; what is `auto` is decided on the training set.
-        split: how the sets are split.
+        settings: the section of params.yaml. Every `auto` is decided on the training set.
+        split: the parameters of the split.
         groups: see `deal`.
 
     Raises:
-        UserError: no sensor varies; the recordings cannot give the baseline, flags or groups that
-            the settings name; fewer than two classes are left; a set is empty.
+        UserError: no sensor varies; the recordings lack the baseline, flags or groups that the
+            settings name; fewer than two classes are left; a set is empty.
     """
     rng = stream(SPLIT_SEED, "preprocess")
     sides = deal(recordings, split, rng, empty_hand_class=settings.empty_hand_class, groups=groups)
@@ -77,14 +77,14 @@ def preprocess_recordings(
     baseline, contact = _apply_to_sets(recordings, choice, sides)
 
     passed, filter_notes = passing(recordings, contact, plan.params)
-    # the empty hand stays only as a class
+    # from here on, the empty hand is needed only if it is a class
     keep = passed & (settings.empty_hand_class | ~recordings.empty_hand)
     keep, class_notes = keep_testable(recordings, sides, keep, split)
 
     published = groups is None and split.by == "source" and plan.params.filter == "flags"
     anchor = draw_anchors(recordings.columns, sides.side, keep, rng, published=published)
-    # surplus: frames beyond split.train_groups and train_grasps. They go after the draw, so that
-    # the anchors of the test set do not depend on how much is trained on
+    # frames beyond split.train_groups and train_grasps are dropped after the draw, so that the
+    # anchors of the test set do not depend on the size of the training set
     keep &= ~sides.surplus
 
     of_training = np.unique(baseline.of_frame[sides.training])
@@ -144,10 +144,10 @@ def _apply_to_sets(
 ) -> tuple[Baseline, np.ndarray]:
     """Apply the plan to one set after another.
 
-    A set is measured on its frames and the empty hand of their sessions.
+    A set is measured on its frames and on the empty hand of their sessions.
 
     Returns:
-        The baselines of all T frames, and bool (T,): the frames in contact.
+        The baselines of all T frames, and the frames in contact, bool (T,).
     """
     of_frame = np.zeros(len(recordings), dtype=np.int32)
     contact = np.zeros(len(recordings), dtype=bool)

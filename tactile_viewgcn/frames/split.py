@@ -1,9 +1,9 @@
-"""The split into training, validation and test set, and the anchors in them.
+"""The split into training, validation and test set, and the anchors in each set.
 
-Frames of one recording resemble each other far more than frames of two, so all frames of a split
-group (a recording, a grasp, a session) are in one set. The published split is the exception: its
-sets are used as they are, and the number of recordings in both of them is reported. No reading is
-looked at.
+Frames of one recording resemble each other far more than frames of two recordings. So all frames of
+a split group (a recording, a grasp, a session) are in one set. The published split is the
+exception: its sets are used as they are, and a note says how many recordings are in both the
+training and the test set. No reading is looked at.
 """
 
 from collections.abc import Mapping
@@ -17,11 +17,11 @@ from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.params import SIDES, TEST, TRAIN, VALIDATION, Split
 from tactile_viewgcn.tables.recordings import Recordings
 
-# anchors that a class keeps at least; a class with fewer frames uses all of them
+# fewest anchors of a class; a class with fewer frames uses all of them
 FEWEST_ANCHORS = 100
-# of anchors and validation groups, so that these are the same for every value of `seed`
+# seed of the anchors and validation groups, which are the same for every value of `seed`
 SPLIT_SEED = 0
-COLUMN_OF = {"grasp": "grasp", "source": "split"}  # that a value of `split.by` needs
+COLUMN_OF = {"grasp": "grasp", "source": "split"}  # the column that a value of `split.by` needs
 SET_NAMES = {TRAIN: "training", VALIDATION: "validation", TEST: "test"}
 
 
@@ -32,9 +32,9 @@ class Sides:
     Attributes:
         group: int64 (T,), split group.
         side: int8 (T,), TRAIN, VALIDATION or TEST.
-        surplus: bool (T,), frames that are not used: of training groups beyond
-            `split.train_groups`, of a recording's grasps beyond `split.train_grasps`, or of the
-            empty hand that is no class.
+        surplus: bool (T,), frames that are not used. They belong to training groups beyond
+            `split.train_groups`, to a recording's grasps beyond `split.train_grasps`, or to the
+            empty hand if it is not a class.
     """
 
     group: np.ndarray
@@ -43,7 +43,7 @@ class Sides:
 
     @property
     def training(self) -> np.ndarray:
-        """The frames bool (T,) of the training set that are used."""
+        """Return the frames bool (T,) of the training set that are used."""
         return np.asarray((self.side == TRAIN) & ~self.surplus)
 
 
@@ -55,21 +55,21 @@ def deal(
     empty_hand_class: bool,
     groups: np.ndarray | None = None,
 ) -> Sides:
-    """Deal the split groups to the sets.
+    """Deal the split groups to the training, validation and test set.
 
     Args:
         recordings: the table of raw counts.
         split: the parameters of the split.
         rng: draws the validation groups.
-        empty_hand_class: the empty hand is a class; else its frames are not used.
-        groups: (T,), split group of each frame, for a training without a test set, of which
-            `split.validation` of the groups become the validation set. None: `split.by` names the
-            groups and the test set.
+        empty_hand_class: whether the empty hand is a class. If it is not, its frames are not used.
+        groups: (T,), split group of each frame, for a training run without a test set. The share
+            `split.validation` of these groups becomes the validation set. If it is None, `split.by`
+            names the groups and the test set.
 
     Raises:
-        UserError: there is one class; `split.by` is `grasp` or `source`, and the recordings have no
-            such column; there are `split.train_grasps`, and grasps are not numbered; a set that is
-            needed has no frames.
+        UserError: there is only one class; `split.by` is `grasp` or `source`, and the recordings
+            have no such column; `split.train_grasps` is a number, and grasps are not numbered; a
+            set that is needed has no frames.
     """
     columns = recordings.columns
     surplus = np.array(recordings.empty_hand & (not empty_hand_class))
@@ -107,11 +107,11 @@ def deal(
 
 
 def one_class(name: str, where: str = "the recordings have") -> str:
-    """Return the sentence on a single class: there is nothing to choose between.
+    """Return the message that there is only one class, so that there is no choice to learn.
 
     Args:
-        name: of the class.
-        where: subject and verb of the sentence.
+        name: the name of the class.
+        where: subject and verb of the message.
     """
     return f"{where} one class, {name}; expected two or more"
 
@@ -119,8 +119,8 @@ def one_class(name: str, where: str = "the recordings have") -> str:
 def split_groups(columns: Mapping[str, np.ndarray], by: str) -> np.ndarray:
     """Return the split group int64 (T,) of each frame, numbered in the order of the recordings.
 
-    A recording of several objects is a group per object. Recordings that belong together are one
-    group. With `source` the recordings are the groups.
+    A recording of several objects is one group for each object. Recordings that belong together are
+    one group. With `source` the recordings are the groups.
 
     Args:
         columns: (T,), the columns of the recordings.
@@ -153,15 +153,15 @@ def with_validation_set(
 ) -> np.ndarray:
     """Return a copy of the sets (T,) with a share of each class's training groups as VALIDATION.
 
-    A class with two groups or more gives at least one and keeps at least one. Scikit-learn's
-    `GroupShuffleSplit` draws from all classes at once, and may so take a class's last group.
+    A class with two groups or more gives at least one group and keeps at least one. Scikit-learn's
+    `GroupShuffleSplit` draws from all classes at once, so it can take the last group of a class.
 
     Args:
         side: int8 (T,), TRAIN or TEST.
         groups: (T,), split groups.
         labels: (T,), classes.
-        share: of the groups.
-        across: groups span classes; the share is of all groups.
+        share: the share of the groups to draw.
+        across: whether groups span classes. The share is then taken from all groups at once.
         rng: draws the groups.
     """
     side = side.copy()
@@ -180,7 +180,7 @@ def with_validation_set(
 def surplus_groups(
     side: np.ndarray, groups: np.ndarray, labels: np.ndarray, *, most: int
 ) -> np.ndarray:
-    """Return the training frames bool (T,) of a class outside its first groups.
+    """Return the training frames bool (T,) that are not in the first groups of their class.
 
     Args:
         side: int8 (T,), the set of each frame.
@@ -201,17 +201,17 @@ def keep_testable(
 ) -> tuple[np.ndarray, list[Note]]:
     """Return the frames whose class has training frames.
 
-    The empty hand without test frames is dropped, too; any other class without them is kept.
-    Without a test set all frames are kept.
+    A class without test frames is kept, except for the empty hand. If there is no test set, all
+    frames are kept.
 
     Args:
         recordings: the table of raw counts.
         sides: the set of every frame.
-        keep: bool (T,), frames that may be kept.
+        keep: bool (T,), frames to choose from.
         split: the parameters of the split.
 
     Returns:
-        The frames bool (T,), and notes on dropped classes and on the split.
+        The kept frames bool (T,), and notes on classes with missing frames and on the split.
 
     Raises:
         UserError: a set that is needed has no frames; fewer than two classes remain.
@@ -244,13 +244,14 @@ def keep_testable(
     if len(classes) < 2:
         names = ", ".join(recordings.objects[label] for label in classes) or "none"
         raise UserError(
-            f"fewer than two classes left ({names}); loosen preprocess.filter or change split.by"
+            f"fewer than two classes are left ({names}); choose a less strict preprocess.filter or "
+            "another split.by"
         )
     return kept, notes
 
 
 def _note_on_published_split(recordings: Recordings, sides: Sides, keep: np.ndarray) -> Note:
-    """Return how many recordings are in training and test set, and where validation groups are."""
+    """Return a note on recordings in both published sets, and on published validation groups."""
     recording = np.asarray(recordings.columns["recording"])
     is_test = sides.side == TEST
     trained = recording[keep & (sides.side == TRAIN)]
@@ -259,13 +260,13 @@ def _note_on_published_split(recordings: Recordings, sides: Sides, keep: np.ndar
     text += "the test set"
     is_published_validation = np.asarray(recordings.columns["split"]) == VALIDATION
     if (is_published_validation & ~is_test).any():
-        text += "; its validation groups are in the training set, of which split.validation sets "
-        text += "a share apart"
+        text += "; its validation groups join the training set, from which split.validation draws "
+        text += "new ones"
     return Note(text, topic="split")
 
 
 def has_published_split(recordings: Recordings) -> bool:
-    """Return whether the source names a training and a test set, and every object is in both.
+    """Return whether the source has a training and a test set, with every object in both.
 
     Args:
         recordings: the table of raw counts.
@@ -280,7 +281,7 @@ def has_published_split(recordings: Recordings) -> bool:
 
 
 def published_test(split: np.ndarray) -> np.ndarray:
-    """Return the frames bool (T,) of the published test set, or without any of the validation set.
+    """Return the frames bool (T,) of the published test set; without one, of the validation set.
 
     Args:
         split: (T,), the published set of each frame: TRAIN, VALIDATION or TEST.
@@ -300,16 +301,16 @@ def draw_anchors(
 ) -> np.ndarray:
     """Return the anchors bool (T,) among the kept frames.
 
-    They are drawn at random, equally many of every class in a set. They are as many as the smallest
-    class has frames, but at least 100, so that one small class does not reduce all others to a
-    handful. A class with fewer frames uses all of them.
+    The anchors are drawn at random, equally many of every class in a set. Their number is the
+    number of frames of the smallest class. It is at least 100, so that one small class does not
+    reduce all other classes to a handful. A class with fewer frames uses all of them.
 
     Args:
         columns: (T,), the columns of the recordings.
         side: int8 (T,), the set of each frame.
         keep: bool (T,), frames that are kept.
         rng: draws the anchors.
-        published: take the source's balanced frames instead, if it names them.
+        published: whether to take the balanced frames that the source names, if it names any.
     """
     if published and "balanced" in columns:
         return np.asarray(keep & columns["balanced"])
@@ -334,6 +335,6 @@ def _require_frames(side: np.ndarray, frames: np.ndarray, split: Split) -> None:
     if empty:
         raise UserError(
             f"no frames in the {' and the '.join(empty)} set of split.by {split.by} "
-            f"(fold {split.fold} of {split.folds}); expected some in each set, so two groups of an "
-            "object or more: record more, or choose another split.by, folds or fold"
+            f"(fold {split.fold} of {split.folds}); each set needs frames, so objects need two "
+            "groups or more. Record more, or choose another split.by, split.folds or split.fold"
         )

@@ -1,4 +1,4 @@
-"""What the training frames read: fallbacks for new recordings, and bounds to check them by."""
+"""Readings of the training frames: fallbacks for new recordings, and bounds to check them by."""
 
 from dataclasses import replace
 
@@ -11,19 +11,19 @@ from tactile_viewgcn.tables.frames import TRAIN, Frames, frame_rates
 from tactile_viewgcn.tables.plan import Plan
 from tactile_viewgcn.tables.recordings import Recordings
 
-STRONG_SHARE = 0.01  # of the readings are above a recording's strong reading
-STRONG_FRAMES = 2000  # that are used for the strong readings
-CHANGING_FRAMES = 8  # of a recording, that are compared with each other
+STRONG_SHARE = 0.01  # share of the readings above a recording's strong reading
+STRONG_FRAMES = 2000  # most frames that are used for the strong readings
+CHANGING_FRAMES = 8  # frames of a recording that are compared with each other
 
 
 def measured_on(frames: Frames) -> Plan:
-    """Return the plan of a table of frames with what its training frames read.
+    """Return the plan of a table of frames, completed with readings of its training frames.
 
     The attributes from `sessions` to `least_change` are measured. A session of several baselines
-    has their mean.
+    gets their mean.
 
     Args:
-        frames: the table; its plan has `noise`, `kept_share` and `rates`.
+        frames: the table. Its plan already has `noise`, `kept_share` and `rates`.
     """
     train = frames.on(TRAIN)
     sessions, baselines = _session_baselines(frames, train)
@@ -43,14 +43,14 @@ def measured_on(frames: Frames) -> Plan:
 def training_rates(recordings: Recordings, training: np.ndarray) -> list[float]:
     """Return the lowest and the highest frame rate of the training recordings in Hz.
 
-    All their frames count, as in a new recording, whatever the filter keeps of them.
+    Frames that the filter drops count too, as they do in a new recording.
 
     Args:
         recordings: T frames.
         training: bool (T,), the frames of the training set.
 
     Returns:
-        Two rates; 0 and infinity without times.
+        Two rates. They are 0 and infinity if there are no times.
     """
     time = np.asarray(recordings.columns["time"])[training]
     recording = np.asarray(recordings.columns["recording"])[training]
@@ -63,8 +63,9 @@ def training_rates(recordings: Recordings, training: np.ndarray) -> list[float]:
 def strong_readings(frames: Frames) -> list[list[float]]:
     """Return the bounds of the strong readings of the training recordings.
 
-    The lowest is of an object. The highest may be of the empty hand, since a new recording may be
-    of it too. Up to 2,000 anchors of the training set are used.
+    The lower bound comes from recordings of objects. The upper bound can also come from the empty
+    hand, since a new recording can show it too. Up to 2,000 anchors of the objects and up to 2,000
+    of the empty hand are used.
 
     Returns:
         Two pairs of lowest and highest reading in counts: above the baseline, and raw.
@@ -83,7 +84,7 @@ def strong_readings(frames: Frames) -> list[list[float]]:
 
 
 def _strong_by_recording(frames: Frames, index: np.ndarray) -> np.ndarray:
-    """Return the strong readings (R, 2), above baseline and raw, of frames (n,) by recording."""
+    """Return the strong readings (R, 2), above baseline and raw, of each recording's frames."""
     strong = []
     for of_recording in frames.by_recording(index):
         excess = frames.inputs(of_recording, "counts")[:, frames.live]
@@ -93,10 +94,10 @@ def _strong_by_recording(frames: Frames, index: np.ndarray) -> np.ndarray:
 
 
 def strong_reading(readings: np.ndarray) -> float:
-    """Return the strong reading: one in a hundred of a recording's absolute readings exceeds it.
+    """Return the strong reading, which one in a hundred of the absolute readings exceeds.
 
     Args:
-        readings: (n, S) of its live sensors in counts.
+        readings: (n, S) of a recording's live sensors in counts.
     """
     return float(np.quantile(np.abs(readings), 1 - STRONG_SHARE))
 
@@ -104,8 +105,8 @@ def strong_reading(readings: np.ndarray) -> float:
 def change_between_frames(counts: np.ndarray, live: np.ndarray) -> float:
     """Return how much the frames of a recording differ.
 
-    This is the standard deviation in counts of the median sensor over a few frames. It is 0 for a
-    single frame, and where most sensors stand still.
+    The measure is the standard deviation in counts over a few frames, of the median sensor. It is 0
+    for a single frame, and if most sensors never change.
 
     Args:
         counts: (T, H, W) of the recording.
@@ -116,7 +117,7 @@ def change_between_frames(counts: np.ndarray, live: np.ndarray) -> float:
 
 
 def _session_baselines(frames: Frames, index: np.ndarray) -> tuple[list[str], np.ndarray]:
-    """Return the names of the sessions of frames (n,), and the mean baseline (S, H, W) of each."""
+    """Return the names of the sessions of frames (n,), and the mean baseline of each, (S, H, W)."""
     keys = pd.DataFrame({"session": frames.session[index], "baseline": frames.baseline[index]})
     sessions = list[str]()
     means = list[np.ndarray]()

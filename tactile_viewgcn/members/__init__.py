@@ -1,1 +1,1 @@
-"""The members of the classifier on the sensors, one file each, and what they share."""
+"""The members of the classifier on the sensors, one file each, and the code that they share."""

@@ -1,4 +1,4 @@
-"""The members by their names in `model.members` of params.yaml."""
+"""Find the members by their names in `model.members` of params.yaml."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -15,7 +15,7 @@ from tactile_viewgcn.members.trees import TreesMember
 if TYPE_CHECKING:
     from tactile_viewgcn.nn.network import ViewNetwork
 
-#: all members but the network, which is built around a network of nn/
+#: All members except the network, which is built around a network of nn/.
 ON_SENSORS: dict[str, type[Member]] = {
     member.name: member
     for member in (TreesMember, SvmMember, ConvolutionsMember, KernelMember, PooledKernelMember)
@@ -32,10 +32,10 @@ def build_members(
     """Return the members of these names, which are not fitted yet.
 
     Args:
-        names: as `model.members` has them.
+        names: names from `model.members`.
         representation: scales counts to readings.
         classes: number of classes.
-        network: for the member `network`; None without it.
+        network: the network of the member `network`, or None.
     """
     members = []
     for name in names:
@@ -51,10 +51,10 @@ def build_members(
 def answering_sets(
     members: Sequence[Member], representation: Representation, classes: int
 ) -> list[Member]:
-    """Return the members that answer view sets; where none of them does, a new `svm`.
+    """Return the members that answer view sets, or a new `svm` if none of them does.
 
     Args:
-        members: of a classifier.
+        members: the members of a classifier.
         representation: scales counts to readings.
         classes: number of classes.
     """

@@ -1,8 +1,9 @@
 """The member `convolutions`: random convolutions over time, and ridge regression on them.
 
-MiniRocket (Dempster, Schmidt and Webb, arXiv 2012.08791). The 84 kernels have nine weights, three
-of them 2 and the others -1. Each is dilated and reads the sum of up to nine channels at random; its
-features are the shares of the recording in which it exceeds each of its biases.
+MiniRocket (Dempster, Schmidt and Webb, arXiv 2012.08791). Each of the 84 kernels has nine weights:
+three are 2, the others are -1. A kernel is dilated, and it reads the sum of up to nine random
+channels. Its features are the shares of the recording in which its value exceeds each of its
+biases.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,24 +18,26 @@ from tactile_viewgcn.members.examples import Examples
 from tactile_viewgcn.members.of_readings import MemberOfReadings
 from tactile_viewgcn.members.representation import Representation
 
-LENGTH = 9  # weights of a kernel
-# places of the weights 2 in each kernel
+LENGTH = 9  # number of weights of a kernel
+# places of the weights that are 2, for each kernel
 PLACES = np.array(list(combinations(range(LENGTH), 3)))
 FEATURES = 10_000
 MOST_DILATIONS = 8
-MOST_CHANNELS = 9  # that a kernel adds
-SAMPLE = 20  # recordings whose quantiles are the biases
-GOLDEN = (5**0.5 + 1) / 2  # its multiples, less their whole parts, cover 0 to 1 evenly
-PENALTIES = np.logspace(-3, 3, 10)  # of ridge regression, chosen by leaving one recording out
-# of the softmax of the regression's values: -1 for a wrong class and 1 for the right one
+MOST_CHANNELS = 9  # most channels that a kernel adds
+SAMPLE = 20  # number of recordings whose quantiles become the biases
+GOLDEN = (5**0.5 + 1) / 2  # the fractional parts of its multiples cover 0 to 1 evenly
+PENALTIES = np.logspace(-3, 3, 10)  # of ridge regression; leaving one recording out chooses one
+# factor before the softmax of the regression's values, which are -1 for a wrong class and 1 for the
+# right one
 RIDGE_SHARPNESS = 4.0
 
 
 class ConvolutionsMember(MemberOfReadings):
-    """Answers whole recordings only: convolutions need the order of time.
+    """Answers only whole recordings, since convolutions need the order of time.
 
     Attributes:
-        convolutions: the features, measured on all training recordings without their labels.
+        convolutions: computes the features. Its biases are measured on training recordings, without
+            their labels.
     """
 
     name = "convolutions"
@@ -68,20 +71,22 @@ class ConvolutionsMember(MemberOfReadings):
 
 
 class RandomConvolutions(Arrays):
-    """Features of recordings, fitted without labels; before and after a recording are zeros.
+    """Features of recordings, fitted without labels.
+
+    A recording is padded with zeros before its first frame and after its last.
 
     Attributes:
-        dilations: (D,) frames between a kernel's weights.
+        dilations: (D,), the number of frames from one weight of a kernel to the next.
         channels: bool (D, N, S), the channels that each of N kernels adds.
         biases: (D, N, B), the B biases of each kernel.
     """
 
     def fit(self, recordings: Sequence[np.ndarray], seed: int) -> Self:
-        """Draw dilations and channels, and measure the biases on some of the recordings.
+        """Choose dilations and channels, and measure the biases on some of the recordings.
 
         Args:
             recordings: readings (T, S) of each recording.
-            seed: of the draws.
+            seed: seed of the random choices.
         """
         rng = np.random.default_rng(seed)
         drawn = rng.permutation(len(recordings))[:SAMPLE]
@@ -102,7 +107,7 @@ class RandomConvolutions(Arrays):
         return self
 
     def features(self, readings: np.ndarray) -> np.ndarray:
-        """Return float32 (D N B,), the shares of the frames of readings (T, S) above each bias."""
+        """Return float32 (D N B,), the share of frames above each bias, of readings (T, S)."""
         shares = []
         for dilation, channels, biases in zip(
             self.dilations, self.channels, self.biases, strict=True
@@ -119,12 +124,14 @@ class RandomConvolutions(Arrays):
 def _random_channels(
     kernels: tuple[int, int], channels: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Up to nine random channels of each kernel, bool (D, N, channels); few more often than many.
+    """Return up to nine random channels for each kernel, bool (D, N, channels).
+
+    Small numbers of channels are drawn more often than large ones.
 
     Args:
-        kernels: D dilations, and N kernels of each.
+        kernels: D, the number of dilations, and N, the number of kernels of each.
         channels: number of all channels.
-        rng: of the draws.
+        rng: draws the channels.
     """
     most = min(channels, MOST_CHANNELS)
     sizes = (2 ** rng.uniform(0, np.log2(most + 1), (*kernels, 1))).astype(int)
@@ -133,14 +140,14 @@ def _random_channels(
 
 
 def _convolved(readings: np.ndarray, dilation: int, channels: np.ndarray) -> np.ndarray:
-    """Values float32 (84, T) of all kernels with one dilation.
+    """Return the values float32 (84, T) of all kernels with one dilation.
 
-    The sums are in float64, so that a value that equals a bias does so in whatever order a
-    processor adds.
+    The sums are in float64. So a value that equals a bias stays equal to it, whatever the order in
+    which a processor adds.
 
     Args:
         readings: (T, S).
-        dilation: frames between weights.
+        dilation: number of frames from one weight to the next.
         channels: bool (84, S), the channels of each kernel.
     """
     summed = channels.astype(np.float64) @ readings.T.astype(np.float64)
@@ -148,17 +155,17 @@ def _convolved(readings: np.ndarray, dilation: int, channels: np.ndarray) -> np.
     reach = LENGTH // 2 * int(dilation)
     padded = np.pad(summed, ((0, 0), (reach, reach)))
     moved = np.stack([padded[:, place * dilation :][:, :frames] for place in range(LENGTH)])
-    # the weights are 3 at three places, less 1 everywhere
+    # the weights are 3 at three places, minus 1 everywhere
     at_places = moved[PLACES.T, np.arange(len(PLACES))].sum(axis=0)
     values: np.ndarray = 3 * at_places - moved.sum(axis=0)
     return values.astype(np.float32)
 
 
 class Ridge(Estimator):
-    """Ridge regression of the classes' indicators on standardised points; softmax of its values.
+    """Ridge regression of the classes' indicators on standardised points, followed by a softmax.
 
     Attributes:
-        weights: (F, K), of points as they are.
+        weights: (F, K), for points that are not standardised.
         offsets: (K,).
     """
 

@@ -1,6 +1,6 @@
 """Estimators whose fitted state is plain arrays, so that they load and answer without scikit-learn.
 
-Some of the fits use scikit-learn.
+Only some of the fits use scikit-learn.
 """
 
 from abc import abstractmethod
@@ -9,16 +9,17 @@ from typing import Self
 
 import numpy as np
 
-MOST_POINTS = 4000  # that a kernel or a ridge is fitted to: its matrix has their square
+# most points that a kernel or a ridge regression is fitted to: its matrix has the square of that
+MOST_POINTS = 4000
 
 
 class Arrays:
     """Base of everything that is fitted: its arrays are its state.
 
-    The arrays are contiguous. So a loaded state answers equally to the last digit.
+    The arrays are contiguous, so that a loaded state gives the same answers to the last digit.
 
-    Letters in the shapes of subclasses: F is the length of a point, K the number of classes that
-    were fitted to, S the number of live sensors.
+    The shapes of subclasses have these letters: F is the length of a point, K is the number of
+    classes in the fit, and S is the number of live sensors.
     """
 
     def state_dict(self) -> dict[str, np.ndarray]:
@@ -26,7 +27,7 @@ class Arrays:
         return {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
 
     def load_state_dict(self, state: Mapping[str, np.ndarray]) -> Self:
-        """Take over the arrays that `state_dict` returned."""
+        """Restore the arrays that `state_dict` returned, and return the object itself."""
         vars(self).update(state)
         return self
 
@@ -35,7 +36,7 @@ class Estimator(Arrays):
     """Base of the estimators of points.
 
     Attributes:
-        classes: (K,) the distinct labels that it was fitted to, rising.
+        classes: (K,), the distinct labels of the fit, rising.
     """
 
     classes: np.ndarray
@@ -47,7 +48,7 @@ class Estimator(Arrays):
         Args:
             points: (n, F).
             labels: (n,) classes.
-            seed: of random choices.
+            seed: seed of random choices.
         """
 
     @abstractmethod
@@ -58,12 +59,14 @@ class Estimator(Arrays):
 def sampled(
     points: np.ndarray, labels: np.ndarray, seed: int, most: int = MOST_POINTS
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points and labels; of too many a random sample, with the first of each class.
+    """Return the points and labels, or a random sample of them if there are too many.
+
+    The sample always has the first point of each class.
 
     Args:
         points: (n, F).
         labels: (n,) classes.
-        seed: of the sample.
+        seed: seed of the sample.
         most: number of points above which a sample is drawn.
     """
     if len(points) <= most:
@@ -75,10 +78,10 @@ def sampled(
 
 
 def probabilities(estimator: Estimator, points: np.ndarray, classes: int) -> np.ndarray:
-    """Return probabilities float32 (n, classes); 0 for a class that was not fitted to.
+    """Return probabilities float32 (n, classes), with 0 for each class that was not in the fit.
 
     Args:
-        estimator: fitted.
+        estimator: a fitted estimator.
         points: (n, F).
         classes: number of all classes.
     """

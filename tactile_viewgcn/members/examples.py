@@ -1,4 +1,4 @@
-"""The training recordings as the members read them: whole, as frames, and as random view sets."""
+"""The training recordings as the members read them: whole, as frames, or as random view sets."""
 
 from collections.abc import Callable, Sequence
 
@@ -7,30 +7,30 @@ import numpy as np
 from tactile_viewgcn.members.representation import Representation
 from tactile_viewgcn.progress import steps
 
-SETS = 4  # view sets of a size and a recording
-MOST_SETS = 300  # view sets of a size, about; each recording has at least one
-SAMPLED_FRAMES = 2000  # single frames, about, of all recordings
-LEAST_SAMPLED = 8  # single frames of a recording
+SETS = 4  # most view sets of one size from one recording
+MOST_SETS = 300  # about the most view sets of one size; each recording has at least one
+SAMPLED_FRAMES = 2000  # about the number of single frames of all recordings
+LEAST_SAMPLED = 8  # least number of single frames of a recording
 
 
 class Examples:
-    """Labelled training recordings, and what the members read of them.
+    """Labelled training recordings, in the forms that members read.
 
     Args:
         read: function from a recording's index to its counts (T, S) above baseline, in the order of
             time.
-        labels: (R,) class of each recording.
-        representation: fitted to the recordings.
-        sizes: numbers of frames in view sets.
+        labels: (R,), the class of each recording.
+        representation: the scale of the sensors, measured on the recordings.
+        sizes: the numbers of frames in view sets.
         classes: number of classes.
-        seed: of every random choice.
+        seed: seed of every random choice.
 
     Attributes:
-        lengths: (R,) frames of each recording.
-        frames: (N, S) scaled readings of a sample of frames.
-        frame_recording: (N,) recording of each of these frames.
-        sets: by number of frames k, view sets (M, k) of indices into `frames`; each is of one
-            recording.
+        lengths: (R,), the number of frames of each recording.
+        frames: (N, S), scaled readings of a sample of frames.
+        frame_recording: (N,), the recording of each of these frames.
+        sets: view sets (M, k) of indices into `frames`, by number of frames k. Each view set is
+            from one recording.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Examples:
         self.sets = {size: self._random_sets(size, rng) for size in sizes}
 
     def _random_sets(self, size: int, rng: np.random.Generator) -> np.ndarray:
-        """Random view sets (M, size); a frame repeats only where a recording has too few."""
+        """Return random view sets (M, size); frames repeat only if a recording has too few."""
         sets_of_each = max(1, min(SETS, MOST_SETS // len(self.labels)))
         drawn = []
         for recording in range(len(self.labels)):
@@ -81,7 +81,9 @@ class Examples:
     def recording_points(
         self, member: str, points_of: Callable[[np.ndarray], np.ndarray]
     ) -> np.ndarray:
-        """Return what a member reads of each whole recording; computed at the first call.
+        """Return the point by which a member answers each whole recording.
+
+        The points are computed at the first call only.
 
         Args:
             member: the member's name.
@@ -99,7 +101,9 @@ class Examples:
     def frame_points(
         self, member: str, points_of: Callable[[np.ndarray], np.ndarray]
     ) -> np.ndarray:
-        """Return what a member reads of each sampled frame; computed at the first call.
+        """Return the point by which a member answers each sampled frame.
+
+        The points are computed at the first call only.
 
         Args:
             member: the member's name.
@@ -113,7 +117,7 @@ class Examples:
         return self._points_of_frames[member]
 
     def set_readings(self, size: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the view sets of a number of frames.
+        """Return the view sets of a given size.
 
         Args:
             size: number of frames in a set.

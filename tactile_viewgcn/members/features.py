@@ -1,20 +1,20 @@
 """Statistics of recordings and view sets: the input of trees, kernels and support vectors.
 
-Channels are few sensors of any kind, whose readings are in standard deviations from the channel's
-mean. An array has many sensors of one kind, whose readings are in units of its glove.
+Channels are few sensors of any kind. Their readings are in standard deviations from the mean of the
+channel. An array has many sensors of one kind. Their readings are in units of the glove.
 
-Letters of shapes: B recordings or view sets, T frames, S live sensors.
+In shapes, B is the number of recordings or view sets, T of frames, and S of live sensors.
 """
 
 import numpy as np
 
 DEAD_ZONE = 2.0  # units; a weaker reading counts as noise
-FINER = 10.0  # times finer is the unit of `finer_array_maps`
+FINER = 10.0  # the unit of `finer_array_maps` is this many times finer
 WINDOWS = 4  # equal windows in time
 TENTH = 10  # the first and the last tenth of the frames
-LEAST_SPREAD = 0.05  # of a channel's standard deviation: spreads below it are alike
+LEAST_SPREAD = 0.05  # of a channel's standard deviation; smaller spreads hardly differ
 BLOCKS = (2, 4, 8)  # rows and columns of a block
-LIVE_SHARE = 0.5  # of a block's cells that are live, at least
+LIVE_SHARE = 0.5  # least share of a block's cells that are live
 
 
 def pressed(readings: np.ndarray) -> np.ndarray:
@@ -31,8 +31,8 @@ def block_weights(live: np.ndarray) -> np.ndarray:
         live: bool (H, W), the S live sensors.
 
     Returns:
-        float32 (S, number of blocks): a column has equal weights, of sum 1, on the live sensors of
-            one block. A block has live sensors in half of its cells or more.
+        float32 (S, number of blocks). Each column has equal weights, which add up to 1, on the live
+        sensors of one block. Only blocks with live sensors in at least half of their cells count.
     """
     rows, columns = np.nonzero(live)
     weights = []
@@ -46,9 +46,9 @@ def block_weights(live: np.ndarray) -> np.ndarray:
 
 
 def array_maps(readings: np.ndarray, blocks: np.ndarray) -> np.ndarray:
-    """Return the mean and the maximum over time of an array's readings, and their means by block.
+    """Return the mean and the maximum over time of an array's readings, with their block means.
 
-    The blocks make neighbouring sensors count as more alike than distant ones.
+    Through the blocks, neighbouring sensors count as more similar than distant sensors.
 
     Args:
         readings: (B, T, S).
@@ -64,9 +64,9 @@ def array_maps(readings: np.ndarray, blocks: np.ndarray) -> np.ndarray:
 
 
 def finer_array_maps(readings: np.ndarray, blocks: np.ndarray) -> np.ndarray:
-    """Return `array_maps` in a unit ten times finer, which has a narrower dead zone.
+    """Return `array_maps` in a unit that is ten times finer, so that the dead zone is narrower.
 
-    So the readings in the dead zone of `array_maps` count too, which may be more than noise.
+    Readings in the dead zone of `array_maps` can be more than noise. Here most of them count.
 
     Args:
         readings: (B, T, S).
@@ -79,12 +79,12 @@ def finer_array_maps(readings: np.ndarray, blocks: np.ndarray) -> np.ndarray:
 
 
 def with_blocks(points: np.ndarray, blocks: np.ndarray) -> np.ndarray:
-    """Return the points (n, S) and their means over blocks (S, b): (n, S + b)."""
+    """Return the points (n, S), followed by their means over blocks (S, b), as (n, S + b)."""
     return np.concatenate([points, points @ blocks], axis=1)
 
 
 def unordered(readings: np.ndarray) -> np.ndarray:
-    """Return five statistics of channels that no order of the frames changes.
+    """Return five statistics of channels that do not depend on the order of the frames.
 
     They are the mean, the logarithm of the standard deviation, the minimum, the maximum and the
     median.
@@ -108,8 +108,9 @@ def unordered(readings: np.ndarray) -> np.ndarray:
 def in_time(readings: np.ndarray) -> np.ndarray:
     """Return nine statistics of channels in the order of time.
 
-    Five are those of `unordered`. Then come the logarithm of the mean absolute change between
-    frames, the slope over the recording, and the means of the first and of the last tenth.
+    The first five are the statistics of `unordered`. The sixth is the logarithm of the mean
+    absolute change between frames. The others are the slope over the recording, the mean of the
+    first tenth and the mean of the last tenth.
 
     Args:
         readings: (B, T, S) in the order of time.

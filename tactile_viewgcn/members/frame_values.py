@@ -1,4 +1,4 @@
-"""Frames as the members read them: scaled once, answered one by one once, then used many times."""
+"""Frames as the members read them: scaled and answered once, then used many times."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,17 +6,17 @@ from typing import Any, Self
 
 import numpy as np
 
-MOST_FRAMES = 20_000  # of a recording that are read
+MOST_FRAMES = 20_000  # most frames of a recording that are read
 
 
 @dataclass(frozen=True)
 class FrameValues:
-    """What the members read of frames. It is indexed by frames, as an array is.
+    """The values of frames that members read, indexed by frames like an array.
 
     Attributes:
         readings: float32 (..., S), scaled readings of the live sensors.
-        answers: the answers float32 (..., classes) to each frame, by the names of the members that
-            answer single frames.
+        answers: the answers float32 (..., classes) to each frame, by the name of each member that
+            answers single frames.
     """
 
     readings: np.ndarray
@@ -40,7 +40,7 @@ class FrameValues:
 
     @property
     def width(self) -> int:
-        """The number of values that a frame has."""
+        """Return the number of values of a frame."""
         width: int = self.readings.shape[-1]
         for answer in self.answers.values():
             width += answer.shape[-1]
@@ -48,7 +48,7 @@ class FrameValues:
 
 
 def every_few(frames: Any) -> Any:
-    """Return the frames of a recording; of more than 20,000 every second, third or further one.
+    """Return the frames of a recording; above 20,000 frames, only every second, third and so on.
 
     Args:
         frames: (T, ...), an array or `FrameValues`.

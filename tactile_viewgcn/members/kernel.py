@@ -17,7 +17,7 @@ QUICKLY_FITTED_FRAMES = 1000
 
 
 class KernelMember(Member):
-    """Answers each frame; a recording or a view set has the mean of its frames' probabilities.
+    """Answers each frame; a recording or a view set gets the mean of its frames' probabilities.
 
     Attributes:
         of_frames: the estimator of single frames.
@@ -72,12 +72,12 @@ class KernelMember(Member):
         self.of_frames = KernelRidge().load_state_dict(state["of_frames"])
 
     def _points(self, readings: np.ndarray) -> np.ndarray:
-        """Points (n, F) of single frames' readings (n, S)."""
+        """Return the points (n, F) of single frames' readings (n, S)."""
         if self.representation.blocks is None:
             return readings
         return features.with_blocks(features.pressed(readings), self.representation.blocks)
 
     def _mean(self, frames: FrameValues) -> np.ndarray:
-        """The mean (B, classes) of the frames' probabilities."""
+        """Return the mean (B, classes) of the frames' probabilities."""
         mean: np.ndarray = frames.answers[self.name].mean(axis=1)
         return mean

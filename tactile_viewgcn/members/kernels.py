@@ -1,4 +1,4 @@
-"""The Gaussian kernel between points, and kernel ridge regression with it; plain arrays."""
+"""The Gaussian kernel between points, and kernel ridge regression with it, on plain arrays."""
 
 from typing import Self
 
@@ -8,9 +8,9 @@ from scipy.special import softmax
 
 from tactile_viewgcn.members.estimators import MOST_POINTS, Estimator, sampled
 
-WIDTH = 2.0  # of the kernel, in mean squared distances
+WIDTH = 2.0  # factor in the kernel's exponent, -WIDTH d^2 / m with the mean squared distance m
 RIDGE = 0.3  # added to the kernel's diagonal
-KERNEL_SHARPNESS = 8.0  # of the softmax of the regression's values
+KERNEL_SHARPNESS = 8.0  # factor before the softmax of the regression's values
 
 
 class Kernel(Estimator):
@@ -18,13 +18,13 @@ class Kernel(Estimator):
 
     Attributes:
         centre: (F,) mean of the fitted points.
-        scale: factor that turns gamma into a half.
-        points: (M, F) fitted points, less `centre`, times `scale`.
-        half_squares: (M,) half of their squared lengths.
+        scale: factor on the points that turns gamma into a half.
+        points: (M, F) fitted points, minus `centre`, times `scale`.
+        half_squares: (M,) half of the squared lengths of `points`.
     """
 
     def centred(self, points: np.ndarray, gamma: float) -> Self:
-        """Set the points (M, F) that others are compared with."""
+        """Set the points (M, F) that the kernel compares others with; return the object itself."""
         self.scale = np.array((2 * gamma) ** 0.5, dtype=np.float32)
         self.centre = points.mean(axis=0, dtype=np.float64).astype(np.float32)
         self.points = self._scaled(points)
@@ -49,14 +49,14 @@ class Kernel(Estimator):
 class KernelRidge(Kernel):
     """Ridge regression of the classes' indicators with a Gaussian kernel.
 
-    The kernel is exp(-2 d^2 / m), m the mean squared distance of the points. Probabilities are the
-    softmax of eight times the regression's values.
+    The kernel is exp(-2 d^2 / m), where m is the mean squared distance of the points. The
+    probabilities are the softmax of eight times the regression's values.
 
     Args:
-        most: points that it is fitted to.
+        most: largest number of points of the fit.
 
     Attributes:
-        weights: (M, K) of the kernel's values.
+        weights: (M, K), the weights of the kernel's values.
     """
 
     def __init__(self, most: int = MOST_POINTS):

@@ -1,4 +1,4 @@
-"""The contract of a member: a fit, answers to recordings and to view sets, and a state."""
+"""The interface of a member: a fit, answers to recordings and to view sets, and a state."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 
 class Member(ABC):
-    """One way to recognise the object from what the sensors read.
+    """One way to recognise the object from the readings of the sensors.
 
-    A member is used in this order: `measure` once, then `fit` and `fit_sets`, then the answers. An
-    out-of-fold answer is `fit` on a copy of the member, then `answer_examples`; so `fit` replaces
-    whatever an earlier fit has left. A member that is read from a file has `load_state_dict`
-    instead of `measure` and the fits.
+    The methods of a member are called in this order: `measure` once, then `fit` and `fit_sets`,
+    then the answers. An out-of-fold answer calls `fit` on a copy of the member, then
+    `answer_examples`. So `fit` replaces everything that an earlier fit has left. For a member that
+    is read from a file, `load_state_dict` takes the place of `measure` and the fits.
 
     Args:
         representation: scales counts to readings.
@@ -28,10 +28,10 @@ class Member(ABC):
 
     Attributes:
         name: the member's name in `model.members` of params.yaml.
-        answers_frames: whether it answers each frame by itself. Its answers to several frames are
-            then made of `answer_frames`.
-        answers_sets: whether it answers view sets. Their frames have no order, so a member that
-            needs the order of time does not.
+        answers_frames: whether the member answers each frame on its own. Its answers to several
+            frames are then made from the results of `answer_frames`.
+        answers_sets: whether the member answers view sets. Their frames have no order, so a member
+            that needs the order of time does not.
     """
 
     name: ClassVar[str]
@@ -43,11 +43,11 @@ class Member(ABC):
         self.classes = classes
 
     def measure(self, examples: Examples, *, seed: int) -> None:  # noqa: B027  # most need nothing
-        """Measure on all training recordings what needs no labels.
+        """Measure on all training recordings everything that needs no labels.
 
         Args:
             examples: the training recordings.
-            seed: of the member's random choices.
+            seed: seed of the member's random choices.
         """
 
     @abstractmethod
@@ -59,16 +59,16 @@ class Member(ABC):
         Args:
             examples: the training recordings and their labels.
             recordings: bool (R,), the recordings to fit to.
-            seed: of the member's random choices.
+            seed: seed of the member's random choices.
             quick: whether fewer trees or frames suffice, as for an out-of-fold answer.
         """
 
     def fit_sets(self, examples: Examples, *, seed: int) -> None:  # noqa: B027  # few have one
-        """Fit the answers to view sets, where they have a fit of their own.
+        """Fit the answers to view sets, if they need a separate fit.
 
         Args:
             examples: the training recordings and their labels.
-            seed: of the member's random choices.
+            seed: seed of the member's random choices.
         """
 
     @abstractmethod
@@ -77,11 +77,11 @@ class Member(ABC):
 
         Args:
             examples: the training recordings.
-            recordings: bool (R,), the n recordings to answer, which were held out of the fit.
+            recordings: bool (R,), the n recordings to answer, which the fit held out.
         """
 
     def answer_frames(self, counts: np.ndarray, readings: np.ndarray) -> np.ndarray:
-        """Return the answers float32 (n, classes) to single frames, of a member that has them.
+        """Return the answers float32 (n, classes) to single frames, if the member gives such.
 
         Args:
             counts: (n, H, W) above baseline.
@@ -101,7 +101,7 @@ class Member(ABC):
         """
 
     def answer_sets(self, frames: FrameValues) -> np.ndarray:
-        """Return the probabilities (B, classes) of view sets, of a member that answers them.
+        """Return the probabilities (B, classes) of view sets, if the member answers them.
 
         Args:
             frames: values (B, k, ...) of the view sets' frames.
@@ -112,7 +112,7 @@ class Member(ABC):
         raise NotImplementedError(f"{self.name} does not answer view sets")
 
     def prepare(self, compute: "Compute") -> None:  # noqa: B027  # only a network needs it
-        """Prepare for answers on a device. Members that compute on the CPU need nothing.
+        """Prepare for answers on a device; a member that computes on the CPU does nothing.
 
         Args:
             compute: the device and its precision.
@@ -120,11 +120,11 @@ class Member(ABC):
 
     @abstractmethod
     def state_dict(self) -> dict[str, Any]:
-        """Return what the member has learnt, as arrays in nested mappings."""
+        """Return everything that the member has learnt, as arrays in nested mappings."""
 
     @abstractmethod
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take over what `state_dict` returned.
+        """Restore the state that `state_dict` returned.
 
         Args:
             state: arrays in nested mappings.

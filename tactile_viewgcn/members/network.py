@@ -1,6 +1,7 @@
-"""The member `network`: the network of the preset of this name, which answers single frames.
+"""The member `network`: the network of the preset `network`, which answers single frames.
 
-The caller says how it is trained, since members know neither tables of frames nor training runs.
+The caller passes in how the network is trained, since members know neither tables of frames nor
+training runs.
 """
 
 from collections.abc import Mapping
@@ -18,27 +19,28 @@ if TYPE_CHECKING:
     from tactile_viewgcn.device import Compute
     from tactile_viewgcn.nn.network import ViewNetwork
 
-NETWORK: Final = "network"  # the member, and the preset by which it is trained
+NETWORK: Final = "network"  # name of the member, and of the preset that it is trained with
 
 
 class NetworkTraining(Protocol):
-    """What trains the network on training recordings."""
+    """The interface that trains the network on training recordings."""
 
     def train(self, recordings: np.ndarray) -> "ViewNetwork":
-        """Return the network, trained on the recordings bool (R,) and ready for answers."""
+        """Return the network, trained on some recordings bool (R,) and ready for answers."""
 
     def answers(self, network: "ViewNetwork", recordings: np.ndarray) -> np.ndarray:
-        """Return a network's probabilities float32 (n, classes) for the n recordings bool (R,)."""
+        """Return a network's probabilities float32 (n, classes) for n recordings bool (R,)."""
 
 
 class NetworkMember(Member):
-    """Answers each frame; a recording or a view set has the mean of the log-probabilities.
+    """Answers each frame; a recording or a view set gets the mean of the log-probabilities.
 
     Args:
         representation: see `Member`.
         classes: see `Member`.
-        network: of the preset, with V views and log(1 + max(x, 0)) as its input; None before a fit.
-        training: trains it; None where the member is not fitted, but loaded.
+        network: the network of the preset, with V views and log(1 + max(x, 0)) as its input. None
+            before a fit.
+        training: trains the network. None if the member is loaded instead of fitted.
     """
 
     name = NETWORK
@@ -63,7 +65,7 @@ class NetworkMember(Member):
         """Train the network; for the arguments see `Member.fit`.
 
         Raises:
-            UserError: the training diverges.
+            UserError: the training run diverges.
         """
         self.network = self._training().train(recordings)
 
@@ -103,7 +105,7 @@ class NetworkMember(Member):
         self._network().load_state_dict(weights, assign=True)
 
     def _mean(self, frames: FrameValues) -> np.ndarray:
-        """The probabilities (B, classes) by the mean of the frames' log-probabilities."""
+        """Return the probabilities (B, classes) from the mean of the frames' log-probabilities."""
         answers: np.ndarray = softmax(frames.answers[self.name].mean(axis=1), axis=1)
         return answers
 
@@ -114,5 +116,5 @@ class NetworkMember(Member):
 
     def _training(self) -> NetworkTraining:
         if self.training is None:
-            raise ValueError("the network was loaded, and cannot be trained")
+            raise ValueError("the network was loaded from a file, so it cannot be trained")
         return self.training

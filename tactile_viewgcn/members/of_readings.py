@@ -1,4 +1,4 @@
-"""What the members share that turn the readings of several frames into a point, and answer it."""
+"""Base classes of members that turn the readings of several frames into one point to answer."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from tactile_viewgcn.progress import steps
 
 
 class MemberOfReadings(Member):
-    """Base of the members that answer one point for a whole recording.
+    """Base of the members that turn a whole recording into one point.
 
     Attributes:
         whole: the fitted estimator of whole recordings; None before `fit`.
@@ -69,17 +69,18 @@ class MemberOfReadings(Member):
         self.whole = self.estimator().load_state_dict(state["whole"])
 
     def _answer_whole(self, points: np.ndarray) -> np.ndarray:
-        """The probabilities (B, classes) of whole recordings' points (B, F)."""
+        """Return the probabilities (B, classes) of whole recordings' points (B, F)."""
         if self.whole is None:
             raise ValueError(f"{self.name} is not fitted to whole recordings")
         return probabilities(self.whole, points, self.classes)
 
 
 class MemberOfSets(MemberOfReadings):
-    """Base of the members of readings that answer view sets too.
+    """Base of the members of readings that also answer view sets.
 
-    View sets have estimators of their own, one for each fitted number of frames. A set of k frames
-    has the estimator of the largest fitted number up to k. A member may have view sets only.
+    View sets have separate estimators, one for each fitted number of frames. The estimator of the
+    largest fitted number up to k answers a view set of k frames. A member can be fitted to view
+    sets only.
 
     Attributes:
         sets: the fitted estimators of view sets, by number of frames.
@@ -93,7 +94,7 @@ class MemberOfSets(MemberOfReadings):
 
     @abstractmethod
     def set_points(self, readings: np.ndarray) -> np.ndarray:
-        """Return the points (B, F) of view sets, which no order of their frames changes.
+        """Return the points (B, F) of view sets, which do not depend on the order of frames.
 
         Args:
             readings: (B, k, S).
@@ -124,6 +125,6 @@ class MemberOfSets(MemberOfReadings):
             self.sets[int(size)] = self.estimator().load_state_dict(arrays)
 
     def _fitted_size(self, frames: int) -> int:
-        """The largest fitted number up to that many frames; the smallest one if there is none."""
+        """Return the largest fitted size up to this number of frames, or else the smallest one."""
         up_to = [size for size in self.sets if size <= frames]
         return max(up_to, default=min(self.sets))

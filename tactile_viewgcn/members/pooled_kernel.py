@@ -1,6 +1,6 @@
 """The member `pooled_kernel`: kernel ridge regression on statistics over a recording's frames.
 
-They are the mean and the maximum of each sensor of an array, or statistics of channels.
+The statistics are the mean and the maximum of each sensor of an array, or statistics of channels.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from tactile_viewgcn.members.of_readings import MemberOfSets
 
 
 class PooledKernelMember(MemberOfSets):
-    """Answers one point for a recording or a view set."""
+    """Turns a recording or a view set into one point, which kernel ridge regression answers."""
 
     name = "pooled_kernel"
 

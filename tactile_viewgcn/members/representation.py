@@ -1,4 +1,4 @@
-"""Counts as readings: in a glove's unit for an array, in standard deviations for channels."""
+"""Scale counts to readings: in a glove's unit for an array, in standard deviations for channels."""
 
 from typing import TYPE_CHECKING, Self
 
@@ -10,14 +10,15 @@ from tactile_viewgcn.sensor_array import is_array
 if TYPE_CHECKING:
     from tactile_viewgcn.tables.counts import Counts
 
-FARTHEST = 1e15  # scaled reading: its square is in the range of single precision
-# of the readings in contact are above PRESSED_UNITS; with STAG's glove these are four counts
+FARTHEST = 1e15  # largest scaled reading: its square is in the range of single precision
+# this share of the readings in contact is above PRESSED_UNITS, which are four counts for STAG's
+# glove
 PRESSED_SHARE = 0.1
 PRESSED_UNITS = 4.0
-# standard deviations of noise that a unit has at most, so that the dead zone has up to three
+# most standard deviations of noise in a unit, so that the dead zone of two units has at most three
 NOISE_UNITS = 1.5
-LEAST = 0.1  # of the unit by the readings, below which the noise does not lower it
-MOST_PAIRS = 1000  # pairs of successive frames that are compared
+LEAST = 0.1  # the noise never lowers the unit below this share of it
+MOST_PAIRS = 1000  # most pairs of successive frames that are compared
 MEDIAN_SD = 0.6745  # median distance from the mean of a normal distribution, in standard deviations
 
 
@@ -26,12 +27,14 @@ class Representation:
 
     Args:
         live: bool (H, W), the S live sensors.
-        centre: float32 (S,), the mean of each channel; 0 for an array.
-        spread: float32 (S,), the standard deviation of each channel; the glove's unit for an array.
+        centre: float32 (S,), the mean of each channel, or 0 for an array.
+        spread: float32 (S,), the standard deviation of each channel, or the glove's unit for an
+            array.
 
     Attributes:
-        is_array: whether the sensors are an array; else they are channels.
-        blocks: float32 (S, B), weights of the sensors in the blocks of an array; None for channels.
+        is_array: whether the sensors are an array. If not, they are channels.
+        blocks: float32 (S, B), weights of the sensors in the blocks of an array, or None for
+            channels.
     """
 
     def __init__(self, live: np.ndarray, centre: np.ndarray, spread: np.ndarray):
@@ -50,7 +53,7 @@ class Representation:
         Args:
             live: bool (H, W), the S live sensors.
             sample: counts (n, S) above baseline.
-            unit: of an array, in counts.
+            unit: the unit of an array, in counts.
         """
         centre = sample.mean(axis=0, dtype=np.float64)
         spread = sample.std(axis=0, dtype=np.float64)
@@ -70,13 +73,13 @@ class Representation:
 def contact_unit(frames: np.ndarray, noise: float = np.inf) -> float:
     """Return the unit of a glove in counts: one in ten readings in contact is above four units.
 
-    It is about one count for STAG's glove, as is its noise. Where more sensors are pressed, the
-    noise limits the unit. Where fewer than one in ten readings are positive, half of the positive
-    ones are above four units.
+    For STAG's glove the unit is about one count, and so is the noise. If more sensors are pressed,
+    the noise limits the unit. If fewer than one in ten readings are positive, the unit is chosen so
+    that half of the positive readings are above four units.
 
     Args:
         frames: counts (n, S) above baseline of frames in contact.
-        noise: standard deviation of the readings in counts; infinite where it is unknown.
+        noise: standard deviation of the readings in counts, or infinity if it is unknown.
     """
     pressed = float(np.quantile(frames, 1 - PRESSED_SHARE))
     if pressed <= 0:
@@ -93,15 +96,15 @@ def successive_noise(
 ) -> float:
     """Return the standard deviation of the noise in counts, from differences of successive frames.
 
-    The median of the differences is used. Contact does not change it while contact changes fewer
-    than half of the readings. The noise is infinite, for unknown, if it is below the steps of the
-    counts, or if no frames are successive.
+    The noise follows from the median of the differences. Contact does not affect the median, as
+    long as it changes fewer than half of the readings. The result is infinity, for unknown, if the
+    noise is below the steps of the counts, or if no frames are successive.
 
     Args:
         counts: (n, H, W).
-        recording: (n,) recording of each frame.
-        index: rising indices of the frames that are compared.
-        live: bool (H, W) sensors.
+        recording: (n,), the recording of each frame.
+        index: rising indices of the frames to compare.
+        live: bool (H, W), the live sensors.
     """
     is_next_frame = np.diff(index) == 1
     is_same_recording = np.diff(recording[index]) == 0

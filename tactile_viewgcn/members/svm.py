@@ -12,12 +12,12 @@ from tactile_viewgcn.members.kernels import Kernel
 from tactile_viewgcn.members.of_readings import MemberOfSets
 
 C = 10.0
-LEAST_WITHIN = 0.05  # of a standardised feature's spread within classes
-ROUNDING = 1e-9  # of a feature's size: a smaller spread is rounding
+LEAST_WITHIN = 0.05  # least spread within classes of a standardised feature
+ROUNDING = 1e-9  # a spread below this share of a feature's size is rounding
 
 
 class SvmMember(MemberOfSets):
-    """Answers one point for a recording or a view set; of an array in the finer unit."""
+    """Turns a recording or a view set into one point; an array is read in the finer unit."""
 
     name = "svm"
 
@@ -43,13 +43,13 @@ class SvmMember(MemberOfSets):
 class SupportVectors(Kernel):
     """One machine for each pair of classes (scikit-learn's SVC, C = 10) with a Gaussian kernel.
 
-    The kernel is exp(-d^2 / (F v)), v the variance of all values of the points (n, F).
-    Probabilities are the softmax of the classes' votes.
+    The kernel is exp(-d^2 / (F v)), where v is the variance of all values of the points (n, F). The
+    probabilities are the softmax of the classes' votes.
 
     Attributes:
-        class_of: (M,) index into `classes` of each support vector.
-        weights: (M, K - 1) of each support vector against each other class.
-        offsets: (K (K - 1) / 2,) of the pairs of classes: (0, 1), (0, 2) and so on.
+        class_of: (M,), the index in `classes` of each support vector.
+        weights: (M, K - 1), the weights of each support vector against each other class.
+        offsets: (K (K - 1) / 2,), the offsets of the pairs of classes (0, 1), (0, 2) and so on.
     """
 
     def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:
@@ -62,7 +62,7 @@ class SupportVectors(Kernel):
         if spread != 0:
             gamma = 1 / spread
         kernel = self.centred(points, gamma).kernel(points)
-        # scikit-learn warns of many objects of two recordings each
+        # scikit-learn warns if many objects have two recordings each
         with warnings.catch_warnings(action="ignore", category=UserWarning):
             machines = SVC(C=C, kernel="precomputed", cache_size=500).fit(kernel, labels)
         self.classes = machines.classes_
@@ -83,21 +83,21 @@ class SupportVectors(Kernel):
         for margin_of_winner, winner in ((margin, first), (-margin, second)):
             np.add.at(votes, winner, (margin_of_winner > 0).astype(np.float32))
             np.add.at(confidence, winner, margin_of_winner)
-        # below a third: it only decides between equal votes
+        # the confidence adds less than a third, so it only decides between equal votes
         votes += confidence / (3 * (np.abs(confidence) + 1))
         answers: np.ndarray = softmax(votes.T, axis=1)
         return answers
 
     def _margins(self, kernel: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        """The margins (pairs, n) between the classes of each pair; above 0: the first class wins.
+        """Return the margins (pairs, n) of each pair of classes; above 0, the first class wins.
 
         Args:
-            kernel: (n, M) of the points and the support vectors.
-            first: (pairs,) the first class of each pair.
-            second: (pairs,) the second class of each pair.
+            kernel: (n, M), the kernel of the points and the support vectors.
+            first: (pairs,), the first class of each pair.
+            second: (pairs,), the second class of each pair.
         """
         classes = len(self.classes)
-        # parts of the margins, of each class against each other
+        # the part of each margin that comes from the support vectors of one class of the pair
         parts = np.zeros((classes, len(kernel), classes), dtype=np.float32)
         for label in range(classes):
             vectors = np.flatnonzero(self.class_of == label)
@@ -111,14 +111,14 @@ class SupportVectors(Kernel):
 
 
 class NormalisedVectors(SupportVectors):
-    """Support vector machines on points whose features are of unlike kind.
+    """Support vector machines on points whose features are of different kinds.
 
     Each feature is standardised, squashed by sign(z) log(1 + |z|), and divided by its spread within
-    classes. So the features that repeat in recordings of one object weigh most.
+    classes. So features that hardly vary between recordings of one object have the largest weight.
 
     Attributes:
-        mean, spread: (F,) over all points.
-        within: (F,) spread within classes, after squashing.
+        mean, spread: (F,), over all points.
+        within: (F,), the spread within classes, after squashing.
     """
 
     def fit(self, points: np.ndarray, labels: np.ndarray, seed: int) -> Self:

@@ -11,11 +11,11 @@ from tactile_viewgcn.members.of_readings import MemberOfReadings
 
 TREES = 300
 QUICK_TREES = 100
-MOST_PATHS = 1 << 16  # points times trees that are evaluated at once
+MOST_PATHS = 1 << 16  # most points times trees that are evaluated at once
 
 
 class TreesMember(MemberOfReadings):
-    """Answers whole recordings only: its statistics of channels need the order of time."""
+    """Answers only whole recordings, since its statistics of channels need the order of time."""
 
     name = "trees"
 
@@ -36,18 +36,19 @@ class Forest(Estimator):
     """Extremely randomised trees, grown by scikit-learn and evaluated all at once.
 
     Geurts, Ernst and Wehenkel, "Extremely randomized trees" (Machine Learning 63, 2006). The nodes
-    of all trees are numbered in one sequence, a parent before its children. A leaf is its own
-    child.
+    of all trees are numbered in one sequence, and a parent comes before its children. A leaf is its
+    own child.
 
     Args:
         trees: number of trees.
 
     Attributes:
-        roots: (T,) node at which each tree begins.
-        left, right: (N,) child of each node for a feature up to the threshold, and above it.
-        feature, threshold: (N,) of each node.
-        leaf: (N,) row of `shares` of each node that is a leaf.
-        shares: (L, K) share of each class in the training points of a leaf.
+        roots: (T,), the node at which each tree begins.
+        left, right: (N,), the child of each node if the feature is at most the threshold, and the
+            child if it is above.
+        feature, threshold: (N,), the feature that each node looks at, and its threshold.
+        leaf: (N,), the row in `shares` of each node that is a leaf.
+        shares: (L, K), the share of each class in the training points of a leaf.
     """
 
     def __init__(self, trees: int = TREES):
@@ -57,9 +58,9 @@ class Forest(Estimator):
         """See `Estimator.fit`."""
         from sklearn.ensemble import ExtraTreesClassifier
 
-        # scikit-learn's threads empty each other's list of filters, and warn of it
+        # scikit-learn's threads empty each other's list of warning filters, and warn about it
         with warnings.catch_warnings(record=True):
-            # no filter makes that warning an error, whichever list a thread has
+            # whichever list a thread has, no filter in it turns that warning into an error
             warnings.resetwarnings()
             grown = ExtraTreesClassifier(self._trees, random_state=seed, n_jobs=-1)
             grown.fit(points, labels)
@@ -94,7 +95,7 @@ class Forest(Estimator):
         return total / len(self.roots)
 
     def _ends(self, points: np.ndarray, roots: np.ndarray) -> np.ndarray:
-        """The leaves (t, n) that points (n, F) reach from roots (t,); all walk down at once."""
+        """Return the leaves (t, n) that points (n, F) reach from roots (t,), all in parallel."""
         ends = np.repeat(roots, len(points))
         path = np.arange(len(ends))
         node = ends.copy()
@@ -103,7 +104,7 @@ class Forest(Estimator):
         while len(path):
             is_above = values[first_feature + self.feature[node]] > self.threshold[node]
             child = np.where(is_above, self.right[node], self.left[node])
-            has_moved = child > node  # so that no altered file makes a circle
+            has_moved = child > node  # nodes only rise, so no altered file makes an endless loop
             ends[path] = child
             path = path[has_moved]
             node = child[has_moved]

@@ -1,15 +1,15 @@
-"""The sum of the members' log-probabilities, each with its weight."""
+"""The weighted sum of the members' log-probabilities."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-FLOOR = 0.01  # added to the probabilities of several members, so that no member's zero is a veto
+FLOOR = 0.01  # added to the probabilities of several members, so that no member can veto a class
 TINY = np.finfo(np.float32).tiny
 
 
 def log_probabilities(probabilities: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the logarithms (M, n, classes) of several members' probabilities, a little above 0."""
+    """Return the logarithms (M, n, classes) of M members' probabilities, after adding `FLOOR`."""
     logarithms: np.ndarray = np.log(np.stack(probabilities) + FLOOR)
     return logarithms
 
@@ -20,8 +20,8 @@ def weighted_sum(probabilities: Sequence[np.ndarray], weights: Sequence[float]) 
     The logits of a single member are its log-probabilities, whatever its weight.
 
     Args:
-        probabilities: (n, classes) of each member.
-        weights: of each member.
+        probabilities: (n, classes), the probabilities of each member.
+        weights: the weight of each member.
     """
     if len(probabilities) == 1:
         only: np.ndarray = np.log(np.maximum(probabilities[0], TINY))

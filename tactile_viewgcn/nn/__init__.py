@@ -1,1 +1,1 @@
-"""Networks: modules and formulas on tensors, without files, MLflow or DVC."""
+"""Building blocks of networks: modules and formulas on tensors, without files, MLflow or DVC."""

@@ -1,9 +1,9 @@
-"""The modified ResNet-18: a tactile frame to a feature of 128.
+"""The backbone: a modified ResNet-18 that turns a tactile frame into 128 features.
 
-It is the network of Sundaram et al. 2019, which Tactile-ViewGCN takes over: the ResNet-18 of He et
-al., "Deep residual learning for image recognition" (arXiv 1512.03385), with one input channel. Of
-the four stages it has two, with dropout between them. It has 674,240 weights and is trained from
-scratch.
+Tactile-ViewGCN takes this network from Sundaram et al. 2019. They started from the ResNet-18 of He
+et al., "Deep residual learning for image recognition" (arXiv 1512.03385). The input has one
+channel, and two of the four stages are left, with dropout between them. The network has 674,240
+weights and is trained from scratch.
 """
 
 import math
@@ -16,17 +16,17 @@ from torch import Tensor, nn
 
 from tactile_viewgcn.params import BackboneParams
 
-GRID = 4  # parts of a map along each side that the read-out `grid` averages
-INFERENCE_BATCH = 128  # frames; a larger batch takes memory and gains no speed
+GRID = 4  # the read-out `grid` averages this many parts of a map along each edge
+INFERENCE_BATCH = 128  # frames; a larger batch needs more memory and is no faster
 
 
 class BasicBlock(nn.Module):
     """Residual block of two 3x3 convolutions: (B, in, H, W) -> (B, out, H / stride, W / stride).
 
     Args:
-        inputs: number of channels that it reads.
-        outputs: number of channels that it gives.
-        stride: of the first convolution.
+        inputs: number of input channels.
+        outputs: number of output channels.
+        stride: stride of the first convolution.
     """
 
     def __init__(self, inputs: int, outputs: int, stride: int = 1):
@@ -50,18 +50,18 @@ class BasicBlock(nn.Module):
 class Stem(nn.Module):
     """The first layers of the network: (B, 1, H, W) -> (B, C, H / 2, W / 2).
 
-    They are a 3x3 convolution, batch normalisation, ReLU and maximum pooling.
+    The layers are a 3x3 convolution, batch normalisation, ReLU and maximum pooling.
 
-    Equivalent to these four layers, in fewer passes over its maps, the largest of the network. A
-    frame has one channel, so the mean and variance of every map follow exactly from the moments of
-    the frame's 3x3 patches. The normalisation becomes part of the convolution's nine weights. ReLU
-    comes after the pooling, with which it commutes.
+    The stem gives the same result as these four layers, in fewer passes over its maps, which are
+    the largest of the network. A frame has one channel, so the mean and variance of every map
+    follow exactly from the moments of the frame's 3x3 patches. The normalisation is folded into the
+    convolution's nine weights and its bias. ReLU comes after the pooling, with which it commutes.
     """
 
     def __init__(self, outputs: int):
         super().__init__()
         self.conv = nn.Conv2d(1, outputs, 3, padding=1, bias=False)
-        # torch's types say that its running moments may be missing
+        # Any, since torch's types say that the running moments can be missing
         self.norm: Any = nn.BatchNorm2d(outputs)
 
     def forward(self, frames: Tensor) -> Tensor:
@@ -102,22 +102,23 @@ class Stem(nn.Module):
 
 
 class Backbone(nn.Module):
-    """Frames (B, 1, H, W) to features (B, C); a 32 x 32 frame passes through maps of 128 x 8 x 8.
+    """Frames (B, 1, H, W) to features (B, C); a 32 x 32 frame has last maps of 128 x 8 x 8.
 
-    Its weights are drawn from torch's default generator.
+    The weights are drawn from torch's default generator.
 
     Args:
-        options: `width` is the number of channels of stage 1, half of stage 2's. `dropout` is the
-            share of stage 1's channels that are dropped in training. `readout` is `average`, the
-            mean of each map as in the paper, or `grid`. The grid's means of 4 x 4 parts of each map
-            keep where on the hand a feature is; a linear layer turns them into as many features.
-        maps: return the maps themselves, (B, 2 * width, H / 4, W / 4), in the precision of their
-            computation.
+        options: the section `model.backbone`. `width` is the number of channels of stage 1; stage 2
+            has twice as many. `dropout` is the share of stage 1's channels that are dropped in
+            training. The `readout` `average` is the mean of each map, as in the paper. The
+            `readout` `grid` takes the means of 4 x 4 parts of each map, which keep where on the
+            hand a feature is. A linear layer turns these means into the same number of features.
+        maps: whether to return the maps themselves, (B, 2 * width, H / 4, W / 4), in the precision
+            that they were computed in.
 
     Attributes:
-        width: channels of stage 1.
-        features: C, 2 * width.
-        maps: as given.
+        width: number of channels of stage 1.
+        features: C, which is 2 * width.
+        maps: see Args.
     """
 
     def __init__(self, options: BackboneParams, *, maps: bool = False):
@@ -152,7 +153,7 @@ class Backbone(nn.Module):
         return features
 
     def map_shape(self, shape: tuple[int, int]) -> tuple[int, int, int]:
-        """Return the shape of the maps (2 * width, H / 4, W / 4) of a frame (H, W), rounded up."""
+        """Return the shape (2 * width, H / 4, W / 4), rounded up, of the maps of a frame (H, W)."""
         height, width = shape
         return 2 * self.width, _quarter(height), _quarter(width)
 
@@ -167,8 +168,8 @@ def extract_features(backbone: nn.Module, batches: Iterable[Tensor]) -> Tensor:
     """Return the features (n, C), or maps (n, C, H, W), of frames, in evaluation mode.
 
     Args:
-        backbone: is left in evaluation mode.
-        batches: frames (B, 1, H, W) on the backbone's device, n in all.
+        backbone: the backbone, which is left in evaluation mode.
+        batches: n frames in all, in batches (B, 1, H, W) on the backbone's device.
     """
     backbone.eval()
     return torch.cat([backbone(frames) for frames in batches])

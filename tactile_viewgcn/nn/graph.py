@@ -1,16 +1,18 @@
 """The geometry of the view-graph: distances, nearest neighbours, furthest points, edges.
 
 Positions are (..., N, 3). Squared distances are sums of squared differences, never the expansion of
-the square, so that coincident points are at exactly zero. Ties go to the lowest index: distances
-that differ by less than the largest one's 65,536th part are ties, since on a circle equal ones
-differ by rounding. Nodes are compared in float64. So a graph is the same in every precision of the
-network, and the squares of very small and very large coordinates stay finite.
+the square, so the distance of coincident points is exactly zero.
+
+Ties go to the lowest index. Two distances are a tie if they differ by less than a 65,536th of the
+largest distance: on a circle, for example, equal distances differ by rounding errors. Distances are
+compared in float64. So a graph is the same in every precision of the network, and the squares of
+very small and very large coordinates stay finite.
 """
 
 import torch
 from torch import Tensor
 
-STEPS = 2.0**16  # of a squared distance, relative to the largest
+STEPS = 2.0**16  # number of steps to which a squared distance up to the largest is rounded
 
 
 def squared_distances(positions: Tensor) -> Tensor:
@@ -27,7 +29,7 @@ def _ranks(positions: Tensor) -> Tensor:
 
 
 def nearest(positions: Tensor, count: int) -> Tensor:
-    """Return the indices (..., N, min(count, N)) of each node's nearest, nearest first.
+    """Return the indices (..., N, min(count, N)) of each node's nearest nodes, nearest first.
 
     Args:
         positions: (..., N, 3).
@@ -40,12 +42,12 @@ def nearest(positions: Tensor, count: int) -> Tensor:
 def furthest_points(positions: Tensor, count: int) -> Tensor:
     """Return the indices (..., count) of nodes that are far from each other, node 0 first.
 
-    Each next node is the one furthest from the nodes chosen so far: furthest point sampling (Qi et
-    al., "PointNet++" (arXiv 1706.02413), section 3.2).
+    Each next node is the node that is furthest from all nodes chosen so far. This is furthest point
+    sampling (Qi et al., "PointNet++" (arXiv 1706.02413), section 3.2).
 
     Args:
         positions: (..., N, 3).
-        count: number of nodes to choose, N at most.
+        count: number of nodes to choose, at most N.
     """
     distances = _ranks(positions)
     chosen = torch.zeros(positions.shape[:-2], dtype=torch.long, device=positions.device)
@@ -66,8 +68,8 @@ def first_places(viewpoints: Tensor, count: int) -> Tensor:
 
     Args:
         viewpoints: (V, 3).
-        count: V gives all viewpoints in their order; fewer are those that furthest point sampling
-            chooses first.
+        count: number of views. V views take all viewpoints in their order. Fewer views take the
+            viewpoints that furthest point sampling chooses first.
     """
     if count == len(viewpoints):
         return viewpoints
@@ -91,15 +93,15 @@ def gather_nodes(values: Tensor, index: Tensor) -> Tensor:
 def edge_geometry(positions: Tensor, neighbours: Tensor, distance: str = "squared") -> Tensor:
     """Return g_ij of equation 1 for every node i and neighbour j.
 
-    It is [v_i, v_j, v_i - v_j, |v_i - v_j|^2].
+    The relation g_ij is [v_i, v_j, v_i - v_j, |v_i - v_j|^2].
 
     Args:
         positions: (B, N, 3).
         neighbours: (B, N, K) indices.
-        distance: `squared` as in the paper, or `plain`: the distance itself.
+        distance: `squared`, as in the paper, or `plain` for the distance itself.
 
     Returns:
-        (B, N, K, 10)
+        (B, N, K, 10).
     """
     there = gather_nodes(positions, neighbours)
     here = positions.unsqueeze(2).expand_as(there)

@@ -5,8 +5,8 @@ import torch.nn.functional as functional
 from torch import Tensor, nn
 from torch.utils.checkpoint import checkpoint
 
-SLOPE = 0.2  # of every LeakyReLU of the graph network
-MAX_MESSAGES = 1 << 22  # numbers in the largest array of messages; a larger one gains no speed
+SLOPE = 0.2  # negative slope of every LeakyReLU of the graph network
+MAX_MESSAGES = 1 << 22  # numbers in the largest array of messages; a larger array is no faster
 
 
 class NonLocalMessagePassing(nn.Module):
@@ -14,9 +14,9 @@ class NonLocalMessagePassing(nn.Module):
 
     r_i = sum_j m_ji with m_ji = LeakyReLU(Linear([F_j, F_i])), and f_i = fusion([F_i, r_i]).
 
-    The linear layer of a pair is the sum of two projections, one per node, so no pair is ever
-    concatenated. (The released code sums m_ij instead: the same network with the two projections
-    exchanged.)
+    The linear layer of a pair is computed as the sum of two projections, one for each node, so no
+    pair is ever concatenated. The released code sums m_ij instead, which is the same network with
+    the two projections exchanged.
 
     Args:
         features: C.
@@ -33,9 +33,9 @@ class NonLocalMessagePassing(nn.Module):
 
         A node sends a message to itself too.
 
-        At most `MAX_MESSAGES` numbers, or the messages of one sender, are in memory at once. Where
-        that takes several parts, the backward pass computes the messages again instead of keeping
-        them.
+        Messages are summed in parts of at most `MAX_MESSAGES` numbers, but at least the messages of
+        one sender. If there are several parts, the backward pass computes the messages again
+        instead of keeping them in memory.
         """
         sender, receiver = self.message.weight.chunk(2, dim=1)
         senders_at_once = max(1, MAX_MESSAGES // max(1, nodes.numel()))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from tactile_viewgcn.tables.counts import Counts
     from tactile_viewgcn.views.recording_clusters import RecordingClusters
 
-# numbers in the nodes of a batch of view sets; a larger batch gains no speed
+# most numbers in the nodes of a batch of view sets; a larger batch is no faster
 MAX_NODE_VALUES = 1 << 20
 
 
@@ -32,14 +32,16 @@ class ViewNetwork(nn.Module):
         shape: (H, W) of a frame.
 
     Attributes:
-        backbone: frames (n, 1, H, W) to features (n, *feature_shape).
-        feature_shape: (C,), or (C, H, W) of a head that takes maps.
-        head: features (B, k, *feature_shape) of view sets to logits, see `ViewSystem`.
+        backbone: turns frames (n, 1, H, W) into features (n, *feature_shape).
+        feature_shape: (C,), or (C, H, W) for a head that takes maps.
+        head: turns features (B, k, *feature_shape) of view sets into logits, see `ViewSystem`.
         viewpoints: (V, 3).
         views: V.
-        takes_fewer: whether it also answers fewer views than V, cheaply.
-        clusters: draws the view sets of whole recordings, if it was trained on clusters; else None.
-        transform: of frames, as a table of frames names it; None: as the table has it.
+        takes_fewer: whether the network also answers fewer views than V, at little cost.
+        clusters: draws the view sets of whole recordings, if the network was trained on clusters;
+            else None.
+        transform: the transform of frames, by its name in a table of frames. None keeps the
+            transform of the table.
     """
 
     transform: str | None = None
@@ -70,14 +72,14 @@ class ViewNetwork(nn.Module):
         """Prepare for answers: evaluation mode, on the device of `compute`."""
         self._compute = compute
         self.eval()
-        # torch's types lack the argument
+        # torch's types lack the memory format
         self.to(compute.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     @torch.inference_mode()
     def frame_values(self, inputs: "Counts") -> Tensor:
         """Return the features (n, C), or maps (n, C, H, W), of network input (n, H, W).
 
-        They are on the device of `prepare`.
+        They stay on the device that `prepare` chose.
         """
         starts = range(0, len(inputs), INFERENCE_BATCH)
         parts = (torch.from_numpy(inputs[start : start + INFERENCE_BATCH]) for start in starts)
@@ -89,8 +91,8 @@ class ViewNetwork(nn.Module):
         """Return the logits (A, classes) of view sets.
 
         Args:
-            values: (n, ...) `frame_values`.
-            sets: (A, k) indices into them.
+            values: (n, ...), the result of `frame_values`.
+            sets: (A, k) indices of frames.
         """
         index = torch.from_numpy(sets).to(values.device)
         logits: np.ndarray = view_set_logits(self.head, values, index).cpu().numpy()
@@ -99,15 +101,15 @@ class ViewNetwork(nn.Module):
     def recording(self, values: Tensor, points: "Counts | None" = None) -> np.ndarray:
         """Return the logits (classes,) of a whole recording.
 
-        A system that `takes_more` takes all frames at once. Any other answers view sets like those
-        of its training, and the mean of its log-probabilities is taken. If it was trained on
-        clusters, the sets are drawn from the recording's own clusters; else they are the
-        `recording_sets`, spread over the recording.
+        A system that `takes_more` takes all frames at once. Any other system answers view sets like
+        the view sets of its training run, and the mean of its log-probabilities is returned. If it
+        was trained on clusters, the sets are drawn from the recording's own clusters. Otherwise
+        they are the `recording_sets`, which are spread over the recording.
 
         Args:
-            values: (T, ...) `frame_values` of the recording's frames in the order of time.
-            points: (T, S) network input of these frames at the live sensors, by which they are
-                clustered; needed by a network that was trained on clusters.
+            values: (T, ...), `frame_values` of the recording's frames in the order of time.
+            points: (T, S) network input of these frames at the live sensors. A network that was
+                trained on clusters needs it to cluster the frames.
 
         Raises:
             TypeError: points are needed and missing.
@@ -131,8 +133,9 @@ class ViewNetwork(nn.Module):
 def recording_sets(count: int, views: int) -> np.ndarray:
     """Return the fewest view sets (S, V) of indices that use each frame of a recording.
 
-    Each set is spread over the recording, in the order of time. Where V does not divide the number
-    of frames, some frames are used twice: two sets of two views of three frames are 0, 1 and 1, 2.
+    Each set is spread over the recording, in the order of time. If V does not divide the number of
+    frames, some frames are used twice. For example, three frames give two sets of two views: 0, 1
+    and 1, 2.
 
     Args:
         count: number of frames.
@@ -146,7 +149,7 @@ def spread_frames(count: int, views: int) -> np.ndarray:
     """Return indices int64 (views,) that are evenly spread over frames.
 
     Args:
-        count: number of frames; indices repeat where there are fewer frames than views.
+        count: number of frames. If there are fewer frames than views, indices repeat.
         views: number of indices.
     """
     return ((np.arange(views) + 0.5) * count / views).astype(np.int64)
@@ -158,7 +161,7 @@ def view_set_logits(head: ViewSystem, features: Tensor, sets: Tensor) -> Tensor:
     Args:
         head: the system that joins the views.
         features: (n, ...) of frames, which are numbered in the order of time.
-        sets: (A, k) indices into them.
+        sets: (A, k) indices of frames.
     """
     batch = max(1, MAX_NODE_VALUES // (sets.shape[1] * features[0].numel()))
     if head.in_time_order:

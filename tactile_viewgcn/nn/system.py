@@ -1,33 +1,34 @@
 """The interface of every network on the backbone: views of one object to logits, and a loss.
 
-A system is one file of systems/, named as `model.system` names it, with one subclass of
-`ViewSystem`.
+A system is one file of systems/ with one subclass of `ViewSystem`. The file has the name that
+`model.system` uses.
 """
 
 import torch.nn.functional as functional
 from torch import Tensor, nn
 
-DROPOUT = 0.5  # ours: on the shape descriptor
+DROPOUT = 0.5  # of the hidden units of the classifier; our choice
 
 
 class ViewSystem(nn.Module):
-    """Views (B, k, ...) to logits (B, classes); k is V, or what else the system takes.
+    """Views (B, k, ...) to logits (B, classes); k is V, or another number that the system takes.
 
     A subclass is built from `viewpoints` (V, 3), a `shape`, the number of `classes`, and the
-    section `model` of params.yaml. The shape is (C,) of a view's features, or (C, H, W) of its
+    section `model` of params.yaml. The shape is (C,) for a view's features, or (C, H, W) for its
     maps.
 
     Attributes:
-        takes: what the system reads: the backbone's `features` (B, k, C), or its `maps` (B, k, C,
+        takes: whether the system reads the backbone's `features` (B, k, C) or its `maps` (B, k, C,
             H, W).
-        in_time_order: whether views come sorted from the earliest frame to the latest; viewpoints
-            then play no part.
-        takes_fewer: whether a system built for V views also answers fewer, k from 1 to V - 1.
-        takes_more: whether it also answers more than V views, such as all frames of a recording at
-            once.
-        trainable: whether it has weights to fine-tune.
-        capturable: whether a GPU can record its loss; False where a part of the loss is computed on
-            the CPU.
+        in_time_order: whether views are sorted from the earliest frame to the latest. Viewpoints
+            have no effect then.
+        takes_fewer: whether a system that is built for V views also answers fewer, k from 1 to
+            V - 1.
+        takes_more: whether the system also answers more than V views, such as all frames of a
+            recording at once.
+        trainable: whether the system has weights to fine-tune.
+        capturable: whether a GPU can record the loss. It cannot if a part of the loss is computed
+            on the CPU.
     """
 
     takes = "features"
@@ -42,17 +43,17 @@ class ViewSystem(nn.Module):
         raise NotImplementedError
 
     def loss(self, logits: Tensor, aux: list[Tensor], labels: Tensor) -> Tensor:
-        """Return the loss of `forward`'s results: the cross-entropy, if a subclass has no other.
+        """Return the loss of `forward`'s results: cross-entropy, unless a subclass has another.
 
         Args:
             logits: (B, classes).
-            aux: the further tensors.
+            aux: the further tensors that `forward` returned.
             labels: (B,) classes.
         """
         return functional.cross_entropy(logits, labels)
 
     def load_frame_classifier(self, weights: dict[str, Tensor]) -> None:
-        """Start from the linear classifier of single frames, where the system has such a layer.
+        """Start from the linear classifier of single frames, if the system has such a layer.
 
         Args:
             weights: `weight` (classes, C) and `bias` (classes,).

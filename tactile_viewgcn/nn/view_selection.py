@@ -7,16 +7,19 @@ from tactile_viewgcn.nn.graph import furthest_points, gather_nodes, nearest
 
 
 class SelectiveViewSampling(nn.Module):
-    """Equation 5: each of M furthest points gives way to its most confidently classified neighbour.
+    """Equation 5: each of M furthest points is replaced by its most confident neighbour.
+
+    The most confident neighbour is the nearby node with the highest probability of any class.
 
     Args:
         features: C.
         classes: number of classes.
-        samples: M, the nodes of the next level.
-        neighbours: K, the nodes that a sampled view chooses from, itself included.
-        joint: as in the released code. One linear layer sees the q-th neighbours of all sampled
-            views at once, and its softmax runs over the sampled views. Otherwise each sampled view
-            has its own classifier.
+        samples: M, the number of nodes of the next level.
+        neighbours: K, the number of nearest nodes that a sampled view chooses from, the view itself
+            included.
+        joint: whether to classify as the released code does. There one linear layer sees the q-th
+            neighbours of all sampled views at once, and its softmax runs over the sampled views.
+            Otherwise each sampled view has its own classifier.
     """
 
     def __init__(
@@ -49,8 +52,8 @@ class SelectiveViewSampling(nn.Module):
 
         Args:
             nodes: (B, N, C).
-            positions: (B, N, 3), or (1, N, 3) where they are common to all.
-            samples: m, the nodes to keep: M, or fewer in a graph of fewer nodes.
+            positions: (B, N, 3), or (1, N, 3) if all view sets share them.
+            samples: m, the number of nodes to keep: M, or fewer in a graph of fewer nodes.
 
         Returns:
             Nodes (B, m, C), their positions (B, m, 3), and logits (B, m, K, classes).
@@ -76,9 +79,7 @@ class SelectiveViewSampling(nn.Module):
         return self.confidence(logits).argmax(dim=-1)
 
     def confidence(self, logits: Tensor) -> Tensor:
-        """Return the log odds (B, m, K) of each candidate's most probable class.
-
-        They have no gradient.
+        """Return the log odds (B, m, K) of each candidate's most probable class, without gradient.
 
         Args:
             logits: (B, m, K, classes).
@@ -92,8 +93,8 @@ class SelectiveViewSampling(nn.Module):
 def log_odds(logits: Tensor, dim: int) -> Tensor:
     """Return log(p / (1 - p)) of p = softmax(logits), of the same shape.
 
-    It grows with p even where p is rounded to 1, so that confident views can be ranked. It is
-    infinite where there is only one choice.
+    The log odds grow with p even if p is rounded to 1, so that confident views can be ranked. They
+    are infinite if there is only one choice.
 
     Args:
         logits: of any shape.
@@ -102,7 +103,7 @@ def log_odds(logits: Tensor, dim: int) -> Tensor:
     p = logits.softmax(dim)
     top = logits.argmax(dim, keepdim=True)
     others = logits.scatter(dim, top, -torch.inf).logsumexp(dim, keepdim=True)
-    # exact where p is at most 1 / 2
+    # exact for p up to 1 / 2; the top entry, which can exceed it, is replaced below
     all_odds = logits.log_softmax(dim) - torch.log1p(-p.scatter(dim, top, 0.0))
     return all_odds.scatter(dim, top, logits.gather(dim, top) - others)
 

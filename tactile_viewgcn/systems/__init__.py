@@ -1,4 +1,4 @@
-"""The systems that `model.system` chooses from, a file each; only the chosen one is loaded."""
+"""The systems that `model.system` chooses from, one file each; only the chosen file is loaded."""
 
 from importlib import import_module
 from types import ModuleType
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def load_system(name: str) -> ModuleType:
-    """Return the file of systems/ that `model.system` names; no other is loaded."""
+    """Load and return the file of systems/ that `model.system` names, and no other."""
     return import_module(f"tactile_viewgcn.systems.{name}")
 
 
@@ -17,7 +17,7 @@ def system_class(name: str) -> "type[ViewSystem]":
     """Return the class of a system on the backbone: the only one that its file defines.
 
     Args:
-        name: as in `model.system`.
+        name: a value of `model.system`.
 
     Raises:
         LookupError: the file defines no such class.

@@ -10,7 +10,7 @@ from tactile_viewgcn.params import Model
 
 
 class CNNLSTM(ViewSystem):
-    """Features (B, k, C), the earliest first, to logits (B, classes) of the last state."""
+    """Features (B, k, C), the earliest first, to logits (B, classes) from the last state."""
 
     in_time_order = True
     takes_fewer = True

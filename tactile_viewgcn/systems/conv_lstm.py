@@ -1,8 +1,8 @@
 """ConvLSTM: a long short-term memory over the views' maps, whose gates are one 3x3 convolution.
 
 Shi et al., "Convolutional LSTM network: a machine learning approach for precipitation nowcasting"
-(arXiv 1506.04214), without its peephole connections. Its convolutions are computed in the precision
-of the maps, as the backbone's are, since they take most of the time.
+(arXiv 1506.04214), without peephole connections. The convolutions take most of the time, so they
+are computed in the precision of the maps, like the convolutions of the backbone.
 """
 
 import torch
@@ -15,7 +15,7 @@ from tactile_viewgcn.params import Model
 class ConvLSTM(ViewSystem):
     """Maps (B, k, C, H, W), the earliest first, to logits (B, classes).
 
-    The logits are of the last state's average over H and W.
+    The logits come from the last state, averaged over H and W.
     """
 
     takes = "maps"

@@ -1,4 +1,4 @@
-"""GCN: two graph convolutions on the view-graph, whose edges are fixed, then the nodes' maximum.
+"""GCN: two graph convolutions on a view-graph with fixed edges, then the maximum over the nodes.
 
 Kipf and Welling, "Semi-supervised classification with graph convolutional networks" (arXiv
 1609.02907).
@@ -15,8 +15,8 @@ from tactile_viewgcn.params import Model
 class GCN(ViewSystem):
     """Features (B, k, C) at k viewpoints to logits (B, classes); k is V or fewer.
 
-    Fewer views take the viewpoints that furthest point sampling chooses first. Of a list
-    `model.neighbours` only the first entry is used.
+    Fewer views take the viewpoints that furthest point sampling chooses first. If
+    `model.neighbours` is a list, only its first entry is used.
     """
 
     takes_fewer = True
@@ -45,12 +45,13 @@ class GCN(ViewSystem):
 def normalised_adjacency(positions: Tensor, neighbours: int) -> Tensor:
     """Return the normalised adjacency D^-1/2 A D^-1/2 (N, N) of the view-graph.
 
-    The graph joins two nodes where one is among the other's nearest (Kipf and Welling, equation 2).
+    The graph joins two nodes if either is among the nearest nodes of the other. The normalisation
+    is equation 2 of Kipf and Welling.
 
     Args:
         positions: (N, 3).
-        neighbours: number of nearest nodes that each node is joined to, itself included: A has ones
-            on its diagonal.
+        neighbours: number of nearest nodes that each node is joined to, the node itself included.
+            So A has ones on its diagonal.
     """
     adjacency = torch.eye(len(positions), dtype=positions.dtype, device=positions.device)
     adjacency = adjacency.scatter(-1, nearest(positions, neighbours), 1.0)

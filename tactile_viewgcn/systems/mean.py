@@ -1,4 +1,4 @@
-"""Mean: the mean over the views, the control of MVCNN's maximum."""
+"""Mean: the mean over the views, as a control for MVCNN's maximum."""
 
 from torch import Tensor
 
@@ -7,7 +7,7 @@ from tactile_viewgcn.params import Model
 
 
 class MeanViews(ViewSystem):
-    """Features (B, k, C) to logits (B, classes); the order of the views plays no part."""
+    """Features (B, k, C) to logits (B, classes), whatever the order of the views."""
 
     takes_fewer = True
     takes_more = True

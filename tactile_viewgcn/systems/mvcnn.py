@@ -10,7 +10,7 @@ from tactile_viewgcn.params import Model
 
 
 class MVCNN(ViewSystem):
-    """Features (B, k, C) to logits (B, classes); the order of the views plays no part."""
+    """Features (B, k, C) to logits (B, classes), whatever the order of the views."""
 
     takes_fewer = True
     takes_more = True

@@ -2,8 +2,9 @@
 
 Kanezaki et al., "RotationNet: joint object categorization and pose estimation using multiviews from
 unsupervised viewpoints" (arXiv 1603.06208). One more class says "not at this viewpoint". The
-viewpoint of each view is latent: a class takes the assignment of views to viewpoints that gives it
-the highest score. The score is the sum over views of log p(class) - log p(not at this viewpoint).
+viewpoint of each view is latent: each class takes the assignment of views to viewpoints that gives
+it the highest score. The score is the sum over views of log p(class) - log p(not at this
+viewpoint).
 """
 
 import numpy as np
@@ -15,14 +16,14 @@ from torch import Tensor, nn
 from tactile_viewgcn.nn.system import ViewSystem
 from tactile_viewgcn.params import Model
 
-LARGEST = 1e38  # what infinity counts as in an assignment
+LARGEST = 1e38  # takes the place of infinity in an assignment
 
 
 class RotationNet(ViewSystem):
     """Features (B, V, C) to logits (B, classes), the score of each class under its best assignment.
 
-    An assignment is a permutation; the best one is computed exactly, on the CPU, by the Hungarian
-    method (Kuhn 1955).
+    An assignment is a permutation. The best permutation is computed exactly, on the CPU, by the
+    Hungarian method (Kuhn 1955).
     """
 
     capturable = False
@@ -40,8 +41,8 @@ class RotationNet(ViewSystem):
             views: features (B, V, C).
 
         Returns:
-            Scores (B, classes); the score of a class whose log-probabilities are not all finite is
-            NaN. Log-probabilities (B, V views, V viewpoints, classes + 1).
+            Scores (B, classes), and log-probabilities (B, V views, V viewpoints, classes + 1). If
+            the log-probabilities of a class are not all finite, its score is NaN.
         """
         logits = self.classifier(views).unflatten(-1, (self.views, self.classes + 1))
         log_p = logits.log_softmax(dim=-1)
@@ -55,12 +56,12 @@ class RotationNet(ViewSystem):
     def loss(self, logits: Tensor, aux: list[Tensor], labels: Tensor) -> Tensor:
         """Return the cross-entropy of every view at every viewpoint, summed over viewpoints.
 
-        It is the mean over the batch and its views. The target is the object's class at the
-        viewpoint of the best assignment, "not at this viewpoint" elsewhere.
+        The loss is the mean over the batch and its views. At the viewpoint of the best assignment
+        the target is the object's class. At all other viewpoints it is "not at this viewpoint".
 
         Args:
             logits: (B, classes), not used.
-            aux: the log-probabilities of `forward`.
+            aux: the log-probabilities that `forward` returned.
             labels: (B,) classes.
         """
         (log_p,) = aux
@@ -76,7 +77,7 @@ def best_permutation(ratio: Tensor) -> Tensor:
     """Return the permutation (..., V) with the highest sum of each matrix.
 
     Args:
-        ratio: (..., V, V); where not all entries are finite, the permutation is any.
+        ratio: (..., V, V). If not all entries of a matrix are finite, its permutation is arbitrary.
     """
     finite = ratio.double().nan_to_num(0.0, LARGEST, -LARGEST)
     matrices = finite.cpu().numpy().reshape(-1, *ratio.shape[-2:])

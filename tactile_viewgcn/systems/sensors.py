@@ -1,4 +1,4 @@
-"""The classifier on the sensors: it weighs the answers of its members, by `model.members`."""
+"""The classifier on the sensors: a weighted sum of the answers of the members, `model.members`."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Self
@@ -17,31 +17,31 @@ if TYPE_CHECKING:
     from tactile_viewgcn.tables.counts import Counts
 
 BATCH = 128  # frames
-MAX_SET_VALUES = 1 << 20  # numbers in the frames of a batch of view sets
-SHORT = 0.1  # quantile of the training recordings' lengths; `short` is half of it
+MAX_SET_VALUES = 1 << 20  # most numbers in the frames of a batch of view sets
+SHORT = 0.1  # `short` is half of this quantile of the training recordings' lengths
 
 
 class SensorClassifier:
     """Members as one classifier, with the methods of every `Classifier`.
 
-    Its logits are the weighted sum of the members' log-probabilities. A whole recording is answered
-    by all members, in the order of time. A view set has no order: it is answered by the members
-    that answer view sets, or where none of them does, by an `svm` for view sets.
+    Its logits are the weighted sum of the members' log-probabilities. All members answer a whole
+    recording, in the order of time. A view set has no order, so only the members that answer view
+    sets answer it. If no member does, an `svm` for view sets is added.
 
     Args:
-        members: those that answer whole recordings.
-        for_sets: those that answer view sets, see `answering_sets`.
-        weights: of the members' log-probabilities, by name.
+        members: the members that answer whole recordings.
+        for_sets: the members that answer view sets, see `answering_sets`.
+        weights: the weights of the members' log-probabilities, by name.
         representation: scales counts to readings.
-        viewpoints: (V, 3); only V is used.
+        viewpoints: (V, 3). Only V is used.
         classes: number of classes.
-        short: fewer frames than these are part of a recording, not a whole one.
+        short: a recording of fewer frames than this counts as a part of a recording.
 
     Attributes:
         members, for_sets, weights, representation, viewpoints, classes, short: see Args.
         views: V.
-        transform: of frames to input: counts above baseline.
-        takes_fewer: True, since it also answers view sets of fewer frames than V.
+        transform: the transform from frames to input, which is counts above baseline.
+        takes_fewer: True, since the classifier also answers view sets of fewer frames than V.
     """
 
     transform = "counts"
@@ -78,15 +78,15 @@ class SensorClassifier:
         classes: int,
         network: "ViewNetwork | None" = None,
     ) -> Self:
-        """Return the classifier whose `state_dict` the state is.
+        """Return the classifier that a `state_dict` describes.
 
         Args:
-            state: arrays and plain values.
-            names: of the members.
-            live: bool (H, W) sensors.
+            state: the result of `state_dict`, arrays and plain values.
+            names: the names of the members.
+            live: bool (H, W), the live sensors.
             viewpoints: (V, 3).
             classes: number of classes.
-            network: that of the member `network`, whose weights the state has.
+            network: the network of the member `network`. Its weights are in the state.
 
         Raises:
             KeyError, ValueError: a part of the state is missing, or cannot be used.
@@ -110,11 +110,11 @@ class SensorClassifier:
         return classifier
 
     def all_members(self) -> list[Member]:
-        """Return the members, then the one that only answers view sets, if there is one."""
+        """Return the members, and after them any member that only answers view sets."""
         return self.members + [member for member in self.for_sets if member not in self.members]
 
     def prepare(self, compute: "Compute") -> None:
-        """Prepare for answers: a network computes on the device, all else on the CPU.
+        """Prepare for answers: a network computes on the device, every other member on the CPU.
 
         Args:
             compute: the device and its precision.
@@ -123,11 +123,11 @@ class SensorClassifier:
             member.prepare(compute)
 
     def frame_values(self, counts: "Counts") -> FrameValues:
-        """Return what the members read of frames.
+        """Return the values of frames that the members read.
 
         Args:
-            counts: (n, H, W) above baseline, or rows that are computed when they are indexed by a
-                slice.
+            counts: (n, H, W) above baseline. The rows can be computed lazily, when a slice indexes
+                them.
         """
         parts = []
         for start in range(0, len(counts), BATCH):
@@ -145,8 +145,8 @@ class SensorClassifier:
         """Return the logits (A, classes) of view sets, computed in batches that fit memory.
 
         Args:
-            values: of n frames, see `frame_values`.
-            sets: (A, k), indices of frames; the order of a set's k frames plays no part.
+            values: the values of n frames, see `frame_values`.
+            sets: (A, k), indices of frames. The order of a set's k frames has no effect.
         """
         batch = max(1, MAX_SET_VALUES // (sets.shape[1] * values.width))
         logits = []
@@ -157,13 +157,14 @@ class SensorClassifier:
         return np.concatenate(logits)
 
     def recording(self, values: FrameValues, points: "Counts | None" = None) -> np.ndarray:
-        """Return the logits (classes,) of a whole recording; of a long one every few frames count.
+        """Return the logits (classes,) of a whole recording.
 
-        A recording of fewer frames than `short` is answered as a view set.
+        Of a long recording only every few frames are read, see `every_few`. A recording of fewer
+        frames than `short` is answered as a view set.
 
         Args:
-            values: of the recording's T frames in the order of time, see `frame_values`.
-            points: not used; a network needs them.
+            values: the values of the recording's T frames in the order of time, see `frame_values`.
+            points: not used here; networks need them.
         """
         values = every_few(values)
         if len(values) < self.short:
@@ -177,7 +178,7 @@ class SensorClassifier:
         return of_recording
 
     def state_dict(self) -> dict[str, Any]:
-        """Return what it has learnt, without `live`: arrays and plain values."""
+        """Return everything that the classifier has learnt, as arrays and plain values."""
         return {
             "representation": {
                 "centre": self.representation.centre,
@@ -189,9 +190,8 @@ class SensorClassifier:
         }
 
     def _sum(self, answers: Sequence[np.ndarray], members: Sequence[Member]) -> np.ndarray:
-        """Logits (B, classes) of some members' probabilities (B, classes)."""
-        # the `svm` that only answers view sets has no weight; `weighted_sum` ignores the weight of
-        # a single member
+        """Return the logits (B, classes) of some members' probabilities (B, classes)."""
+        # an `svm` that was added for view sets has no weight, and needs none: it is a single member
         weights = [self.weights.get(member.name, 1.0) for member in members]
         return weighted_sum(answers, weights)
 
@@ -199,11 +199,11 @@ class SensorClassifier:
 def short_limit(lengths: np.ndarray) -> float:
     """Return the number of frames below which a recording is answered as a view set.
 
-    It is half the tenth percentile of the training recordings' lengths. After sixty training
-    recordings of 40 frames and one of 2, recordings of fewer than 20 frames are answered as view
-    sets.
+    It is half of the tenth percentile of the training recordings' lengths. For example, with sixty
+    training recordings of 40 frames and one of 2 frames, recordings of fewer than 20 frames are
+    answered as view sets.
 
     Args:
-        lengths: (R,) frames of each training recording.
+        lengths: (R,), the number of frames of each training recording.
     """
     return float(np.quantile(lengths, SHORT)) / 2

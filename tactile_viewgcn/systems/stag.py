@@ -1,7 +1,7 @@
 """STAG's network: a 1x1 convolution on the maps of all views, average pooling, a linear layer.
 
 Sundaram et al., "Learning the signatures of the human grasp using a scalable tactile glove", Nature
-569, 698-702 (2019). The convolution has no activation, so it commutes with the pooling: here it is
+569, 698-702 (2019). The convolution has no activation, so it commutes with the pooling. Here it is
 a linear layer on pooled features, with the same weights and the same result.
 """
 
@@ -12,7 +12,7 @@ from tactile_viewgcn.params import Model
 
 
 class STAGNet(ViewSystem):
-    """Features (B, V, C) to logits (B, classes); each place in the set has different weights."""
+    """Features (B, V, C) to logits (B, classes); each place in the view set has its own weights."""
 
     def __init__(self, viewpoints: Tensor, shape: tuple[int, ...], classes: int, model: Model):
         super().__init__()

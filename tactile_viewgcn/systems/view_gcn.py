@@ -1,9 +1,9 @@
 """Tactile-ViewGCN's graph network: features of V views to logits, equations 1 to 6 of the paper.
 
 Wei et al., "View-GCN: View-based graph convolutional network for 3D shape analysis" (CVPR 2020).
-Everything is computed in the precision of the weights, float32: that costs little beside the
-backbone, and sums over nodes keep their digits. Equations 3 and 4 are in `message_passing.py`,
-equation 5 in `view_selection.py`.
+Equations 3 and 4 are in `message_passing.py`, equation 5 is in `view_selection.py`. Everything is
+computed in the precision of the weights, float32. Compared with the backbone this costs little, and
+sums over nodes keep their digits.
 """
 
 from itertools import pairwise
@@ -19,14 +19,14 @@ from tactile_viewgcn.nn.view_selection import SelectiveViewSampling
 from tactile_viewgcn.params import LEVELS, Model
 
 RELATION_UNITS = 10  # hidden units of equation 1's MLP
-SELECTOR_NEIGHBOURS = 4  # released: candidates for a sampled view, itself included
+SELECTOR_NEIGHBOURS = 4  # candidates for a sampled view, itself included; from the released code
 
 
 class LocalGraphConvolution(nn.Module):
-    """Equations 1 and 2: F_i = Psi(sum_j S_ij F_j W) over the nearest nodes j of i.
+    """Equations 1 and 2: F_i = Psi(sum_j S_ij F_j W) over the nearest nodes j of node i.
 
-    A node is among its own nearest. S_ij is an MLP of the edge's geometry. Nothing stands between W
-    and Psi's linear layer, so one layer is both.
+    A node is one of its own nearest nodes. S_ij is an MLP of the edge's geometry. Nothing stands
+    between W and Psi's linear layer, so one layer serves as both.
 
     Args:
         features: C.
@@ -53,12 +53,12 @@ class LocalGraphConvolution(nn.Module):
 
         Args:
             nodes: (B, N, C).
-            positions: (B, N, 3), or (1, N, 3) where they are common to all.
+            positions: (B, N, 3), or (1, N, 3) if all view sets share them.
         """
         near = nearest(positions, self.neighbours)  # (B or 1, N, K)
         geometry = edge_geometry(positions, near, self.edge_distance)
         weights = self.relation(geometry).squeeze(-1)  # (B or 1, N, K)
-        # S, (B or 1, N, N)
+        # S of equation 1, (B or 1, N, N)
         adjacency = weights.new_zeros(*near.shape[:2], near.shape[1]).scatter(-1, near, weights)
         out = self.norm(self.linear(adjacency @ nodes).flatten(0, 1))
         return functional.leaky_relu(out, SLOPE).view_as(nodes)
@@ -67,16 +67,18 @@ class LocalGraphConvolution(nn.Module):
 class ViewGCN(ViewSystem):
     """Features (B, k, C) at k viewpoints to logits (B, classes); k is V or fewer.
 
-    The graph has up to three levels, of V, V/2 and V/4 nodes. At each level
-    1. `LocalGraphConvolution` joins each node with its nearest; the maximum over all nodes is the
-    level's descriptor;
-    2. `NonLocalMessagePassing` joins each node with all others;
-    3. `SelectiveViewSampling` keeps half of the nodes, which are the next level. The last level
-    ends with its descriptor. The descriptors of all levels are concatenated and classified. One
-    view has no graph: its feature is the descriptor.
+    The graph has up to three levels, of V, V/2 and V/4 nodes. Each level has three steps:
 
-    Fewer views, k < V, take the k viewpoints that furthest point sampling chooses first. The levels
-    have k, k/2 and k/4 nodes then, one at least.
+    1. `LocalGraphConvolution` joins each node with its nearest nodes. The maximum over all nodes is
+       the descriptor of the level.
+    2. `NonLocalMessagePassing` joins each node with all other nodes.
+    3. `SelectiveViewSampling` keeps half of the nodes, which form the next level.
+
+    The last level ends with its descriptor. The descriptors of all levels are concatenated and
+    classified. A single view has no graph: its feature is the descriptor.
+
+    Fewer views, k < V, take the k viewpoints that furthest point sampling chooses first. Then the
+    levels have k, k/2 and k/4 nodes, but at least one.
     """
 
     takes_fewer = True
@@ -114,7 +116,7 @@ class ViewGCN(ViewSystem):
     def forward(self, views: Tensor) -> tuple[Tensor, list[Tensor]]:
         """Return the logits (B, classes) of features (B, k, C), and further logits for the loss.
 
-        The further logits are those of each sampler's candidates, (B, m, K, classes).
+        The further logits (B, m, K, classes) classify the candidates of each sampler.
         """
         count = views.shape[1]
         nodes = views.to(self.viewpoints.dtype)
@@ -134,11 +136,11 @@ class ViewGCN(ViewSystem):
         return self.classifier(torch.cat(descriptors, dim=-1)), view_logits
 
     def loss(self, logits: Tensor, aux: list[Tensor], labels: Tensor) -> Tensor:
-        """Return equation 6: the cross-entropy of the logits and of the samplers' logits.
+        """Return equation 6, the sum of two cross-entropies: of the logits and of the samplers'.
 
-        Both are means over the batch. With `model.view_loss: sum` the samplers' part is the sum
-        over their outputs of a view set, as the paper has it; else it is their mean (released
-        code).
+        Both parts are means over the batch. With `model.view_loss: sum` the samplers' part is
+        summed over their outputs for a view set, as in the paper. Otherwise it is the mean over
+        these outputs, as in the released code.
 
         Args:
             logits: (B, classes).

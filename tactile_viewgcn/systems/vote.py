@@ -1,4 +1,4 @@
-"""Vote: the mean log-probabilities of single views, as if they were independent, not fine-tuned."""
+"""Vote: the mean log-probabilities of single views, as if independent, without fine-tuning."""
 
 from torch import Tensor, nn
 
@@ -7,7 +7,7 @@ from tactile_viewgcn.params import Model
 
 
 class Vote(ViewSystem):
-    """Features (B, k, C) to logits (B, classes), the mean log-probabilities, in any order."""
+    """Features (B, k, C) to logits (B, classes), the mean of the views' log-probabilities."""
 
     takes_fewer = True
     takes_more = True

@@ -1,6 +1,6 @@
-"""The file of a training run under way.
+"""The checkpoint of a training run under way.
 
-From it an interrupted training run goes on after its last whole epoch.
+An interrupted training run continues from it, after its last complete epoch.
 """
 
 import hashlib
@@ -21,9 +21,9 @@ from tactile_viewgcn.files import readable, root, write_file
 
 @contextmanager
 def training_checkpoint(stage: str, key: str, compute: Compute) -> Iterator[Path | None]:
-    """Yield the path of a stage's checkpoint, which is removed when the block ends well.
+    """Yield the path of a stage's checkpoint, and remove the file if the block ends without error.
 
-    It is None while a second process has the same training run.
+    If another process has the same training run under way, the path is None.
 
     Args:
         stage: first word of the file's name.
@@ -48,7 +48,7 @@ def training_checkpoint(stage: str, key: str, compute: Compute) -> Iterator[Path
 
 
 def save(path: Path, parts: Iterable[Any], progress: dict[str, Any]) -> None:
-    """Save what the rest of a training run depends on.
+    """Save everything that the rest of a training run depends on.
 
     Args:
         path: the checkpoint.
@@ -60,16 +60,19 @@ def save(path: Path, parts: Iterable[Any], progress: dict[str, Any]) -> None:
 
 
 def write_tensors(path: Path, content: dict[str, Any]) -> None:
-    """Write tensors and plain values to a file, whole or not at all, equal ones as equal bytes."""
+    """Write tensors and plain values to a file, whole or not at all.
+
+    Equal content gives equal bytes.
+    """
     file = BytesIO()
     torch.save(content, file)
     write_file(path, file.getvalue())
 
 
 def restore(path: Path, parts: Iterable[Any]) -> dict[str, Any]:
-    """Put the parts back as they were saved, and return the progress.
+    """Restore the parts to their saved states, and return the progress.
 
-    Without a file nothing changes, and the progress is empty.
+    If there is no file, nothing changes, and the progress is empty.
 
     Args:
         path: the checkpoint.
@@ -84,7 +87,7 @@ def restore(path: Path, parts: Iterable[Any]) -> dict[str, Any]:
         content = torch.load(path, map_location="cpu", weights_only=True, mmap=True)
         for part, state in zip(parts, content["parts"], strict=True):
             _set_state(part, state)
-        # sums of another number of threads differ in their last digits
+        # with another number of threads, sums would differ in their last digits
         torch.set_num_threads(content["threads"])
         progress: dict[str, Any] = content["progress"]
     return progress
@@ -100,7 +103,7 @@ def _state(part: Any) -> Any:
 
 
 def _set_state(part: Any, state: Any) -> None:
-    """Put a state back that `_state` has returned."""
+    """Restore a state that `_state` returned."""
     if isinstance(part, np.random.Generator):
         part.bit_generator.state = state
     elif isinstance(part, torch.Generator):

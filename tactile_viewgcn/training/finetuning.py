@@ -1,4 +1,4 @@
-"""Fine-tuning: the whole network is trained on view sets, from a pretrained backbone."""
+"""Fine-tuning: train the whole network on view sets, starting from a pretrained backbone."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -24,14 +24,14 @@ from tactile_viewgcn.views.recording_clusters import RecordingClusters
 class ViewSetTraining:
     """The training of a network on view sets.
 
-    The view sets of the validation set, and the first ones of the training set, are drawn here,
-    before `fit` restores the generators: a resumed training run gets the same ones.
+    The view sets of the validation set and the first view sets of the training set are drawn here,
+    before `fit` restores the generators. So a resumed training run gets the same view sets.
 
     Args:
-        network: on `compute`'s device.
+        network: the network, on `compute`'s device.
         train: the training set.
         validation: the validation set, possibly without anchors.
-        config: batch size, and how view sets are drawn and features reused.
+        config: the batch size, and how view sets are drawn and features reused.
         compute: device and precision.
     """
 
@@ -53,8 +53,8 @@ class ViewSetTraining:
         self._validation_sets: Tensor | None = None
         if len(validation.anchors):
             self._validation_sets = torch.from_numpy(validation.draw())
-        # the bank keeps the latest feature of each training frame, for frames that do not pass the
-        # backbone in a step
+        # the bank keeps the latest feature of each training frame, for use in the steps in which
+        # the frame does not pass through the backbone
         self._uses_bank = config.feature_reuse > 1 and network.views > 1
         bank_size = len(train.frames) if self._uses_bank else 0
         self.loss = SetLoss(network, compute, bank_size)
@@ -62,9 +62,9 @@ class ViewSetTraining:
         self.generators = (train.noise_rng, train.rng)
 
     def batches(self, epoch: int) -> Iterator[Batch]:
-        """Return the batches of an epoch, numbered from 0: one view set for each anchor."""
+        """Return the batches of an epoch, numbered from 0, with one view set for each anchor."""
         self._network.train()
-        # later epochs have the bank, those of a resumed training run too
+        # later epochs find the bank filled, even in a resumed training run
         if self._uses_bank and epoch == 0:
             self.loss.fill_bank(self._train.frames, self._config.batch)
         if epoch == 0 or self._config.resample_views == "never":
@@ -75,7 +75,7 @@ class ViewSetTraining:
 
     @torch.inference_mode()
     def validate(self) -> dict[str, float]:
-        """Return the error rate on the validation set's view sets, if there is a validation set."""
+        """Return the error rate on the validation set's view sets, if there are any."""
         if self._validation_sets is None:
             return {}
         network = self._network
@@ -99,21 +99,21 @@ def finetune_classifier(
 ) -> tuple[ViewNetwork, Progress]:
     """Return the network, trained from the pretrained weights on one view set per anchor and epoch.
 
-    A system without weights to fine-tune is not trained; `finetune.moments` clean still measures
-    its moments.
+    A system without weights to fine-tune is not trained. Its moments are still measured with
+    `finetune.moments: clean`.
 
     Args:
         table: the kept frames.
-        views: their clusters, and the viewpoints.
+        views: the clusters of the frames, and the viewpoints.
         pretrained: weights of the `backbone` and of its linear `classifier`.
-        params: of the sections `finetune`, `cluster` and `model`, and the seed.
+        params: the sections `finetune`, `cluster` and `model`, and the seed are used.
         compute: device and precision.
         checkpoint_path: see `fit`.
         on_epoch: see `fit`.
 
     Returns:
-        network, and the progress: per epoch the loss and, where there is a validation set, its
-            error rate.
+        The network, and the progress. For each epoch the progress has the loss and, if there is a
+        validation set, its error rate.
 
     Raises:
         UserError: the training run diverges, or `model` does not fit the number of views.
@@ -125,7 +125,7 @@ def finetune_classifier(
         drawn_from = views.unclustered()
     train = SubsetViewSets(TRAIN, table, drawn_from, params, compute)
     if drawn_from.clustered:
-        # a whole recording is answered as the network was trained
+        # a whole recording is then answered by view sets like those of the training run
         network.clusters = RecordingClusters(params.cluster)
     progress = Progress()
     if network.head.trainable:
@@ -156,7 +156,10 @@ def _new_network(
     params: Params,
     compute: Compute,
 ) -> ViewNetwork:
-    """Return the network with the pretrained weights; arguments as in `finetune_classifier`."""
+    """Return the network with the pretrained weights.
+
+    The arguments are the same as in `finetune_classifier`.
+    """
     torch.manual_seed(torch_seed(params.seed, "finetune.weights"))  # initial weights and dropout
     height, width = table.live.shape
     network = ViewNetwork(
@@ -185,16 +188,16 @@ def measure_moments(
 ) -> None:
     """Replace the running moments of batch normalisation by moments of frames without noise.
 
-    A tactile frame is mostly zeros, so even weak noise changes the moments of every map. They are
-    measured without dropout too: first the backbone's, then the head's, each as the mean over
-    batches in random order. The network is left in evaluation mode.
+    A tactile frame is mostly zeros, so even weak noise changes the moments of every map. The
+    moments are measured without dropout too. The backbone comes first, then the head, each with the
+    mean over batches in random order. The network is left in evaluation mode.
 
     Args:
-        network: its moments are replaced.
+        network: the network whose moments are replaced.
         frames: (n, 1, H, W), of the training set.
-        drawn: view sets (A, V) of indices into them.
+        drawn: view sets (A, V) of indices of these frames.
         compute: device and precision.
-        order: CPU generator of the order of the batches.
+        order: CPU generator that draws the order of the batches.
     """
     with compute.autocast():
         _average_moments(network.backbone, len(frames), frames.__getitem__, order)
@@ -218,8 +221,8 @@ def _average_moments(
     Args:
         module: backbone or head.
         count: number of frames or view sets.
-        batch_of: indices (k,) -> the module's input.
-        order: CPU generator of the order of the batches.
+        batch_of: function from indices (k,) to the module's input.
+        order: CPU generator that draws the order of the batches.
     """
     norms = [
         layer for layer in module.modules() if isinstance(layer, nn.modules.batchnorm._BatchNorm)
@@ -234,6 +237,7 @@ def _average_moments(
     batches = shuffled.tensor_split(num_batches(count, INFERENCE_BATCH))
     for number, index in enumerate(batches, start=1):
         for norm in norms:
-            # the moments are the mean over the batches so far; no training follows
+            # makes the moments the mean over the batches so far. No training follows, so the
+            # momentum is not set back
             norm.momentum = 1 / number
         module(batch_of(index))

@@ -13,13 +13,13 @@ from tactile_viewgcn.tables.frames import Frames, network_input
 class FrameInputs:
     """Network input (n, 1, H, W) of some frames of a table, computed batch by batch from counts.
 
-    On CUDA all of it is computed once and kept on the device, where it fits.
+    If all of it fits on a GPU, it is computed once and kept there.
 
     Args:
         table: the kept frames.
         index: (n,) frames of the table.
         compute: the device.
-        noise: standard deviation of `noisy` frames, as a share of full scale.
+        noise: standard deviation of the noise of `noisy` frames, as a share of full scale.
         rng: generator of the noise, on the device.
 
     Attributes:

@@ -1,7 +1,7 @@
 """The loop over epochs that pretraining and fine-tuning share.
 
-A training run has diverged if the mean loss of an epoch is not finite, or ten times the first loss,
-or if a weight is not finite.
+A training run has diverged in three cases: the mean loss of an epoch is not finite, it is larger
+than both 10 and ten times the first loss, or a weight is not finite.
 """
 
 import math
@@ -22,35 +22,35 @@ from tactile_viewgcn.training.checkpoint import restore, save
 from tactile_viewgcn.training.optim import build_schedule
 from tactile_viewgcn.training.replay import Replay
 
-MAX_LOSS = 10.0  # largest mean of an epoch, times the first loss or 1, the larger of them
+MAX_LOSS = 10.0  # largest mean loss of an epoch, as a multiple of the first loss, or of 1 if larger
 
 OnEpoch = Callable[[int, dict[str, float]], None]
 Generator = torch.Generator | np.random.Generator
 
 
 class Training(Protocol):
-    """What the loop trains on."""
+    """The interface of whatever the loop trains: a loss and its batches."""
 
     @property
     def loss(self) -> nn.Module:
-        """The loss of a batch's tensors.
+        """Return the module that computes the loss from a batch's tensors.
 
-        A GPU does not record it if its attribute `capturable` is False.
+        If its attribute `capturable` is False, a GPU does not record it.
         """
 
     @property
     def steps(self) -> int:
-        """Number of batches in an epoch."""
+        """Return the number of batches in an epoch."""
 
     @property
     def generators(self) -> Sequence[Generator]:
-        """Generators of `batches` that a checkpoint keeps, besides torch's default ones."""
+        """Return the generators of `batches` that a checkpoint keeps, without torch's defaults."""
 
     def batches(self, epoch: int) -> Iterable[tuple[Tensor, ...]]:
         """Return the arguments of the loss for each batch of an epoch, numbered from 0."""
 
     def validate(self) -> dict[str, float]:
-        """Return values of the epoch that has ended, besides its mean loss, by name."""
+        """Return further values of the epoch that has just ended, by name, besides its loss."""
 
 
 @dataclass
@@ -58,10 +58,10 @@ class Progress:
     """How far a training run has come.
 
     Attributes:
-        epoch: number of epochs done.
+        epoch: number of completed epochs.
         curves: a value for each epoch, by name.
-        seconds: run time, with the time before an interruption.
-        first_loss: loss of the very first batch, with which later losses are compared.
+        seconds: run time, including the time before an interruption.
+        first_loss: loss of the very first batch, which later losses are compared with.
         resumed: epochs and seconds before the last interruption.
     """
 
@@ -88,12 +88,12 @@ class Progress:
         self.epoch += 1
 
     def values_of(self, epoch: int) -> dict[str, float]:
-        """Return the values of an epoch that is done, numbered from 0."""
+        """Return the values of a completed epoch, numbered from 0."""
         return {name: values[epoch] for name, values in self.curves.items()}
 
 
 def error_rate(logits: Tensor, labels: Tensor) -> float:
-    """Return the share of rows whose largest logit is not the label's.
+    """Return the share of rows whose largest logit is at another class than the label.
 
     Args:
         logits: (n, classes).
@@ -111,16 +111,17 @@ def fit(
     checkpoint_path: Path | None = None,
     on_epoch: OnEpoch | None = None,
 ) -> Progress:
-    """Run the epochs: a step down the loss of each batch, at the learning rates of the schedule.
+    """Run the epochs: one optimiser step for each batch, at the learning rates of the schedule.
 
     Args:
         stage: the section of params.yaml that has `config`, for messages.
-        config: number of epochs, and schedule.
-        training: batches and their loss.
-        optimiser: its learning rates are those of the first epoch.
-        checkpoint_path: file for the state after every epoch; a saved training run is continued.
-        on_epoch: called with number, from 1, and values of every epoch, also of the epochs before
-            an interruption.
+        config: the number of epochs, and the schedule.
+        training: the batches and their loss.
+        optimiser: the optimiser, with the learning rates of the first epoch.
+        checkpoint_path: file for the state after every epoch. If it exists already, its training
+            run is continued.
+        on_epoch: function that is called with the number, from 1, and the values of every epoch. It
+            is called for the epochs before an interruption too.
 
     Returns:
         The progress after the last epoch.
@@ -168,7 +169,7 @@ def _train_epoch(
     progress: Progress,
     bar: Any,
 ) -> float:
-    """Take a step for each batch, and return the sum of their losses.
+    """Take a step for each batch, and return the sum of the losses.
 
     The sum stays on the device until the epoch ends, so that no step waits for it.
     """
@@ -183,7 +184,7 @@ def _train_epoch(
 
 
 def _default_generators() -> list[torch.Generator]:
-    """Return torch's default generators, of the CPU and of a GPU that is in use."""
+    """Return torch's default generators: of the CPU, and of the GPU if one is in use."""
     generators = [torch.default_generator]
     if torch.cuda.is_initialized():  # type: ignore[no-untyped-call]
         generators.append(torch.cuda.default_generators[torch.cuda.current_device()])
@@ -206,10 +207,10 @@ def _check_converges(
     Args:
         stage: section of params.yaml that has the learning rate.
         mean: mean loss of the epoch.
-        progress: before the epoch is counted.
-        optimiser: its weights and learning rates.
+        progress: the progress before this epoch is counted.
+        optimiser: the optimiser, for its weights and learning rates.
     """
-    # no loss follows the last step
+    # the weights are checked too, since no loss follows the last step
     finite_weights = all(weight.isfinite().all() for weight in _weights(optimiser))
     most = MAX_LOSS * max(1.0, progress.first_loss or 1.0)
     finite_loss = math.isfinite(mean)

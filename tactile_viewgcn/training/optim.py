@@ -9,14 +9,14 @@ from torch.optim.lr_scheduler import LambdaLR
 
 from tactile_viewgcn.params import Finetune, Pretrain
 
-MOMENTUM = 0.9  # of the paper's recipe
+MOMENTUM = 0.9  # from the paper's recipe
 
 
 def num_batches(count: int, size: int) -> int:
-    """Return the number of batches for `count` examples, at most `size` in each.
+    """Return the number of batches for `count` examples, with at most `size` in each.
 
-    One batch fewer, with one example more, where a batch would hold a single example: batch
-    normalisation needs two.
+    Batch normalisation needs two examples. So if a batch would hold a single example, there is one
+    batch fewer, and another batch holds one example more than `size`.
     """
     return max(1, min(math.ceil(count / size), count // 2))
 
@@ -24,11 +24,12 @@ def num_batches(count: int, size: int) -> int:
 def build_optimiser(
     config: Pretrain | Finetune, groups: list[dict[str, Any]]
 ) -> torch.optim.Optimizer:
-    """Return the optimiser of a training run; pretraining always has SGD.
+    """Return the optimiser of a training run, which is always SGD for pretraining.
 
     Args:
-        config: its learning rate, weight decay and, of fine-tuning, its optimiser.
-        groups: `params`, the weights, and `lr`, their own learning rate, if any.
+        config: the section with the learning rate, the weight decay and, for fine-tuning, the
+            optimiser.
+        groups: groups of weights `params`. A group can have its own learning rate `lr`.
     """
     if isinstance(config, Finetune) and config.optimiser == "adam":
         return torch.optim.Adam(groups, config.lr, weight_decay=config.weight_decay)
@@ -41,17 +42,17 @@ def build_schedule(config: Pretrain | Finetune, optimiser: torch.optim.Optimizer
 
 
 def lr_factor(config: Pretrain | Finetune, epoch: int) -> float:
-    """Return the factor on the learning rates in an epoch.
+    """Return the factor by which the learning rates are multiplied in an epoch.
 
     Args:
-        config: its `schedule` and number of epochs.
+        config: the section with the `schedule` and the number of epochs.
         epoch: number of the epoch, from 0.
     """
     if config.schedule == "constant":
         return 1.0
     if config.schedule == "cosine":
         return _cosine(epoch, config.epochs)
-    if config.schedule == "compounding_cosine":  # code that was released with the paper
+    if config.schedule == "compounding_cosine":  # the paper's released code
         return math.prod(_cosine(earlier, config.epochs) for earlier in range(2, epoch + 1))
     if config.schedule == "exponential":  # Sundaram et al. 2019
         return math.pow(0.1, epoch / 100)
@@ -61,6 +62,6 @@ def lr_factor(config: Pretrain | Finetune, epoch: int) -> float:
 
 def _cosine(epoch: int, epochs: int) -> float:
     """Return half a period of a cosine, from 1 before the first epoch to 0 after the last."""
-    if epochs == 0:  # the schedule computes its first factor for no epoch too
+    if epochs == 0:  # the schedule computes its first factor even if there are no epochs
         return 1.0
     return (1 + math.cos(math.pi * epoch / epochs)) / 2

@@ -1,4 +1,4 @@
-"""Pretraining: the backbone is trained from scratch to classify single frames."""
+"""Pretraining: train the backbone from scratch to classify single frames."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,8 +22,8 @@ class FrameLoss(nn.Module):
     """Cross-entropy of single frames.
 
     Args:
-        backbone: frames to features.
-        classifier: features to logits.
+        backbone: turns frames into features.
+        classifier: turns features into logits.
         compute: device and precision of the backbone.
     """
 
@@ -50,12 +50,12 @@ class FrameTraining:
     """The training of a backbone and its classifier on single frames.
 
     Args:
-        loss: on `compute`'s device.
+        loss: the loss, on `compute`'s device.
         train: frames of the training set.
         validation: frames of the validation set, possibly none.
-        config: its batch size.
+        config: the section `pretrain`, for the batch size.
         compute: device and precision.
-        order: CPU generator of the order of the frames.
+        order: CPU generator that draws the order of the frames.
         noise: generator of the frames' noise, which a checkpoint keeps too.
     """
 
@@ -108,14 +108,14 @@ def pretrain_backbone(
 
     Args:
         table: the kept frames.
-        params: of the sections `pretrain` and `model.backbone`, and the seed.
+        params: the sections `pretrain` and `model.backbone`, and the seed are used.
         compute: device and precision.
         checkpoint_path: see `fit`.
         on_epoch: see `fit`.
 
     Returns:
-        backbone, classifier, and the progress: per epoch the loss and, where there is a validation
-            set, its error rate.
+        The backbone, the classifier, and the progress. For each epoch the progress has the loss
+        and, if there is a validation set, its error rate.
 
     Raises:
         UserError: the training run diverges.

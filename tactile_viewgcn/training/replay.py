@@ -1,4 +1,4 @@
-"""Losses with their gradients, whose kernels a GPU repeats as one graph."""
+"""Compute a loss and its gradients, with kernels that a GPU repeats as one graph."""
 
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
@@ -14,7 +14,8 @@ class Recorded(NamedTuple):
         graph: the kernels.
         arguments: tensors that the graph reads.
         loss: tensor that the graph writes.
-        gradients: tensors that the graph writes, one for each parameter; None without a gradient.
+        gradients: tensors that the graph writes, one for each parameter. A parameter without a
+            gradient has None.
     """
 
     graph: torch.cuda.CUDAGraph
@@ -26,15 +27,17 @@ class Recorded(NamedTuple):
 class Replay:
     """A loss function of tensors that sets the gradients of parameters.
 
-    A GPU records its kernels and repeats them, since the kernels of small networks take less
-    time than their launches. Each shape of the arguments is computed as usual at first, recorded
-    the second time, and repeated from then on.
+    A GPU records the kernels of the function and repeats them, since the kernels of small networks
+    take less time than their launches. The first time that a shape of the arguments occurs, it is
+    computed as usual. The second time it is recorded, and from then on it is repeated.
 
     Args:
-        function: tensors -> loss, a scalar. All shapes follow from the arguments'. It draws random
-            numbers from torch's default generator only.
-        parameters: all that the loss has gradients for.
-        records: False: `function` may wait for the GPU, and its kernels are launched each time.
+        function: function from tensors to the loss, a scalar. The shapes of all its tensors follow
+            from the shapes of the arguments. It draws random numbers only from torch's default
+            generator.
+        parameters: all parameters that the loss has gradients for.
+        records: whether a GPU records the kernels. Otherwise they are launched each time, and
+            `function` is allowed to wait for the GPU.
     """
 
     def __init__(
@@ -47,16 +50,16 @@ class Replay:
         self._function = function
         self._parameters = list(parameters)
         self._records = records
-        # None for shapes that were computed once and not recorded yet
+        # by shapes; None for shapes that were computed once and are not recorded yet
         self._graphs: dict[tuple[torch.Size, ...], Recorded | None] = {}
         self._pool: Any = None
         self._stream: torch.cuda.Stream | None = None
 
     def __call__(self, *arguments: Tensor) -> Tensor:
-        """Replace the gradients of the parameters by those of the loss, which is returned detached.
+        """Compute the loss, set the gradients of the parameters, and return the loss, detached.
 
         Args:
-            arguments: of the function.
+            arguments: the arguments of the function.
         """
         if arguments[0].device.type != "cuda" or not self._records:
             return self._compute(arguments)
@@ -76,7 +79,7 @@ class Replay:
         return recorded.loss.clone()
 
     def _compute(self, arguments: tuple[Tensor, ...]) -> Tensor:
-        """Compute the loss, detached, and replace the gradients."""
+        """Compute the loss, replace the gradients, and return the loss, detached."""
         for parameter in self._parameters:
             parameter.grad = None
         loss = self._function(*arguments)
@@ -84,7 +87,7 @@ class Replay:
         return loss.detach()
 
     def _compute_on_stream(self, arguments: tuple[Tensor, ...]) -> Tensor:
-        """Compute on the stream that graphs are recorded on, to which the gradients then belong."""
+        """Compute on the stream that graphs are recorded on, so that gradients belong to it."""
         if self._stream is None:
             self._stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
         self._stream.wait_stream(torch.cuda.current_stream())

@@ -1,7 +1,7 @@
 """Batches of view sets and their loss.
 
-A part of a batch's frames passes through the backbone. Fine-tuning changes features slowly, so the
-other views take the feature that their frame had when it last passed.
+Only a part of a batch's frames passes through the backbone. Fine-tuning changes features slowly, so
+each other frame takes the feature that it had when it last passed.
 """
 
 import math
@@ -25,7 +25,8 @@ from tactile_viewgcn.views.sampling import anchor_first, sets_of
 class Batch(NamedTuple):
     """B view sets of k frames each, and the n of their frames that pass through the backbone.
 
-    An example of two sets with k = 4 and `feature_reuse: 2`. Their anchors are the frames 7 and 3:
+    Here is an example of two view sets with k = 4 and `feature_reuse: 2`. Their anchors are the
+    frames 7 and 3:
 
         sets      [[2, 7, 5, 9],
                    [3, 8, 5, 7]]
@@ -39,7 +40,7 @@ class Batch(NamedTuple):
         frames: (n, 1, H, W) with noise.
         labels: (B,) classes.
         sets: (B, k) indices of frames.
-        passing: (n,) places of `frames` in `sets`, rising.
+        passing: (n,) rising places of `frames` in `sets`.
     """
 
     frames: Tensor
@@ -55,7 +56,7 @@ class SubsetViewSets:
         subset: TRAIN or VALIDATION.
         table: the kept frames.
         views: clusters from which the view sets are drawn.
-        params: of the sections `finetune` and `cluster`, and the seed.
+        params: the sections `finetune` and `cluster`, and the seed are used.
         compute: device and precision.
 
     Attributes:
@@ -87,8 +88,8 @@ class SubsetViewSets:
 
         Args:
             drawn: (A, V) view sets, as `draw` returns them.
-            in_time_order: frames of a set are sorted; they are numbered in the order of time inside
-                a recording.
+            in_time_order: whether to sort the frames of each set by their numbers, which rise with
+                time inside a recording.
         """
         config = self._params.finetune
         order = self.rng.permutation(len(drawn))
@@ -108,20 +109,20 @@ class SubsetViewSets:
 def choose_passing(
     sets: np.ndarray, anchors: np.ndarray, config: Finetune, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a batch's view sets at their size, and which of their frames pass the backbone.
+    """Return a batch's view sets, cut to k frames, and which frames pass through the backbone.
 
     With `num_views: full` all V frames of a set are used. With `random` the number k is drawn from
-    1 to V for the whole batch, and a set of fewer than V frames begins with its anchor. Of each set
+    1 to V for the whole batch, and a set of fewer than V frames begins with its anchor. In each set
     k / `feature_reuse` frames pass, rounded up: the anchor, and others at random.
 
     Args:
         sets: (B, V) indices of frames.
         anchors: (B,) the anchor of each set.
-        config: its `num_views` and `feature_reuse`.
+        config: the section `finetune`, for `num_views` and `feature_reuse`.
         rng: draws the number of views, and the frames that pass.
 
     Returns:
-        The sets, (B, k), and which of their frames pass, bool (B, k).
+        The view sets (B, k), and bool (B, k), the frames that pass.
     """
     columns = anchor_first(sets, anchors, rng)
     views = sets.shape[1]
@@ -140,18 +141,18 @@ def choose_passing(
 class SetLoss(nn.Module):
     """A network's loss of a batch of view sets, with a bank of features.
 
-    The bank has the latest feature, or map, of each training frame, from training mode, with noise
-    and dropout.
+    The bank has the latest feature, or map, of each training frame. It was computed in training
+    mode, with noise and dropout.
 
     Args:
         network: the network to train.
         compute: device and precision.
-        bank_size: number of training frames; 0: no bank, all frames of a set pass through the
-            backbone.
+        bank_size: number of training frames. With 0 there is no bank, and all frames of a set pass
+            through the backbone.
 
     Attributes:
         bank: (bank_size, *feature_shape).
-        capturable: whether a GPU may record the loss.
+        capturable: whether a GPU can record the loss.
     """
 
     bank: Tensor
@@ -173,12 +174,12 @@ class SetLoss(nn.Module):
     def fill_bank(self, frames: FrameInputs, batch: int) -> None:
         """Store the features of all frames, in batches in random order.
 
-        The order is from torch's default generator. The backbone is left in training mode, and the
+        Torch's default generator draws the order. The backbone is left in training mode, and the
         running moments of its batch normalisation are updated.
 
         Args:
-            frames: of the training set, as many as the bank has places.
-            batch: frames in a batch, at most.
+            frames: the frames of the training set, as many as the bank has places.
+            batch: largest number of frames in a batch.
         """
         self.network.backbone.train()
         with self.compute.autocast():
@@ -189,7 +190,7 @@ class SetLoss(nn.Module):
     def forward(self, frames: Tensor, labels: Tensor, sets: Tensor, passing: Tensor) -> Tensor:
         """Return the loss of a `Batch`, a scalar, and store the features of its frames.
 
-        Of a frame that passes several times the first of its features is stored.
+        If a frame passes several times, its first feature is stored.
         """
         with self.compute.autocast():
             features = self.network.backbone(frames)

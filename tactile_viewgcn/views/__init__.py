@@ -1,1 +1,1 @@
-"""Viewpoints, clusters and the view sets drawn from them."""
+"""Viewpoints, clusters, and the view sets that are drawn from them."""

@@ -1,6 +1,7 @@
-"""Clusters of the frames of each pool: principal components, then k-means, as released.
+"""Cluster the frames of each pool: principal components, then k-means, as in the released code.
 
-The paper says "kNN"; clusters of unlabelled frames and the released code mean k-means.
+The paper says "kNN", but means k-means: it clusters frames without labels, and the released code
+uses k-means.
 """
 
 from functools import cache
@@ -14,8 +15,9 @@ from tactile_viewgcn.tables.counts import Gathered
 from tactile_viewgcn.tables.frames import NO_CLUSTER, TRAIN, VALIDATION, Frames, Views
 from tactile_viewgcn.views.sampling import random_clusters
 
-COMPONENTS = 8  # released: principal components that k-means uses
-# of two rows, relative to the largest score: k-means' distances have no more digits
+COMPONENTS = 8  # principal components that k-means uses, from the released code
+# smallest difference between two rows, relative to the largest score: the distances of k-means have
+# no more digits
 MIN_DIFFERENCE = 2.0**-20
 
 
@@ -23,10 +25,10 @@ def pool_ids(table: Frames, index: np.ndarray, scope: str) -> np.ndarray:
     """Return the pool int64 (n,) of each frame, counted from 0.
 
     Args:
-        table: of frames.
+        table: the table of frames.
         index: (n,) frames of the table.
-        scope: what the frames of a pool have in common. `object`: their class and their set of the
-            split. `recording`: also their recording and their split group.
+        scope: which frames share a pool. With `object` they have the same class, in the same set of
+            the split. With `recording` they have the same recording and split group too.
     """
     keys = [table.side, table.label]
     if scope == "recording":
@@ -35,7 +37,7 @@ def pool_ids(table: Frames, index: np.ndarray, scope: str) -> np.ndarray:
 
 
 def _numbered(keys: np.ndarray) -> np.ndarray:
-    """Return the rank int64 (n,) of each key (n,) or (n, k) among the different ones, from 0."""
+    """Return the rank int64 (n,) of each key (n,) or (n, k) among the distinct keys, from 0."""
     inverse: np.ndarray = np.unique(keys, axis=0, return_inverse=True)[1]
     return inverse.ravel()
 
@@ -45,16 +47,16 @@ def cluster_frames(
 ) -> Views:
     """Cluster the frames of each pool of the training set and the validation set into V views.
 
-    Frames of the test set get no cluster here: `evaluate` clusters them itself.
+    Frames of the test set get no cluster here, because `evaluate` clusters them itself.
 
     Args:
-        table: of frames.
+        table: the table of frames.
         viewpoints: (V, 3).
         params: the section `cluster`.
-        rng: for the seeds of k-means.
+        rng: draws the seeds of k-means.
 
     Returns:
-        The views: cluster and pool of each frame.
+        The cluster and the pool of each frame, with the viewpoints.
     """
     pool = pool_ids(table, np.arange(len(table)), params.scope)
     cluster = np.full(len(table), NO_CLUSTER, dtype=np.int16)
@@ -78,11 +80,11 @@ def cluster_pools(
 
     Args:
         points: (n, d) network input at the live sensors.
-        pool: (n,) counted from 0.
+        pool: (n,) pool of each frame, counted from 0.
         views: V.
-        params: the section `cluster`, whose `method` decides.
-        rng: draws the seeds of k-means, or random clusters.
-        scores: result of `pool_scores` for these points, to be computed once for several calls.
+        params: the section `cluster`. Its `method` chooses k-means or random clusters.
+        rng: draws the seeds of k-means, or the random clusters.
+        scores: the result of `pool_scores` for these points, so that several calls can share it.
     """
     if params.method == "none" or views == 1:
         return random_clusters(pool, views, rng)
@@ -95,11 +97,11 @@ def cluster_pools(
 
 
 def pool_scores(points: np.ndarray | Gathered, pool: np.ndarray) -> list[np.ndarray]:
-    """Return the principal components (n_p, c) of the frames of each pool p.
+    """Return the scores (n_p, c) of the frames of each pool p on its principal components.
 
     Args:
         points: (n, d).
-        pool: (n,) counted from 0.
+        pool: (n,) pool of each frame, counted from 0.
     """
     numbers = steps(range(pool.max() + 1), "principal components", "pools")
     return [principal_components(points[pool == number], COMPONENTS) for number in numbers]
@@ -108,7 +110,7 @@ def pool_scores(points: np.ndarray | Gathered, pool: np.ndarray) -> list[np.ndar
 def principal_components(points: np.ndarray, count: int) -> np.ndarray:
     """Return the scores of points on their first principal components.
 
-    One thread computes them, so that they do not depend on the number of threads.
+    A single thread computes the scores, so that they do not depend on the number of threads.
 
     Args:
         points: (n, d).
@@ -119,7 +121,7 @@ def principal_components(points: np.ndarray, count: int) -> np.ndarray:
     """
     from sklearn.decomposition import PCA
 
-    # equal rows get equal scores
+    # each distinct row is transformed once, so that equal rows get equal scores
     distinct, inverse = np.unique(points, axis=0, return_inverse=True)
     if len(distinct) < 2:
         return np.zeros((len(points), 1))
@@ -138,17 +140,17 @@ def principal_components(points: np.ndarray, count: int) -> np.ndarray:
 
 
 def kmeans(scores: np.ndarray, views: int, *, restarts: int, seed: int) -> np.ndarray:
-    """Return the cluster int64 (n,), 0 to V - 1, of each row, by the best of several k-means.
+    """Return the cluster int64 (n,), 0 to V - 1, of each row, by the best of several k-means runs.
 
-    If at most V rows are distinct, each is a cluster, and the other clusters are empty. Two rows
-    are equal if their scores round to the same steps of `MIN_DIFFERENCE`: rounding errors hardly
-    ever count.
+    If at most V rows are distinct, each of them is a cluster, and the other clusters are empty. Two
+    rows count as equal if their scores round to the same steps of `MIN_DIFFERENCE`, so that
+    rounding errors hardly ever separate them.
 
     Args:
         scores: (n, c).
         views: V.
-        restarts: runs of k-means, of which the best is taken.
-        seed: of k-means.
+        restarts: number of k-means runs, the best of which is taken.
+        seed: seed of k-means.
     """
     from sklearn.cluster import KMeans
 
@@ -160,7 +162,7 @@ def kmeans(scores: np.ndarray, views: int, *, restarts: int, seed: int) -> np.nd
     distinct_rows = row_of_score.max(initial=-1) + 1
     if distinct_rows <= views:
         return row_of_score
-    # small problems: more threads cost time, and change the order of sums
+    # the problems are small: more threads would cost time, and change the order of sums
     with _libraries().limit(limits=1):
         cluster: np.ndarray = KMeans(views, n_init=restarts, random_state=seed).fit_predict(scores)
     return cluster.astype(np.int64)
@@ -170,8 +172,8 @@ def kmeans(scores: np.ndarray, views: int, *, restarts: int, seed: int) -> np.nd
 def _libraries() -> ThreadpoolController:
     """Return the numerical libraries whose threads can be limited.
 
-    They are listed once, since that takes half as long as a small k-means.
+    The libraries are listed only once, since the listing takes half as long as a small k-means.
     """
-    import sklearn.cluster  # noqa: F401  loads them
+    import sklearn.cluster  # noqa: F401  # loads the libraries
 
     return ThreadpoolController()

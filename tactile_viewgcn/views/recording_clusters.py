@@ -1,4 +1,4 @@
-"""View sets of a whole recording from its own clusters, as training draws them from pools."""
+"""Draw view sets of a whole recording from its own clusters, as training draws them from pools."""
 
 from dataclasses import dataclass
 
@@ -13,10 +13,11 @@ from tactile_viewgcn.views.sampling import ViewSets
 
 @dataclass(frozen=True)
 class RecordingClusters:
-    """The view sets by which a network that was trained on clusters answers a whole recording.
+    """Draws view sets of whole recordings for a network that was trained on clusters.
 
     Args:
-        params: how the clusters of the training set were made, and at which viewpoint each stands.
+        params: the section `cluster` of the training run. It says how clusters are made, and which
+            viewpoint each of them has.
     """
 
     params: Cluster
@@ -24,9 +25,9 @@ class RecordingClusters:
     def view_sets(self, points: Counts, views: int) -> np.ndarray:
         """Return one view set around each frame: the frame, and one frame of each other cluster.
 
-        Each call has generators of its own, so that a recording has one answer whatever is answered
-        before it. A cluster may have no frames, as where there are fewer frames than views. Then
-        any frame of the recording stands for it.
+        Each call makes its own generators, so that the answer to a recording does not depend on
+        earlier answers. A cluster can have no frames, for example in a recording of fewer frames
+        than views. Then any frame of the recording takes its place.
 
         Args:
             points: (T, S) network input of the recording's frames at the live sensors, in the order

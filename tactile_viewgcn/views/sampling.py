@@ -1,7 +1,8 @@
-"""Drawing view sets: V frames that are classified together, one from each cluster of a pool.
+"""Draw view sets: V frames that are classified together, one from each cluster of a pool.
 
-A pool is the frames of one object or recording, divided into V clusters. A view set is drawn around
-one of the frames that `Frames` marks, its anchor, which represents its cluster.
+A pool is the frames of one object or recording, divided into V clusters. Each view set is drawn
+around an anchor, one of the frames that `Frames` marks as such. The anchor represents its own
+cluster.
 """
 
 import numpy as np
@@ -10,15 +11,15 @@ from tactile_viewgcn.tables.frames import Views
 
 
 def random_clusters(pool: np.ndarray, views: int, rng: np.random.Generator) -> np.ndarray:
-    """Return a cluster int64 (n,), 0 to V - 1, at random: the unclustered ablation.
+    """Return a random cluster int64 (n,), 0 to V - 1, for each frame: the unclustered ablation.
 
-    The clusters of a pool are equally large. A view set from them is V different frames of the pool
-    at random.
+    The sizes of the clusters of a pool differ by one at most. A view set from random clusters is V
+    different frames of the pool, chosen at random.
 
     Args:
         pool: (n,) pool of each frame.
         views: V.
-        rng: for the order of the frames.
+        rng: draws the order of the frames.
     """
     order = np.lexsort((rng.random(len(pool)), pool))
     ranked = pool[order]
@@ -29,9 +30,9 @@ def random_clusters(pool: np.ndarray, views: int, rng: np.random.Generator) -> n
 
 
 class ViewSets:
-    """The clusters of all pools, and view sets drawn from them.
+    """The clusters of all pools, from which view sets are drawn.
 
-    For a cluster without frames a frame of its whole pool is drawn, so that frames repeat.
+    If a cluster has no frames, a frame of its whole pool is drawn instead, so frames can repeat.
 
     Args:
         cluster: (n,) cluster of each frame in its pool, 0 to V - 1.
@@ -62,10 +63,11 @@ class ViewSets:
 
         Args:
             anchors: (A,) frame indices.
-            rng: for the draw.
-            assignment: the order of the frames. `index`: column i holds a frame of cluster i, as in
-                the paper. `anchor` (released code): the anchor is first, frames of the other
-                clusters follow in random order. `random`: all are in random order.
+            rng: draws the frames and their order.
+            assignment: the order of the frames in a set. With `index`, column i holds a frame of
+                cluster i, as in the paper. With `anchor`, as in the released code, the anchor comes
+                first, and the frames of the other clusters follow in random order. With `random`,
+                all frames are in random order.
         """
         pool = self._pool[anchors]
         start = self._start[pool]
@@ -89,7 +91,7 @@ def anchor_first(sets: np.ndarray, anchors: np.ndarray, rng: np.random.Generator
     Args:
         sets: (A, V) frame indices.
         anchors: (A,) frame indices, each in its view set.
-        rng: for the order.
+        rng: draws the order.
     """
     key = rng.random(sets.shape)
     anchor_column = (sets == anchors[:, None]).argmax(axis=1)
@@ -98,17 +100,17 @@ def anchor_first(sets: np.ndarray, anchors: np.ndarray, rng: np.random.Generator
 
 
 def powers_of_two(views: int) -> tuple[int, ...]:
-    """Return 1, 2, 4 and so on below `views`, and `views`."""
+    """Return the powers of two below `views`, from 1, and `views` itself."""
     powers = [2**power for power in range((views - 1).bit_length())]
     return (*powers, views)
 
 
 def sets_of(views: Views, index: np.ndarray, rng: np.random.Generator) -> ViewSets:
-    """Return the view sets of some frames, which are counted from 0.
+    """Return the view sets of some frames, which are then numbered from 0.
 
     Args:
         views: cluster and pool of all frames.
-        index: (k,) the frames.
+        index: (k,) the frames to draw from.
         rng: draws random clusters, if no frame has a cluster.
     """
     pool = np.unique(views.pool[index], return_inverse=True)[1].ravel()

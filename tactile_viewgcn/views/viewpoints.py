@@ -1,8 +1,8 @@
-"""Viewpoints, the positions (V, 3) of the view-graph's nodes around the object.
+"""Viewpoints: the positions (V, 3) of the view-graph's nodes around the object.
 
-The paper puts 8 views on the vertices of a cube and 12 on a circle at 30 degrees of elevation. The
-cube's vertices are (+-1, +-1, +-1). The other configurations share its radius, the square root of
-3.
+The paper puts 8 views on the vertices of a cube, and 12 views on a circle at 30 degrees of
+elevation. The vertices of the cube are (+-1, +-1, +-1). All other configurations lie on the sphere
+through these vertices, whose radius is the square root of 3.
 """
 
 from itertools import product
@@ -22,11 +22,12 @@ def viewpoints(views: int, kind: str = "auto", seed: int = 0) -> np.ndarray:
     """Return positions float64 (V, 3) of viewpoints.
 
     Args:
-        views: V; 8 for a cube.
-        kind: `cube`, in lexicographic order; `circle` at 30 degrees of elevation; `sphere`: evenly
-            spread; `random`: anywhere on the sphere, as a control of whether the geometry matters;
-            `auto`: 8 cube, 12 circle, any other number sphere.
-        seed: of `random`.
+        views: V. A cube needs 8.
+        kind: the configuration. `cube` lists the vertices in lexicographic order. `circle` has 30
+            degrees of elevation. `sphere` spreads the positions evenly. `random` puts them anywhere
+            on the sphere, as a control that shows whether the geometry matters. `auto` takes the
+            cube for 8 views, the circle for 12, and the sphere for any other number.
+        seed: seed of `random`.
     """
     if kind == "auto":
         kind = AUTO.get(views, "sphere")
@@ -56,9 +57,10 @@ def _random(views: int, seed: int) -> np.ndarray:
 
 
 def _sphere(views: int) -> np.ndarray:
-    """Return evenly spread positions (V, 3): a Fibonacci lattice.
+    """Return evenly spread positions (V, 3), a Fibonacci lattice.
 
-    Its points have equal steps of height, each turned by the golden angle.
+    From point to point the height falls by equal steps, and the direction turns by the golden
+    angle.
     """
     height = 1 - (2 * np.arange(views) + 1) / views
     turn = 2 * np.pi * np.arange(views) / GOLDEN

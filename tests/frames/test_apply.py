@@ -1,6 +1,4 @@
-"""A plan gives the same numbers whenever it is applied: in preprocessing, again, and to new
-recordings.
-"""
+"""A plan gives the same numbers in preprocessing, when applied again, and on new recordings."""
 
 import numpy as np
 import pytest
@@ -23,7 +21,7 @@ CASES = [
 
 
 def made_of(path, glove, baseline, filtered, *, has_empty_hand):
-    """The recordings of a drifting glove, and what preprocessing makes of them."""
+    """The recordings of a drifting glove, and the result of preprocessing them."""
     names = ["empty_hand" if has_empty_hand else "cloth", "mug", "pen", "ball"]
     asked = (f"preprocess.baseline={baseline}", f"preprocess.filter={filtered}")
     params = load(FILE, (*SPLIT, *asked))
@@ -33,7 +31,7 @@ def made_of(path, glove, baseline, filtered, *, has_empty_hand):
 
 @pytest.fixture(scope="module")
 def glove():
-    """Four objects of two recordings, which drift."""
+    """Recordings that drift, two for each of four objects."""
     return drifting(objects=3, recordings=2, grasps=2, between=3.0, within=4.0)
 
 
@@ -86,7 +84,7 @@ def test_in_a_session_with_an_empty_hand_a_new_recording_is_measured_like_a_set(
 
 @pytest.mark.parametrize("baseline", ["empty_hand", "grasp"])
 def test_a_new_recording_depends_on_no_other_one(baseline):
-    """One of them never opens the hand; the glove reads 20 more than in the training."""
+    """In one recording the hand never opens; all counts are 20 higher than in the training set."""
     plan = recogniser(f"preprocess.baseline={baseline}").plan
     arrays = [
         recording("pen", 60) + np.int16(20),

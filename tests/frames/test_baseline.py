@@ -17,7 +17,7 @@ SD = 0.95  # counts
 
 
 def resting(baseline, frames, seed=0):
-    """Whole counts of sensors at `baseline` (H, W), with Gaussian noise."""
+    """Return whole counts of untouched sensors: `baseline` (H, W) with Gaussian noise."""
     noise = np.random.default_rng(seed).normal(0, SD, size=(frames, *np.shape(baseline)))
     return np.round(baseline + noise).astype(np.int16)
 
@@ -53,7 +53,7 @@ def test_the_baseline_of_each_session_is_estimated_to_a_twentieth_of_a_count_bel
 
 def test_each_sensor_loses_its_own_outliers_and_no_other_s():
     counts = resting(np.full((2, 2), 514.0), 60)
-    # the least of them is one once the others are gone
+    # the smallest is an outlier only after the other two are left out
     counts[:3, 0, 0] += np.array([400, 30, 9], dtype=np.int16)
     mean, noise = trimmed_moments(counts)
     kept = {at: counts[3 * (at == (0, 0)) :, *at] for at in np.ndindex(2, 2)}
@@ -73,8 +73,9 @@ def test_noise_that_is_cut_off_at_the_smallest_reading_is_measured_as_if_it_were
 def test_the_step_of_readings_in_tenths_is_a_tenth_though_they_differ_in_the_last_digits(
     dtype, digits, step
 ):
-    """A sensor that never changes has the noise of rounding, a twelfth of a step squared, which
-    others show.
+    """A sensor that never changes has the variance of rounding, a twelfth of a step squared.
+
+    The step is known from other sensors.
     """
     rng = np.random.default_rng(0)
     readings = (step * rng.integers(0, 100, (400, 3))).astype(dtype)

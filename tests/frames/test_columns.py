@@ -8,9 +8,9 @@ from tactile_viewgcn.readers.source import Form
 from tests.glove_data import of_arrays
 from tests.readers.files import ingested, save
 
-# number of each recording, six of each of four objects; of each frame
+# numbers of the recordings, six of each of four objects, and of the frames in a recording
 R, N = np.arange(24)[:, None], np.arange(40)
-# frames before it where the objects are recorded in turn
+# object of each recording, and the number of frames before it if they are recorded in this order
 OBJECT, STARTED = R // 6, 300 * R + 5 * (R % 5)
 SHUFFLED = np.random.default_rng(1).permuted(np.arange(24).reshape(4, 6), axis=1).reshape(-1, 1)
 OF_DAY = 300 * (3 * OBJECT + R % 3)  # each object in three recordings of each of two days
@@ -21,8 +21,7 @@ def tremble(size=1.0):
     return DRAWN.normal(0, size, (24, 40))
 
 
-#: Readings (24, frames) of a column that has nothing of touch, and of sensors that predict the
-#: object.
+#: Readings (24, frames) of columns that do not measure touch, and that predict the object.
 NO_SENSORS = {
     "number of the recording": R + 0 * N,
     "number in no order": SHUFFLED + 0 * N,
@@ -42,7 +41,7 @@ NO_SENSORS = {
 }
 MIXED = 100.0 * np.random.default_rng(1).permutation(24)[:, None]
 WIDE = {"clock of mixed objects": MIXED + N, "number of mixed objects": MIXED + 0 * N}
-#: A clock is one, whatever it tells; it may begin alike in each recording.
+#: Clocks and flags, which are named even if they do not predict the object.
 CLOCKS = {
     "restarts in each": N + 0 * R, "rises evenly from about the same": 2 * N + tremble(3)[:, :1],
     "counter of a byte": (STARTED + N) % 256, "number of the line, mixed": MIXED // 9 + N,
@@ -67,7 +66,7 @@ SENSORS = {
 
 
 def recordings_of(*columns, names):
-    """24 recordings of these columns (24, frames)."""
+    """Return 24 recordings of these columns, each (24, frames)."""
     X = np.stack(columns, axis=-1)[:, :, None].astype(float)
     recordings = of_arrays([*X], [*"abcd"], OBJECT[:, 0], np.zeros(24, dtype=int))
     recordings.channel_names = names
@@ -156,7 +155,7 @@ def test_rates_that_are_not_known_of_all_recordings_are_not_asked_about():
 
 @pytest.mark.parametrize("dead", [0, 2])
 def test_a_column_without_a_name_is_left_out_by_its_number_in_the_table(dead):
-    """A column that reads 0 in all recordings is none of the live sensors, and is counted."""
+    """A column that reads 0 in all recordings is not a live sensor, but the numbers count it."""
     columns = [0 * (R + N)] * dead + [N + 0 * R, tremble(), tremble()]
     (note,) = column_notes(recordings_of(*columns, names=[]))
     assert f"column {dead + 1} " in note.text and f'"leave_out:{dead + 1}"' in note.text
@@ -164,7 +163,7 @@ def test_a_column_without_a_name_is_left_out_by_its_number_in_the_table(dead):
 
 @pytest.mark.parametrize(("columns", "number"), [("", 4), ("1", 4), ("3", 4), ("4", 0)])
 def test_a_column_has_its_number_in_the_file_where_others_are_left_out(tmp_path, columns, number):
-    """Of the files' columns the second is empty, and the fourth is a clock."""
+    """The second column of the files is empty, and the fourth is a clock."""
     for place in ("ball/1", "ball/2", "mug/1", "mug/2"):
         a, b = DRAWN.normal(500, 3, (2, 40)).round(3)
         lines = [f"{a[frame]},,{b[frame]},{frame}" for frame in N]

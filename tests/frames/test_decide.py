@@ -1,4 +1,4 @@
-"""The values that `auto` becomes, by what was recorded and by readings of the training side."""
+"""The values that replace `auto`, by the kinds of recordings and the training set's readings."""
 
 from dataclasses import replace
 
@@ -19,13 +19,13 @@ BY_RECORDING = ("split.by=recording", "split.folds=2")
 
 
 def chosen(recordings, *changes):
-    """What is chosen for recordings under changed parameters; contact is of five sensors."""
+    """Return the choice for recordings under changed parameters; contact needs five sensors."""
     params = load(FILE, ("preprocess.contact_sensors=5", *changes))
     return preprocess_recordings(recordings, params.preprocess, params.split).choice
 
 
 def values(choice):
-    """What was decided, by key."""
+    """Return the decided values, by key."""
     notes = [note for note in choice.notes if note.level == "choice"]
     assert all(note.text for note in notes)
     return {note.key.removeprefix("preprocess."): note.value for note in notes}
@@ -80,8 +80,8 @@ def test_what_is_set_is_kept(glove, baseline, kept):
 @pytest.mark.parametrize(
     ("flagged", "baseline", "expected"),
     [
-        (lambda label: label > 0, "grasp", "flags"),  # none of the empty hand's
-        (lambda label: label > 1, "grasp", "contact"),  # none of one object's
+        (lambda label: label > 0, "grasp", "flags"),  # no flags in frames of the empty hand
+        (lambda label: label > 1, "grasp", "contact"),  # no flags in frames of one object
         (lambda label: label > 1, "none", "none"),
     ],
 )
@@ -96,7 +96,7 @@ def test_flags_are_taken_if_every_object_has_some(tmp_path, flagged, baseline, e
 
 
 def states_by_hand(recordings, contact):
-    """States in which the frames bool (T,) are in contact, all others open, at a noise of 1."""
+    """Return states with these frames bool (T,) in contact, all others open, and a noise of 1."""
     sensors = int(recordings.live.sum())
     return HandStates(
         recordings.live_counts(), np.ones((1, sensors)), contact, ~contact, np.zeros((1, sensors))
@@ -140,7 +140,7 @@ def test_contact_is_no_filter_where_more_than_a_twentieth_of_the_recordings_has_
 def test_the_released_scale_is_kept_near_the_readings_and_none_is_taken_that_params_refuses(
     glove, reading, scale, monkeypatch
 ):
-    # one alone is stronger
+    # a single reading is ten times stronger
     readings = np.repeat([reading / 10, reading, 10 * reading], [900, 99, 1])
     monkeypatch.setattr(module, "contact_readings", lambda *_: readings[readings > 0])
     if scale:
@@ -153,13 +153,14 @@ def test_the_released_scale_is_kept_near_the_readings_and_none_is_taken_that_par
 def test_the_scale_is_of_all_sensors_in_contact_and_all_frames_of_contact_but_the_empty_hand_s(
     tmp_path,
 ):
-    """Readings of 10 to 50 above the baseline, in a fifth of 12,000 frames each; two sensors are in
-    the noise.
+    """Readings are 10 to 50 above the baseline, each in a fifth of 12,000 frames.
+
+    Two sensors do not exceed the noise.
     """
     frame, counts = np.arange(12_000), np.zeros((12_000, 2, 3), dtype=np.int16)
     counts[:, 0] = 500 + (10 * (1 + frame // 2400))[:, None]
     counts[:, 1], counts[::2, 1, 2] = 504, 590
-    counts[frame // 10 % 3 == 0] = 590  # of the empty hand
+    counts[frame // 10 % 3 == 0] = 590  # frames of the empty hand
     recordings = written(tmp_path / "t", counts, object=(frame // 10) % 3, recording=frame // 10)
     contact = frame % 2 == 1  # in other frames a sensor reads 590
     states = states_by_hand(recordings, contact)
@@ -179,7 +180,7 @@ def test_the_fewest_sensors_in_contact_are_a_fortieth_of_the_array(glove):
         14,
         14,
     ]
-    # of 40
+    # the glove has 40 sensors
     assert (
         chosen(glove, "preprocess.contact_sensors=auto", *BY_RECORDING).plan.params.contact_sensors
         == 2

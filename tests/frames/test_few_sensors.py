@@ -1,4 +1,4 @@
-"""A glove of few sensors: an object may press a single one, all of them, or not let go of them."""
+"""A glove of few sensors: an object can press one of them, all of them, or all the time."""
 
 import numpy as np
 import pytest
@@ -10,8 +10,9 @@ EMPTY = -1
 
 
 def grip(number, pressed, rng, *, sensors, opened=10, dead=0):
-    """A recording (opened + 30, sensors + dead): the open hand, then an object that presses the
-    `pressed` sensors.
+    """Return a recording (opened + 30, sensors + dead): an open hand, then a held object.
+
+    The object presses the `pressed` sensors.
     """
     counts = 300 + rng.normal(0, 1, (opened + HELD, sensors))
     if number != EMPTY:
@@ -20,7 +21,7 @@ def grip(number, pressed, rng, *, sensors, opened=10, dead=0):
     return np.hstack([counts, np.full((opened + HELD, dead), 7.0)])
 
 
-#: number of sensors, those that each of three objects presses, and sensors that never change
+#: Number of sensors, the sensors that each of three objects presses, and number of dead sensors.
 GLOVES = {
     "one sensor": (1, [[0]] * 3, 0),
     "one that works of three": (1, [[0]] * 3, 2),
@@ -31,7 +32,7 @@ GLOVES = {
 }
 
 
-@pytest.mark.filterwarnings("error")  # frames without contact are no leak
+@pytest.mark.filterwarnings("error")  # such as a warning that frames without contact are a leak
 @pytest.mark.parametrize(
     "opened", [0, 10], ids=["held from the first frame", "the hand open first"]
 )

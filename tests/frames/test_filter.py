@@ -90,7 +90,7 @@ def test_notes_count_the_frames_that_a_filter_drops(recordings, kind):
         "contact": pressed_frames(recordings, BASELINE, 12),
     }
     passed, notes = passing(recordings, contact[kind], preprocess)
-    # all of the empty hand
+    # all recordings of the empty hand
     flags = {"none": OBJECTS >= 0, "flags": OBJECTS == 1, "contact": OBJECTS == 0}
     np.testing.assert_array_equal(passed, flags[kind])
     assert [note.topic for note in notes] == ["filter"] * len(notes) and bool(notes) == (

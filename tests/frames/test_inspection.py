@@ -1,6 +1,4 @@
-"""What `inspect` recommends for gloves that the project does not know, and that `preprocess` does
-the same.
-"""
+"""The settings that `inspect` recommends for unknown gloves, and that `preprocess` chooses too."""
 
 import shlex
 from functools import partial
@@ -27,7 +25,7 @@ from tests.readers.files import save
 
 
 def recommended(page):
-    """Recommended values, by key."""
+    """Return the recommended values, by key."""
     return {note.key.removeprefix("preprocess."): note.value for note in page.settings}
 
 
@@ -37,7 +35,8 @@ def preprocessed(recordings, *changes):
 
 
 GRASP = {"baseline": "grasp", "filter": "contact"}
-#: What each glove is recommended, and its frames in contact and of the open hand in a recording.
+#: How each glove is written, the recommended settings, and the frames in contact and with an open
+#: hand in each recording.
 GLOVES = {
     "all contact": (all_contact, {"baseline": "none", "zero": 0, "filter": "none"}, 10, 0),
     "real numbers": (floats, GRASP, 40, 18),
@@ -66,7 +65,7 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(
         2,
         "best",
     )
-    assert "scale" not in settings  # which the preset `best` does not read
+    assert "scale" not in settings  # the preset `best` does not read it
     np.testing.assert_allclose(page.counts["in contact"], contact, atol=2)
     np.testing.assert_allclose(page.counts["open hand"], opened, atol=6)
     assert page.states.all_contact == (opened == 0)
@@ -77,7 +76,7 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(
     changes = [words[i + 1] for i, word in enumerate(words) if word == "-S"]
     params = load(FILE, changes)
     assert params.data.source == str(Path("my glöve").absolute())  # the same in a temporary folder
-    assert params.preprocess.baseline == "auto"  # the test side must not choose it: preprocess does
+    assert params.preprocess.baseline == "auto"  # preprocess decides it, without the test set
     made = preprocessed(page.recordings, *changes)
     assert warnings_of(made.notes) == [] and made.choice.plan.params == page.choice.plan.params
     chosen = {note.key.removeprefix("preprocess.") for note in made.notes if note.level == "choice"}

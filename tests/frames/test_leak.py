@@ -12,7 +12,7 @@ from tests.glove_data import drifting, states_of
 
 
 def checked(recordings, *, by="grasp", baseline="empty_hand", zero=0.0):
-    """The leak check of recordings; contact is of five sensors."""
+    """Return the leak check of recordings; contact needs five sensors."""
     states = states_of(recordings)
     section = PreprocessSection(baseline=baseline, zero=zero)
     measured = measure_baseline(recordings, section, session_moments(recordings), states)
@@ -25,7 +25,7 @@ def checked(recordings, *, by="grasp", baseline="empty_hand", zero=0.0):
 def test_drift_between_recordings_predicts_their_objects_but_not_above_the_baseline_of_each_grasp(
     tmp_path, offset
 ):
-    # touch predicts nothing
+    # the sensors that are touched predict nothing
     recordings = drifting(objects=6, between=offset, same=True).table(tmp_path / "t")
     leak = checked(recordings)
     assert (leak.error, leak.chance, leak.groups) == (0, pytest.approx(5 / 6), 36)
@@ -35,8 +35,9 @@ def test_drift_between_recordings_predicts_their_objects_but_not_above_the_basel
 
 
 def test_a_drift_during_the_grasp_is_visible_above_the_baseline_before_it(tmp_path):
-    """Each recording drifts by 2 counts a grasp; above the baseline after the grasp an open hand
-    would show nothing.
+    """Each recording drifts by 2 counts a grasp.
+
+    Above the baseline after the grasp, an open hand would show no drift.
     """
     leak = checked(
         drifting(objects=6, within=12.0, same=True).table(tmp_path / "t"), baseline="grasp"
@@ -54,8 +55,9 @@ def test_what_drifts_alike_for_all_objects_is_no_leak_of_recordings(tmp_path, by
 
 
 def test_sessions_are_held_out_for_all_objects_at_once(tmp_path):
-    """Each object is in three of four sessions; a session that other objects of the training have
-    would name them.
+    """Each object is in three of four sessions.
+
+    If other objects of a held-out session stayed in the training set, the answers would name them.
     """
     glove = drifting(objects=4, recordings=3, grasps=3)
     label = glove.columns["object"]
@@ -97,27 +99,25 @@ def test_objects_are_recognised_in_groups_that_are_held_out_and_labels_at_random
         180,
         pytest.approx(2 / 3),
     )
-    by_group = rng.normal(0, 1, (18, 20))[group]  # a group is alike, an object is not
+    by_group = rng.normal(0, 1, (18, 20))[group]  # frames of a group are alike, of an object not
     alike = quick_error(lambda index: by_group[index], usable, label=label, group=group)
     assert alike.error > 0.4 and not alike.beats_chance and apart.beats_chance
     once = np.where(label == 0, group, label)
     assert quick_error(lambda index: readings[index], usable, label=label, group=once) is None
-    # alike in all groups: means over all of a group lose it
+    # the trend is the same in all groups; means whose frames are spread over a group lose it
     trend = 100.0 * np.tile(np.arange(64), 12)[:, None] / 64
     label, group = np.repeat([0, 1], 384), np.repeat(np.arange(12), 64)
     rising = trend + 20 * label[:, None]
     every = np.ones(768, dtype=bool)
     assert quick_error(rising.__getitem__, every, label=label, group=group).error == 0
-    # the eighth frames are in one mean each
+    # a mean has every eighth frame of a group, so two of eight means are wrong
     mostly = np.where(np.arange(768) % 8 < 6, 1.0, -1.0) * (2 * label - 1)
     of_mostly = quick_error(mostly[:, None].__getitem__, every, label=label, group=group)
     assert of_mostly.error == 0.25
 
 
 def designs():
-    """Random designs: the objects and the groups of frames, where groups span objects as sessions
-    do.
-    """
+    """Yield random designs: the object and the group of each frame; groups span objects."""
     for seed in range(60):
         rng = np.random.default_rng(seed)
         objects, sessions = rng.integers(3, 12), rng.integers(6, 15)
@@ -173,7 +173,7 @@ def test_a_leak_note_counts_the_objects_that_were_left_out():
 
 
 def test_many_objects_of_two_recordings_each_are_told_by_a_number_without_a_word_of_a_library():
-    """Thirty objects, told by one number; warnings are errors here."""
+    """One number tells thirty objects apart; warnings are errors here."""
     label = np.repeat(np.arange(30), 2)
     group = np.arange(60)
     usable = np.ones(60, dtype=bool)

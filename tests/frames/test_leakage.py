@@ -1,4 +1,4 @@
-"""The training side is the same to the last byte, whatever the frames of the other sides read."""
+"""The training set is the same to the last byte, whatever the frames of the other sets read."""
 
 from dataclasses import fields
 from itertools import product
@@ -15,21 +15,22 @@ BY = ("source", "recording", "grasp", "session")
 BASELINES, FILTERS = ("auto", "empty_hand", "grasp", "none"), ("auto", "flags", "contact", "none")
 EMPTY, NO_EMPTY = "the empty hand recorded", "no empty hand"
 CASES = [
-    # is refused
+    # the filter contact is refused without a baseline
     *(
         case
         for case in product(BY, BASELINES, FILTERS, [EMPTY])
         if case[1:3] != ("none", "contact")
     ),
-    # noise is that of successive frames
+    # without an empty hand, the noise is measured on successive frames
     *product(BY, ("auto", "grasp", "none"), ("auto", "none"), [NO_EMPTY]),
 ]
 
 
 @pytest.fixture(scope="module")
 def glove():
-    """An array, the empty hand and two objects, four recordings of two grasps each; one sensor is
-    dead.
+    """An array with a dead sensor: four recordings of the empty hand and of each of two objects.
+
+    Each recording has two grasps.
     """
     made = drifting(objects=2, recordings=4, grasps=2, between=1.0, shape=(8, 9))
     made.counts[:, 0, 0] = 500
@@ -37,8 +38,9 @@ def glove():
 
 
 def training_side(recordings, params):
-    """All that the training side has and all that is chosen or fitted, by name, and which frames
-    are not of it.
+    """Return everything that the training set has, or that is chosen or fitted on it, by name.
+
+    Also return which frames are not in the training set.
     """
     made = preprocess_recordings(recordings, params.preprocess, params.split)
     frames, choice, train = made.frames, made.choice, made.frames.on(TRAIN)
@@ -67,8 +69,9 @@ def training_side(recordings, params):
 def test_no_reading_of_the_other_sides_reaches_the_training_side(
     tmp_path, glove, monkeypatch, by, baseline, filtered, empty
 ):
-    """In test and validation frames each object presses other sensors, by far more, and the rest
-    read 0.
+    """Test and validation frames are changed.
+
+    There each object presses other sensors, and far more strongly. All other sensors read 0.
     """
     monkeypatch.setattr(filter, "CONTACT_SHARE", 0.042)  # 3 of 71 sensors, 4 of 72
     monkeypatch.setattr(split, "FEWEST_ANCHORS", 4)
@@ -81,7 +84,8 @@ def test_no_reading_of_the_other_sides_reaches_the_training_side(
         & ((number + grasp) % 3 > 0)
         & ((label == 1) | (filtered != "auto") | (empty != EMPTY)),
     }
-    # elsewhere it would spare the measurement of baselines; recordings are on both sides
+    # with other splits this column would spare the measurement of baselines. Recordings are in both
+    # sets
     if by == "source":
         columns["split"] = ((number == 3) | ((number == 1) & (grasp == 1))).astype(np.int8)
     asked = (
@@ -94,7 +98,7 @@ def test_no_reading_of_the_other_sides_reaches_the_training_side(
     expected, other = training_side(glove.table(tmp_path / "a", part, **columns), params)
     changed = np.zeros(len(part), dtype=bool)
     changed[np.flatnonzero(part)[other]] = True
-    # a session's empty hand gives its baseline on whichever side it is
+    # the empty hand of a session gives its baseline in whichever set it is, so it is not changed
     changed &= (label > 0) | (by == "session")
     counts, sensors = (
         glove.counts.copy().reshape(len(part), -1),
@@ -102,7 +106,7 @@ def test_no_reading_of_the_other_sides_reaches_the_training_side(
     )
     alternating = np.arange(changed.sum())[:, None] % 2
     counts[changed] = np.where(sensors, 900 + 300 * alternating, 0)
-    # where it was the only object without flags
+    # the flags are changed too: object 2 was the only one without flags
     columns["valid"] = np.where(changed, label == 2, columns["valid"])
     planted = {name: values[part] for name, values in (glove.columns | columns).items()}
     actual, _ = training_side(
@@ -114,7 +118,7 @@ def test_no_reading_of_the_other_sides_reaches_the_training_side(
 
 
 def test_the_empty_hand_of_another_side_gives_baseline_and_noise_alone(tmp_path, glove):
-    """It is the only one in which the dead sensor varies, and the only one that reads 0."""
+    """Only in this empty hand the dead sensor varies, and only it reads 0."""
     columns = glove.columns | {"session": glove.columns["recording"] % 2}
     params = recipe("preprocess.baseline=auto", "split.by=recording", "split.folds=4")
     made = preprocess_recordings(

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tactile_viewgcn.frames import baseline as fallbacks
 from tactile_viewgcn.frames import open_hand as module
 from tactile_viewgcn.frames.baseline import (
     grasps,
@@ -17,7 +18,7 @@ from tactile_viewgcn.params import PreprocessSection
 from tests.glove_data import CLOSED, NOISE, OPEN, SIGNAL, drifting, states_of
 
 CONTACT = 5  # sensors
-SD = np.hypot(NOISE, 12**-0.5)  # of counts, which are rounded
+SD = np.hypot(NOISE, 12**-0.5)  # standard deviation of the counts, which are rounded
 DRIFTS = {
     "none": {},
     "each sensor between recordings": {"between": 2 * SIGNAL},
@@ -28,13 +29,13 @@ DRIFTS = {
 
 
 def of_grasps(recordings, states, trained=None):
-    """The baseline of each grasp."""
+    """Return the baseline of each grasp."""
     section = PreprocessSection(baseline="grasp")
     return measure_baseline(recordings, section, session_moments(recordings, trained), states)
 
 
 def away(opened):
-    """Frames of the open hand that are not near a touch in their recording, frame by frame."""
+    """Return by a loop the open-hand frames that are not near a touch in their recording."""
     each = 6 * (OPEN + CLOSED)
     recordings = opened.reshape(-1, each)
     return np.array(
@@ -151,12 +152,13 @@ def test_a_grasp_without_open_hand_has_the_nearest_one_s_of_its_recording(tmp_pa
     assert len(baseline.mean) == 1 + 24 - 2
 
 
-#: Whether there is an empty hand, open hands in other recordings of the session, and a training.
+#: Whether there is an empty hand, an open hand in other recordings of the session, and a training
+#: set, for each fallback.
 REPLACEMENTS = {
-    "its session's empty hand": (True, True, True),
-    "its session's open hand": (False, True, True),
-    "the training's baseline": (False, False, True),
-    "its five quietest frames": (False, False, False),
+    fallbacks.EMPTY: (True, True, True),
+    fallbacks.OPEN: (False, True, True),
+    fallbacks.TRAINED: (False, False, True),
+    fallbacks.QUIETEST: (False, False, False),
 }
 
 
@@ -185,6 +187,6 @@ def test_a_recording_without_open_hand_is_named_and_has(tmp_path, case):
         expected = expected.reshape(5, 8).astype(np.float32)
         np.testing.assert_array_equal(baseline.mean[row], expected)
         assert any(
-            f"recording{number}" in note.text and note.topic == "baseline"
+            f"recording{number}" in note.text and case in note.text and note.topic == "baseline"
             for note in baseline.notes
         )

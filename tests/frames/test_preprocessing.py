@@ -1,5 +1,6 @@
-"""From raw recordings to the frames that a system learns from: baseline, filter, sides, classes,
-anchors, refusals.
+"""From raw recordings to the frames that a system learns from.
+
+Baseline, filter, sets, classes, anchors, and data that are refused.
 """
 
 import numpy as np
@@ -18,13 +19,13 @@ OBJECT, RECORDING, SESSION, VALID = (
 
 
 def notes_on(made, topic, text=""):
-    """The notes of a topic that contain a text."""
+    """Return the notes of a topic that contain a text."""
     return [note for note in made.notes if note.topic == topic and text in note.text]
 
 
 def test_the_baseline_of_the_frame_s_session_is_subtracted(tmp_path):
     frames, made = prepared(tmp_path)
-    # of the training side, and of the test side
+    # the baselines of the training set and of the test set are the same
     np.testing.assert_array_equal(*np.split(frames.baseline_mean, 2))
     np.testing.assert_allclose(
         frames.baseline_mean.mean(axis=(1, 2)), [514, 516, 514, 516], atol=0.1
@@ -35,7 +36,7 @@ def test_the_baseline_of_the_frame_s_session_is_subtracted(tmp_path):
     for label, pressed in enumerate([range(0), range(5), range(7, 12)]):
         mean = inputs[frames.label == label].mean(axis=0).ravel() * 150
         expected = 40.0 * np.isin(np.arange(12), pressed)
-        # noise that is cut at the baseline leaves 0.4 counts
+        # noise that is cut off at the baseline has a mean of 0.4 counts
         np.testing.assert_allclose(mean, expected, atol=0.6)
 
 
@@ -81,7 +82,7 @@ def test_the_published_split_is_taken_as_it_is_and_the_recordings_that_it_shares
 ):
     split = COLUMNS["split"].copy()
     split[np.isin(RECORDING, [0, 4, 7]) & (COLUMNS["frame"] >= 12)] = 1
-    split[(RECORDING == 9) & ~VALID] = 1  # frames that the filter drops share nothing
+    split[(RECORDING == 9) & ~VALID] = 1  # the filter drops these frames, so they do not count
     split[(RECORDING == 11) & ~VALID] = 0
     for published, shared in ((COLUMNS["split"], 0), (split, 3)):
         frames, made = prepared(tmp_path, columns=COLUMNS | {"split": published})
@@ -134,7 +135,7 @@ def test_a_class_without_training_frames_is_dropped_and_one_without_test_frames_
 
 
 def test_a_class_whose_only_used_group_the_filter_empties_is_dropped(tmp_path):
-    first = np.unique(RECORDING[OBJECT == 2])[1]  # the first of fold 0 is its test group
+    first = np.unique(RECORDING[OBJECT == 2])[1]  # fold 0 tests the object's first recording
     changes = ("split.by=recording", "split.folds=3", "split.train_groups=1")
     frames, made = prepared(
         tmp_path, *changes, columns=COLUMNS | {"valid": VALID & (first != RECORDING)}

@@ -19,8 +19,9 @@ from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 
 
 def made(objects=4, sessions=3, recordings=2, grasps=3, frames=2):
-    """Columns of a table in which every object is recorded in every session, each recording with
-    its grasps.
+    """Return the columns of a table in which every object is recorded in every session.
+
+    Each recording has several grasps.
     """
     size = (sessions, objects, recordings, grasps, frames)
     session, label, number, grasp, _ = (axis.ravel() for axis in np.indices(size))
@@ -52,9 +53,9 @@ def test_the_published_validation_is_tested_where_there_is_no_test_set():
 @pytest.mark.parametrize(
     ("across", "groups", "labels", "tested"),
     [
-        # the groups of each class are dealt in turn; a class of one group is trained on
+        # the groups of each class are dealt in turn; the only group of a class is in no fold
         (False, [0, 0, 1, 2, 3, 4, 4, 5, 7], [0, 0, 0, 0, 0, 1, 1, 1, 2], [[0, 2, 4], [1, 3, 5]]),
-        # sessions: once for all classes
+        # sessions are dealt once for all classes
         (True, [0, 1, 2, 1, 2, 3], [0, 0, 0, 1, 1, 1], [[0, 2], [1, 3]]),
     ],
 )
@@ -69,7 +70,7 @@ def test_a_deal_shuffles_the_groups_of_each_class_independently_of_other_classes
     groups, labels = np.arange(24), np.repeat([0, 1], 12)
 
     def tested(deal, of=slice(None), across=False):
-        """bool (4, 24) or fewer: the groups that each fold tests."""
+        """Return bool (4, groups), the groups that each fold tests."""
         return np.stack(
             [
                 in_fold(groups[of], labels[of], folds=4, fold=i, across=across, deal=deal)
@@ -107,7 +108,7 @@ def test_every_group_is_in_one_set_and_is_tested_in_exactly_one_fold(by, size, f
         times += side == TEST
     pairs = np.unique(np.stack([label, groups]), axis=1)
     alone = (np.bincount(pairs[0])[label] == 1) & (not across)
-    assert (times == ~alone).all()  # an object of one group is trained on
+    assert (times == ~alone).all()  # the only group of an object is never tested
 
 
 @pytest.mark.parametrize("across", [False, True])
@@ -195,7 +196,7 @@ def test_a_class_whose_groups_would_be_dealt_to_one_fold_is_held_out_in_two():
 
 
 def test_every_class_keeps_a_group_where_folds_of_scikit_learn_would_take_all():
-    """If this fails for the library's folds, they may take the place of ours."""
+    """If the library's folds no longer fail here, they can take the place of ours."""
     # three recordings of each object, as simulated, and five folds
     groups = np.arange(12)
     labels = np.repeat([0, 1, 2, 3], 3)

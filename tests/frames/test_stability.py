@@ -1,6 +1,7 @@
-"""Frames and recordings at their extremes: baseline, filter, network input, and what is refused.
+"""Frames and recordings at their extremes: baseline, filter, network input, and refused data.
 
-Sums are compared with `math.fsum`, which rounds once; network input with the transform in float64.
+Sums are compared with `math.fsum`, which rounds only once. Network input is compared with the
+transform in float64.
 """
 
 import math
@@ -23,7 +24,7 @@ from tests.glove_data import recipe, table, with_settings, written
 from tests.readers.files import read_here
 from tests.trained_network import unusual_counts
 
-ROUNDING = 2.0**-22  # of single precision, twice over
+ROUNDING = 2.0**-22  # two rounding errors of single precision
 BASELINE = 500
 PARAMS = recipe(
     "preprocess.baseline=empty_hand", "preprocess.filter=contact", "preprocess.contact_sensors=1",
@@ -34,8 +35,9 @@ PARAMS = recipe(
 
 
 def input_error(counts, baseline=None, transform="clip"):
-    """Error of the network input of counts (n, H, W) above a baseline (1, H, W), of the small table
-    or another.
+    """Return the error of the network input of counts (n, H, W) above a baseline (1, H, W).
+
+    The counts take the place of the counts in the small table, or in another table.
     """
     mean = table().baseline_mean[:1] if baseline is None else baseline
     columns = pd.DataFrame({"baseline": np.zeros(len(counts), dtype=int)})
@@ -51,7 +53,7 @@ def input_error(counts, baseline=None, transform="clip"):
 
 
 def exact_moments(counts):
-    """Mean and standard deviation (H, W) of counts (T, H, W), summed without rounding."""
+    """Return the mean and standard deviation (H, W) of counts (T, H, W), by exact sums."""
     columns = [[float(x) for x in column] for column in counts.reshape(len(counts), -1).T]
     means = [math.fsum(column) / len(column) for column in columns]
     pairs = zip(columns, means, strict=True)
@@ -110,7 +112,7 @@ def test_of_a_sensor_without_noise_one_count_more_is_noise_and_two_are_contact(
     row, tmp_path, name, kind, unit
 ):
     quiet, pressed = np.full((20, 3, 3), 500), np.repeat([0, 1, 2, 3, 40], 4)
-    quiet[::3, 2, 2] += 1  # one sensor alone has noise
+    quiet[::3, 2, 2] += 1  # only one sensor has noise
     touched = np.broadcast_to(500 + pressed[:, None, None], (20, 3, 3))
     counts = (unit * np.concatenate([quiet, touched])).astype(kind)
     recordings = written(tmp_path / "t", counts, object=np.arange(40) // 20)
@@ -124,7 +126,7 @@ def test_of_a_sensor_without_noise_one_count_more_is_noise_and_two_are_contact(
 
 
 def prepared(path, counts, **columns):
-    """Frames of recordings (R, T, H, W), each with a different name; folds are recordings."""
+    """Return the frames of recordings (R, T, H, W) with different names; folds are recordings."""
     recording = np.repeat(np.arange(len(counts)), counts.shape[1])
     recordings = written(
         path, counts.reshape(-1, *counts.shape[2:]), recording=recording, **columns
@@ -145,8 +147,9 @@ def test_sensors_that_never_change_are_refused(row, tmp_path, reading):
 
 
 def two_grasped_objects():
-    """Readings (R, T, 8, 8) around 0 of six recordings, each a grasp of one of two objects with an
-    open hand around.
+    """Return readings (R, T, 8, 8) around 0 of six recordings.
+
+    Each is a grasp of one of two objects, with an open hand before and after it.
     """
     rng = np.random.default_rng(0)
     readings = rng.normal(0, 1, (6, 24, 8, 8)) - 40
@@ -156,9 +159,10 @@ def two_grasped_objects():
 
 
 def automatic(path, readings):
-    """What `auto` becomes, and the network input with it, of recordings that are read from files.
+    """Return the values that replace `auto`, and the network input, for recordings from files.
 
-    Six arrays in turn are of the mug and of the ball; their table is in the order of their names.
+    Six arrays are alternately of the mug and of the ball. Their table is in the order of their
+    names.
     """
     path.mkdir()
     for number, counts in enumerate(np.reshape(readings, (6, -1, 8, 8))):
@@ -175,8 +179,9 @@ def automatic(path, readings):
 @pytest.mark.stability("readings far from one")
 @pytest.mark.parametrize("kind", [np.float64, np.float32])
 def test_what_is_recommended_and_the_network_input_do_not_depend_on_the_unit(row, tmp_path, kind):
-    """From 1e3 on the unit is not that of the released scale; zero and contact_sensors are no
-    units.
+    """Settings other than the scale are the same in every unit.
+
+    The reference is multiplied by 1e3, since the released scale does not fit such readings.
     """
     chosen, expected = automatic(tmp_path / "reference", (1e3 * two_grasped_objects()).astype(kind))
     for number, factor in enumerate((1e-30, 1e-20, 1e20, 8e27)):

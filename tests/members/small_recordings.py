@@ -1,4 +1,4 @@
-"""Small recordings of objects whose answer is known, and classifiers fitted to them."""
+"""Small recordings of objects with known answers, and classifiers that are fitted to them."""
 
 from unittest.mock import patch
 
@@ -17,8 +17,9 @@ NAMES = ("up", "down", "trembling", "pushed", "pulled")
 
 
 def recording(name, seed, *, frames=32, live=CHANNELS):
-    """Counts (T, S): a force on the first sensors. The first three objects have the same forces, in
-    another order.
+    """Return counts (T, S) with a force on the first sensors.
+
+    The first three objects have the same forces, each in another order.
     """
     rng, time = np.random.default_rng([seed, NAMES.index(name)]), np.linspace(-1, 1, frames)
     force = {"up": time, "down": -time, "trembling": rng.permutation(time)}.get(
@@ -30,14 +31,14 @@ def recording(name, seed, *, frames=32, live=CHANNELS):
 
 
 def recordings(seeds=range(8), names=NAMES, **how):
-    """Recordings of each object, and their labels."""
+    """Return recordings of each object, and their labels."""
     return [recording(name, seed, **how) for seed in seeds for name in names], np.tile(
         range(len(names)), len(seeds)
     )
 
 
 def examples_of(made, labels, *, live=CHANNELS, sizes=(1, 2, 4)):
-    """The examples of recordings in their glove's unit."""
+    """Return the examples of recordings, in the unit of their glove."""
     frames = np.concatenate(made)
     scale = Representation.of(live, frames, contact_unit(frames))
     classes = max(labels) + 1
@@ -45,12 +46,12 @@ def examples_of(made, labels, *, live=CHANNELS, sizes=(1, 2, 4)):
 
 
 def fitted(names, made, labels, *, live=CHANNELS, sizes=(1, 2, 4), weights=None):
-    """A classifier of recordings."""
+    """Return a classifier that is fitted to recordings."""
     examples = examples_of(made, labels, live=live, sizes=sizes)
     scale, classes = examples.representation, examples.classes
     members = build_members(names, scale, classes)
     for_sets = answering_sets(members, scale, classes)
-    # quicker, and enough for small recordings
+    # fewer trees are quicker, and enough for small recordings
     with patch.multiple(trees, TREES=60, QUICK_TREES=20):
         for member in members:
             member.measure(examples, seed=0)
@@ -69,10 +70,10 @@ def fitted(names, made, labels, *, live=CHANNELS, sizes=(1, 2, 4), weights=None)
 
 
 def values(classifier, counts):
-    """What the members read of the frames of counts (T, S)."""
+    """Return the values that the members read of the frames of counts (T, S)."""
     return classifier.frame_values(counts.reshape(-1, *classifier.representation.live.shape))
 
 
 def answers(classifier, made):
-    """Probabilities (R, classes) of recordings."""
+    """Return the probabilities (R, classes) of recordings."""
     return softmax([classifier.recording(values(classifier, each)) for each in made], axis=1)

@@ -1,6 +1,4 @@
-"""The classifier on the sensors: what it tells apart, which estimator answers, and what is kept in
-a file.
-"""
+"""The classifier on the sensors: the objects it tells apart, its estimators, and its state."""
 
 from typing import get_args
 
@@ -35,8 +33,9 @@ NEW = range(100, 105)
 
 @pytest.mark.parametrize("member", get_args(SensorMember))
 def test_directions_tremble_and_negative_forces_are_recognised_from_whole_recordings(member):
-    """From channels, by members that read the order of time; of an array all tell pushing from
-    pulling.
+    """Members that read the order of time recognise all objects from channels.
+
+    From an array every member tells pushing from pulling.
     """
     for live, names in ((CHANNELS, NAMES), (ARRAY, NAMES[3:])):
         if live is ARRAY or member in IN_TIME:
@@ -53,7 +52,7 @@ def test_order_counts_in_recordings_alone_and_answers_are_equal_alone_and_among_
     alone = [values(classifier, each) for each in made]
     together = values(classifier, np.concatenate(made))
     both = [int(classifier.recording(each).argmax()) for each in (alone[0], alone[0][::-1])]
-    assert both == [0, 1] or members == KERNELS  # up and down; these read no order
+    assert both == [0, 1] or members == KERNELS  # up and down; kernels do not read the order
     in_one = FrameValues.concatenated(alone)
     np.testing.assert_allclose(together.readings, in_one.readings, rtol=1e-6, atol=1e-6)
     assert together.answers.keys() == in_one.answers.keys() == set(members) & {"kernel"}
@@ -89,7 +88,7 @@ def test_a_loaded_classifier_gives_equal_answers(members, live):
     for name, answers_of_frames in kept.answers.items():
         assert (answers_of_frames == loaded.answers[name]).all()
     assert (first.view_sets(kept, sets) == again.view_sets(loaded, sets)).all()
-    for count in (32, 3):  # a whole recording, and a part
+    for count in (32, 3):  # a whole recording, and a part of it
         assert (first.recording(kept[:count]) == again.recording(loaded[:count])).all()
     for name in state:
         with pytest.raises(KeyError):
@@ -108,15 +107,16 @@ def test_fewer_frames_have_the_estimator_of_the_next_smaller_size():
 
 
 def test_one_short_training_recording_makes_no_part_of_a_recording_a_whole_one():
-    """Of 41 recordings 40 have 40 frames: eight are a part, as without the one of two frames;
-    twenty are whole.
+    """Forty recordings have 40 frames, and one has two.
+
+    Eight frames still count as a part of a recording, and twenty frames as a whole one.
     """
     made, labels = recordings(frames=40)
     short, usual = (
         fitted(["svm"], [*made, made[0][:2]], np.append(labels, 0)),
         fitted(["svm"], made, labels),
     )
-    # where all are short, one frame is half of a recording
+    # all recordings have two frames here, so one frame is half of a recording
     few = fitted(["svm"], *recordings(frames=2))
     for classifier, least in ((short, 20), (usual, 20), (few, 1)):
         read = values(classifier, recording("up", 100, frames=40))
@@ -126,8 +126,9 @@ def test_one_short_training_recording_makes_no_part_of_a_recording_a_whole_one()
 
 
 def test_a_part_is_shorter_than_half_of_what_nine_in_ten_training_recordings_have():
-    """Of 40 recordings, two of each length from 11 to 30 frames, the tenth percentile is 12.9: half
-    is 6.45.
+    """Two of 40 recordings have each length from 11 to 30 frames.
+
+    The tenth percentile of the lengths is 12.9, half of which is 6.45.
     """
     lengths = np.repeat(np.arange(11, 31), 2)
     labels = np.tile([0, 1], 20)
@@ -151,7 +152,7 @@ def test_of_a_recording_of_very_many_frames_every_second_one_is_read(monkeypatch
 
 
 class Network:
-    """A network with the log-probabilities of a linear classifier of its input."""
+    """A network whose log-probabilities come from a linear classifier of its input."""
 
     weights = np.random.default_rng(0).normal(size=(2, 5))
 
@@ -163,8 +164,9 @@ class Network:
 
 
 def test_members_add_their_logarithms_by_weights_and_those_of_frames_are_averaged():
-    """Of a kernel probabilities, of a network their logarithms; to it counts below the baseline are
-    0.
+    """A kernel averages the probabilities of frames, and a network averages their logarithms.
+
+    For the network, counts below the baseline are 0.
     """
     weights, frames = {"kernel": 0.5, "pooled_kernel": 2.0, "svm": 1.0}, recording("pushed", 100)
     alone = [fitted([name], *recordings()) for name in weights]
@@ -184,7 +186,7 @@ def test_members_add_their_logarithms_by_weights_and_those_of_frames_are_average
 
 @pytest.mark.parametrize("member", ["svm", "trees"])
 def test_readings_in_the_dead_zone_of_the_kernels_are_read_by_svm_and_trees(member):
-    """Of an array whose readings are all below two units: the kernels read nothing."""
+    """All readings of the array are below two units, so kernels read only zeros."""
     rng = np.random.default_rng(0)
     scale = Representation(ARRAY, np.zeros(64, np.float32), np.ones(64, np.float32))
     kernel, finer = build_members(["pooled_kernel", member], scale, 2)
@@ -197,7 +199,7 @@ def test_view_sets_stay_in_a_recording_and_take_other_frames_where_there_are_eno
     made = [recording("up", seed, frames=frames) for seed, frames in enumerate((5, 3, 3000, 5, 2))]
     examples = examples_of(made, np.arange(5))
     for size, sets in examples.sets.items():
-        of = examples.set_readings(size)[1]  # of the third recording 400 frames are taken
+        of = examples.set_readings(size)[1]  # 400 frames of the third recording are taken
         assert (np.searchsorted([5, 8, 408, 413], sets, side="right") == of[:, None]).all()
         assert np.bincount(of).tolist() == [4] * 5 and all(
             len(set(row)) == size for row in sets[of % 2 == 0][:8]
@@ -209,4 +211,4 @@ def test_view_sets_stay_in_a_recording_and_take_other_frames_where_there_are_eno
     many = examples_of(
         [recording("up", seed) for seed in range(300)], np.zeros(300, int), sizes=(8,)
     )
-    assert set(np.bincount(many.frame_recording)) == {16}  # of 32: twice the largest set
+    assert set(np.bincount(many.frame_recording)) == {16}  # of 32 frames; twice the largest set

@@ -1,4 +1,4 @@
-"""What holds for every member: its name, its fit, its answers and its state."""
+"""The rules for every member: for its name, its fit, its answers and its state."""
 
 from copy import copy
 from typing import get_args
@@ -16,7 +16,7 @@ NAMES = get_args(SensorMember)
 
 
 def fitted(name, live):
-    """A member that is fitted to two of three recordings, and the examples."""
+    """Return a member that is fitted to two thirds of the recordings, and the examples."""
     examples = examples_of(*recordings(range(6), live=live), live=live)
     (member,) = build_members([name], examples.representation, examples.classes)
     member.measure(examples, seed=0)
@@ -26,7 +26,7 @@ def fitted(name, live):
 
 
 def values(member, readings):
-    """Values of frames whose readings are (T, S)."""
+    """Return the values of frames whose readings are (T, S)."""
     answers = {}
     if member.answers_frames:
         answers[member.name] = member.answer_frames(readings, readings)
@@ -43,7 +43,7 @@ def test_every_name_of_params_has_a_member_and_every_member_a_name():
 @pytest.mark.parametrize("live", [CHANNELS, ARRAY], ids=["channels", "array"])
 @pytest.mark.parametrize("name", NAMES)
 def test_held_out_recordings_are_answered_as_new_ones_are(name, live):
-    """Of 30 recordings of 32 frames all frames are among the sampled ones."""
+    """There are 30 recordings of 32 frames, few enough that all frames are sampled."""
     member, examples = fitted(name, live)
     held_out = np.arange(30) >= 20
     together = member.answer_examples(examples, held_out)

@@ -9,8 +9,9 @@ from tactile_viewgcn.members.convolutions import FEATURES, GOLDEN, RandomConvolu
 
 
 def convolved(series, places, dilation, frame):
-    """Nine weights, 2 at the places and else -1, around a frame of a series; beyond its ends are
-    zeros.
+    """Return the sum of nine weighted values around a frame of a series.
+
+    The weights are 2 at the places and -1 elsewhere. Beyond its ends, the series is 0.
     """
     total = 0
     for place in range(9):
@@ -21,9 +22,7 @@ def convolved(series, places, dilation, frame):
 
 @pytest.mark.parametrize("frames", [1, 5, 8, 30])
 def test_features_are_the_shares_above_the_biases_by_naive_loops(frames):
-    """All numbers are whole, so that values equal to a bias, which are not above it, are among
-    them.
-    """
+    """All numbers are whole, so that some values are equal to a bias, which is not above it."""
     rng, found = np.random.default_rng(0), []
     readings, biases = rng.integers(-5, 6, size=(frames, 4)), rng.integers(-20, 21, size=(2, 84, 5))
     channels = rng.random((2, 84, 4)) < 0.5
@@ -40,16 +39,17 @@ def test_features_are_the_shares_above_the_biases_by_naive_loops(frames):
 
 
 def test_biases_are_quantiles_so_that_known_shares_of_the_fitted_recordings_are_above_them():
-    """Also where the recordings of one object are all before those of another, whose readings are
-    nine times as far.
+    """The shares are right even if one object is recorded first, and another then.
+
+    The readings of the second object are nine times as large.
     """
     recordings = (
         np.random.default_rng(0).normal(size=(40, 100, 11)) * np.repeat([1, 9], 20)[:, None, None]
     )
     convolutions = RandomConvolutions().fit(recordings, 0)
-    # eight from 1 to 99 / 8, evenly by their logarithms
+    # eight from 1 to 99 / 8, with evenly spaced logarithms, rounded down
     assert convolutions.dilations.tolist() == [1, 2, 4, 5, 8, 12]
-    assert set(convolutions.channels.sum(axis=2).ravel()) == set(range(1, 10))  # of eleven
+    assert set(convolutions.channels.sum(axis=2).ravel()) == set(range(1, 10))  # of eleven channels
     shares = np.mean([convolutions.features(each) for each in recordings], axis=0).reshape(
         convolutions.biases.shape
     )

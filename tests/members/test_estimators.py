@@ -1,4 +1,4 @@
-"""Estimators answer as scikit-learn's on the same points."""
+"""Estimators give the same answers as scikit-learn's estimators on the same points."""
 
 import warnings
 
@@ -24,8 +24,9 @@ ALL = [Ridge, NormalisedVectors, SupportVectors, KernelRidge, lambda: Forest(20)
 
 
 def data(classes):
-    """150 points far from 0, labels 0, most often, 2, 4 and so on, and 50 to ask; the last feature
-    is constant.
+    """Return 150 points far from 0, their labels, and 50 points to answer.
+
+    The labels are 0, 2, 4 and so on, and 0 is the most frequent. The last feature is constant.
     """
     rng = np.random.default_rng(0)
     labels = 2 * rng.permutation(np.maximum(np.arange(150) % (classes + 2) - 2, 0))
@@ -53,7 +54,7 @@ def regression(points, labels, asked):
 
 
 def normalised(points, labels, asked):
-    """Standardised, squashed and divided by the spread within classes, by a loop over features."""
+    """Return points that a loop over features standardised, squashed and divided by `within`."""
     columns = []
     for column, of_asked in zip(points.T, asked.T, strict=True):
         mean, spread = column.mean(), column.std() if np.ptp(column) else 1.0
@@ -125,7 +126,7 @@ def test_kept_arrays_answer_equally_and_a_class_without_examples_has_probability
     answers = probabilities(estimator().load_state_dict(fitted.state_dict()), asked, 6)
     assert (answers == probabilities(fitted, asked, 6)).all() and (answers[:, 1::2] == 0).all()
     np.testing.assert_allclose(answers.sum(axis=1), 1, atol=1e-6)
-    monkeypatch.setattr(trees, "MOST_PATHS", 100)  # in parts that fit memory
+    monkeypatch.setattr(trees, "MOST_PATHS", 100)  # evaluates the trees in parts
     np.testing.assert_allclose(probabilities(fitted, asked, 6), answers, rtol=1e-5)
 
 
@@ -133,5 +134,6 @@ def test_of_many_points_some_are_taken_and_of_every_class_one():
     points, labels = np.arange(300)[:, None], np.r_[np.zeros(298, int), 1, 2]
     taken, of = sampled(points, labels, 0, 30)
     assert 31 <= len(set(taken.ravel())) == len(taken) <= 33 and (of == labels[taken.ravel()]).all()
-    assert np.histogram(taken, 3)[0].min() > 3  # at random, since points lie recording by recording
+    # the sample is random, since points are sorted by recording
+    assert np.histogram(taken, 3)[0].min() > 3
     assert set(of) == {0, 1, 2} and len(KernelRidge(30).fit(points, labels, 0).points) == len(taken)

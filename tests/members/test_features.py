@@ -13,13 +13,13 @@ READINGS = np.random.default_rng(0).normal(size=(2, 43, 3))  # two recordings of
 
 
 def in_general(part):
-    """Mean, spread and change of a channel, a list of readings."""
+    """Return mean, spread and change of a channel, which is a list of readings."""
     change = fmean([abs(b - a) for a, b in pairwise(part)] or [0])
     return [fmean(part), math.log(pstdev(part) + 0.05), math.log(change + 0.05)]
 
 
 def statistics(channel):
-    """The 21 statistics of a channel."""
+    """Return the 21 statistics of a channel."""
     count, tenth, (mean, spread, change) = (
         len(channel),
         max(1, len(channel) // 10),
@@ -50,8 +50,10 @@ def test_statistics_of_recordings_by_naive_loops(frames):
 
 
 def test_points_of_an_array_by_hand():
-    """Weak readings are noise. Of two sensors in two frames, log(1 + x - 2) is 0 and log 2, then 0
-    and log 8.
+    """Weak readings are noise.
+
+    For two sensors, log(1 + x - 2) is 0 and log 2 in the first frame, and 0 and log 8 in the
+    second.
     """
     log2, expected = math.log(2), [-math.log(4), 0, 0, 0, math.log(2), math.log(4)]
     np.testing.assert_allclose(features.pressed(np.array([-5.0, -2, 0, 2, 3, 5])), expected)
@@ -63,8 +65,9 @@ def test_points_of_an_array_by_hand():
 
 @pytest.mark.parametrize("shape", [(6, 6), (5, 7), (8, 3), (9, 11), (4, 16)])
 def test_blocks_are_the_squares_of_any_glove(shape):
-    """Also where the width is no multiple of the block: the naive loop over squares, half of whose
-    cells are live.
+    """A naive loop finds the squares with at least half of their cells live.
+
+    The width need not be a multiple of the block.
     """
     live, expected = np.random.default_rng(0).random(shape) < 0.7, []
     rows, columns = np.nonzero(live)

@@ -14,7 +14,7 @@ def test_one_reading_in_ten_is_above_four_units_and_a_glove_that_is_hardly_touch
     unit = contact_unit(readings)
     assert np.mean(readings > 4 * unit) == pytest.approx(0.1, abs=2e-3)
     assert contact_unit(readings / 1000) == pytest.approx(unit / 1000)
-    hardly = np.zeros((10, 100), dtype=np.float32)  # touched
+    hardly = np.zeros((10, 100), dtype=np.float32)  # a glove that is hardly touched
     hardly[0, :4] = 8
     assert contact_unit(hardly) == 2.0 and contact_unit(0 * hardly) == 1.0
 
@@ -46,7 +46,7 @@ def test_noise_is_that_of_successive_frames_of_a_recording(monkeypatch):
         == np.median(np.abs(change[:, :, live])) / (0.6745 * 2**0.5)
         == pytest.approx(3, rel=0.1)
     )
-    # of all recordings, of which the first two are quiet
+    # the few compared pairs come from all recordings, of which the first two are quiet
     monkeypatch.setattr(representation, "MOST_PAIRS", 30)
     quiet = offset + np.where(recording < 2, 0.1, 1)[:, None, None] * (counts - offset)
     assert 0.2 < successive_noise(quiet, recording, index, live) / noise < 0.9

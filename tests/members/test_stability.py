@@ -1,6 +1,4 @@
-"""Every member on extreme readings and lengths, by which objects that press different sensors have
-to be told apart.
-"""
+"""Every member on extreme readings and lengths of objects that press different sensors."""
 
 from typing import get_args
 
@@ -23,7 +21,7 @@ NOT_BY_ONE_FRAME = {
     ("svm", "array"),
     ("trees", "array"),
 }
-CASES = {  # a recording's counts, which read 60 at most, and its number
+CASES = {  # functions of a recording's counts, which are at most 60, and of its number
     "a constant sensor": lambda counts, _: last(counts, 500.1),
     "a sensor that reads 0": lambda counts, _: last(counts, 0),
     SCALED: lambda counts, _: last(counts, 1e27 * counts[:, :1]),
@@ -44,8 +42,9 @@ def last(counts, reading):
 
 
 def presses(case, live=CHANNELS, seed=0, each=6):
-    """Recordings, changed as the case says, of three objects that press one sensor for half of the
-    time; and labels.
+    """Return recordings of three objects, changed as the case says, and their labels.
+
+    Each object presses one sensor for half of the time.
     """
     rng, labels = np.random.default_rng(seed), np.tile(np.arange(3), each)
     counts = rng.normal(0, 1, (len(labels), 40, live.sum()))
@@ -59,10 +58,11 @@ def presses(case, live=CHANNELS, seed=0, each=6):
 @pytest.mark.parametrize(("kind", "live"), [("channels", CHANNELS), ("array", ARRAY)])
 @pytest.mark.parametrize("member", get_args(SensorMember))
 def test_every_member_distinguishes_objects_by_extreme_readings(row, member, kind, live):
-    """But by one frame not convolutions, whose weights add to 0, nor svm and trees an array: they
-    read its noise too.
+    """There are three exceptions.
 
-    In an array a far stronger sensor outweighs others.
+    The weights of convolutions add up to 0, so convolutions do not distinguish objects by one
+    frame. Nor do svm and trees with an array, because they read its noise too. In an array, a far
+    stronger sensor outweighs others.
     """
     for case in CASES:
         examples = presses(case, live, each=1 if case == SINGLE else 6)
@@ -87,7 +87,7 @@ def test_every_member_distinguishes_objects_by_extreme_readings(row, member, kin
 
 
 @pytest.mark.stability("members on extreme readings")
-# then the quotient is outside of float32
+# in these cases the scaled readings can be outside of float32
 @pytest.mark.parametrize("case", ["unequal lengths", "1e-30 times"])
 @pytest.mark.parametrize("member", get_args(SensorMember))
 def test_readings_far_outside_of_the_training_have_finite_answers_and_1_000_frames_one(

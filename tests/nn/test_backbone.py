@@ -15,7 +15,7 @@ def test_it_has_the_released_code_s_number_of_weights():
 
 
 def plain_stem(stem):
-    """The layers that the stem stands for, with its weights."""
+    """Return the four layers that the stem replaces, with its weights."""
     convolution = nn.Conv2d(1, 8, 3, padding=1, bias=False)
     layers = nn.Sequential(convolution, nn.BatchNorm2d(8), nn.ReLU(), nn.MaxPool2d(3, 2, 1))
     layers[0].load_state_dict(stem.conv.state_dict())
@@ -24,7 +24,7 @@ def plain_stem(stem):
 
 
 def test_the_stem_is_convolution_normalisation_relu_and_pooling():
-    """In float64, of frames as faint as tactile ones; the normalisation turns some maps around."""
+    """Frames in float64 are as faint as tactile frames; the normalisation inverts some maps."""
     torch.manual_seed(0)
     stem, frames = Stem(8).double(), torch.rand(5, 1, 9, 12, dtype=torch.float64) ** 4
     nn.init.uniform_(stem.norm.weight, -1, 1)
@@ -41,12 +41,12 @@ def test_the_stem_is_convolution_normalisation_relu_and_pooling():
         torch.autograd.grad(maps, weights, slope),
         torch.autograd.grad(expected, plain_weights, slope),
     )
-    # by the running moments
+    # in evaluation mode, with the running moments
     torch.testing.assert_close(stem.eval()(2 * frames), plain.eval()(2 * frames))
 
 
 def maps_and_features(backbone, frames):
-    """The last maps of the backbone in evaluation mode, and the features that it reads there."""
+    """Return the last maps of the backbone in evaluation mode, and the features made of them."""
     maps = []
     hook = backbone.stage2.register_forward_hook(lambda _, __, out: maps.append(out))
     features = backbone.eval()(frames)
@@ -55,9 +55,7 @@ def maps_and_features(backbone, frames):
 
 
 def grid_of(maps):
-    """Means of 4 x 4 parts of maps (B, C, H, W) side by side, map by map and row by row: (B, C *
-    16).
-    """
+    """Return the means (B, C * 16) of 4 x 4 parts of maps (B, C, H, W), by map and row."""
     parts = [
         [slice(i * side // 4, -(-(i + 1) * side // 4)) for i in range(4)] for side in maps.shape[2:]
     ]

@@ -37,9 +37,7 @@ def test_a_shape_classifier_drops_half_of_its_units_in_training_alone():
 
 
 class Recorder(ViewSystem):
-    """Keeps the sizes of its batches; its logits are the first view of each set less the sum of
-    all.
-    """
+    """Keeps the sizes of its batches; its logits are the first view minus the sum of all views."""
 
     def __init__(self, in_time_order):
         torch.nn.Module.__init__(self)
@@ -77,7 +75,7 @@ def test_the_fewest_sets_use_each_frame_in_order_and_none_more_than_twice_if_the
 
 @pytest.mark.parametrize("name", ["mean", "vote", "view_gcn", "stag", "cnn_lstm"])
 @pytest.mark.parametrize(
-    ("count", "of_sets"),  # worked by hand: of ten frames two are in two sets
+    ("count", "of_sets"),  # worked by hand; of ten frames, two are in two sets
     [
         (10, [[0, 2, 5, 7], [1, 3, 6, 8], [2, 4, 7, 9]]),
         (8, [[0, 2, 4, 6], [1, 3, 5, 7]]),

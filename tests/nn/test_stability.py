@@ -1,7 +1,7 @@
-"""The view-graph at extreme places and with as many nodes as are allowed, and sure selectors.
+"""The view-graph at extreme places and with the most nodes allowed, and very confident selectors.
 
-The network is Tactile-ViewGCN's with random weights. References are the same in float64, and plain
-loops.
+The network is Tactile-ViewGCN's network with random weights. References are the same network in
+float64, and plain loops.
 """
 
 from copy import deepcopy
@@ -19,7 +19,7 @@ from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.glove_data import recipe
 from tests.trained_network import SINGLE, with_the_same_views
 
-ROUNDING = 2.0**-21  # of single precision, after a few sums
+ROUNDING = 2.0**-21  # error of single precision after a few sums
 EVEN = torch.from_numpy(viewpoints(8, "sphere"))
 #: Places (V, 3) of the nodes of a graph.
 PLACES = {
@@ -39,9 +39,7 @@ PLACES = {
 
 
 def view_gcn(places, *changes):
-    """Tactile-ViewGCN's network at places (V, 3), in evaluation mode, its weights drawn with seed
-    0.
-    """
+    """Return Tactile-ViewGCN's network at places (V, 3) with weights of seed 0, for evaluation."""
     torch.manual_seed(0)
     model = recipe("model.neighbours=4", *changes).model
     return build_classifier(places, 27, model, (32, 32)).head.eval()
@@ -52,7 +50,7 @@ def nodes_of(views, count=4):
 
 
 def logits_error(head, nodes):
-    """Of logits in float32 against float64, of the same selected views."""
+    """Return the error of logits in float32 against float64, for the same selected views."""
     with torch.inference_mode():
         return max_rel_error(
             *with_the_same_views(
@@ -62,7 +60,7 @@ def logits_error(head, nodes):
 
 
 def ranks(positions):
-    """Squared distances (V, V) in 65,536ths of the largest, in double precision."""
+    """Return squared distances (V, V) in 65,536ths of the largest, in double precision."""
     places = positions.double().numpy()
     squared = ((places[:, None] - places) ** 2).sum(axis=-1)
     return np.rint(squared / max(squared.max(), np.finfo(float).tiny) * 2**16)
@@ -140,7 +138,7 @@ def test_distances_keep_their_digits_a_million_away_from_the_origin(row):
 @pytest.mark.stability("sum of messages")
 def test_the_sum_of_messages_keeps_its_digits_and_grows_with_the_number_of_views(row):
     passing, sums = NonLocalMessagePassing(128), []
-    with torch.no_grad():  # a pair's message is LeakyReLU(F_j + F_i), and nothing else rounds
+    with torch.no_grad():  # a pair's message is LeakyReLU(F_j + F_i), so that nothing else rounds
         passing.message.weight.copy_(torch.eye(128).repeat(1, 2))
         passing.message.bias.zero_()
         for views in (10, 100, 1000):
@@ -149,7 +147,7 @@ def test_the_sum_of_messages_keeps_its_digits_and_grows_with_the_number_of_views
             sums.append(float(exact.abs().mean()))
             error = max_rel_error(passing.received(nodes), exact)
             row(f"received, {views:,} views", error, ROUNDING, f"mean size {sums[-1]:.3g}")
-    slope = np.log10(sums[-1] / sums[-2])  # equation 4 has no 1 / V
+    slope = np.log10(sums[-1] / sums[-2])  # sums grow with V, since equation 4 has no factor 1 / V
     row("growth with V, exponent above 1", abs(slope - 1), 0.05, f"grows as V^{slope:.3f}")
 
 

@@ -1,4 +1,4 @@
-"""How sure a choice is; equation 5 is tested with the network that it is part of."""
+"""The confidence of a choice; equation 5 is tested together with its network."""
 
 import math
 

@@ -163,22 +163,22 @@ def test_sensors_in_a_different_order_are_refused_and_a_different_rate_is_warned
 @pytest.mark.parametrize(
     ("changes", "others", "instead", "high"),
     [
-        ([], {}, "the training's", 0),
+        ([], {}, "the training set's", 0),
         ([], {"empty": empty_hand(63)}, "", 60),
-        ([], {"open": recording("cup", 63)}, "the training's", 0),
+        ([], {"open": recording("cup", 63)}, "the training set's", 0),
         (
             ["preprocess.baseline=grasp"],
             {"open": recording("cup", 63)},
-            "the training's baseline",
+            "the training set's baseline",
             0,
         ),
         (
             ["preprocess.baseline=grasp"],
             {"empty": empty_hand(63)},
-            "their session's empty hand",
+            "the session's empty hand",
             20,
         ),
-        (["preprocess.baseline=grasp"], {}, "the training's baseline", 0),
+        (["preprocess.baseline=grasp"], {}, "the training set's baseline", 0),
     ],
 )
 def test_a_recording_without_an_open_hand_has_the_baseline_of_its_empty_hand_or_of_the_training(

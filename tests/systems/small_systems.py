@@ -19,7 +19,7 @@ def fill(parameter, values):
 
 
 def only_leaky(system):
-    """The system in evaluation mode with a shape classifier that does nothing but the LeakyReLU."""
+    """Return the system in evaluation mode; its shape classifier is only a LeakyReLU."""
     for layer in (system.classifier[0], system.classifier[3]):
         fill(layer.weight, torch.eye(len(layer.weight)))
         fill(layer.bias, torch.zeros(len(layer.bias)))
@@ -27,19 +27,19 @@ def only_leaky(system):
 
 
 def built(name, *changes, places=LINE, classes=5):
-    """A classifier with features of 16 and maps of 16 x 3 x 3, in evaluation mode."""
+    """Return a classifier with 16 features and maps of 16 x 3 x 3, in evaluation mode."""
     torch.manual_seed(0)
     model = recipe(f"model.system={name}", NARROW, *changes).model
     return build_classifier(places, classes, model, (12, 12)).eval()
 
 
 def head_of(kind, *changes, places=LINE, classes=5, features=16):
-    """A system's network alone; `features` is C, or the shape (C, H, W) of maps."""
+    """Return only the head of a system; `features` is C, or the shape (C, H, W) of maps."""
     shape = features if isinstance(features, tuple) else (features,)
     return kind(torch.as_tensor(places), shape, classes, recipe(*changes).model)
 
 
 def some_views(classifier, count=None):
-    """What the classifier's system takes of three sets of `count` views, or of V."""
+    """Return features, or maps, of three view sets of `count` views, or of V views."""
     shape = (3, classifier.views if count is None else count, *classifier.feature_shape)
     return torch.randn(shape, generator=torch.Generator().manual_seed(1))

@@ -1,4 +1,4 @@
-"""GCN by hand."""
+"""GCN, worked by hand."""
 
 import math
 
@@ -12,7 +12,7 @@ from tests.systems.small_systems import LINE, built, fill, head_of, only_leaky, 
 def test_the_normalised_adjacency_by_hand():
     root6 = math.sqrt(6)
     expected = [[1 / 2, 1 / root6, 0], [1 / root6, 1 / 3, 1 / root6], [0, 1 / root6, 1 / 2]]
-    # 0 - 1 - 3: the middle one is among the nearest of both
+    # places 0, 1 and 3: the middle node is among the nearest nodes of both others
     middle_joined = normalised_adjacency(LINE[:3], 2)
     torch.testing.assert_close(middle_joined, torch.tensor(expected))
     torch.testing.assert_close(normalised_adjacency(LINE[:3], 1), torch.eye(3))

@@ -1,4 +1,4 @@
-"""GVCNN by hand."""
+"""GVCNN, worked by hand."""
 
 import pytest
 import torch
@@ -12,10 +12,10 @@ def test_the_grouped_mean_by_hand():
     scores = torch.tensor([[0.2, 0.4, 0.9]])
     # two groups: means [2, 2] and [5, 10], weights 0.3 and 0.9
     torch.testing.assert_close(grouped_mean(features, scores, 2), torch.tensor([[4.25, 8]]))
-    # four groups, the third without a view: each view is alone in a group
+    # four groups, the third of them empty: each view is in a group of its own
     expected = torch.tensor([[(0.2 * 1 + 0.4 * 3 + 0.9 * 5) / 1.5, (0.4 * 4 + 0.9 * 10) / 1.5]])
     torch.testing.assert_close(grouped_mean(features, scores, 4), expected)
-    for alike in (0.2, 1):  # a score may round to 1
+    for alike in (0.2, 1):  # a score can round to 1
         torch.testing.assert_close(
             grouped_mean(features, torch.full((1, 3), alike), 2), features.mean(dim=1)
         )
@@ -26,8 +26,8 @@ def test_gvcnn_scores_the_maps_and_averages_them_by_hand():
     system = only_leaky(head_of(GVCNN, places=LINE[:2], features=(1, 1, 2), classes=1))
     fill(system.score.weight, [1, -1])
     fill(system.score.bias, [0])
-    # the maps [1, 4] and [2, 1]: scores 3/4 and 1/2, both in the upper half; [2, 2.25] and [3, 3]:
-    # 1/5 and 0, the lower
+    # the maps [1, 4] and [2, 1] have scores 3/4 and 1/2, both in the upper half. The maps [2, 2.25]
+    # and [3, 3] have scores 1/5 and 0, both in the lower half
     views = torch.tensor([[1.0, 4], [2, 1], [2, 2.25], [3, 3]]).view(1, 4, 1, 1, 2)
     expected = ((3 / 4 + 1 / 2) / 2 * (2.5 + 1.5) / 2 + 1 / 5 / 2 * (2.125 + 3) / 2) / (
         (3 / 4 + 1 / 2) / 2 + 1 / 5 / 2

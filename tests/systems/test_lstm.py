@@ -22,8 +22,9 @@ def test_cnn_lstm_classifies_the_last_state_of_the_plain_loop():
 
 
 def plain_conv_lstm(system, views):
-    """Logits by a loop over views and gates, each gate a convolution of the view and one of the
-    hidden state.
+    """Return the logits by a loop over views and gates.
+
+    Each gate is a convolution of the view plus a convolution of the hidden state.
     """
     batch, _, channels, height, width = views.shape
     weight, bias = system.gates.weight, system.gates.bias
@@ -46,5 +47,5 @@ def test_conv_lstm_equals_the_plain_loop_over_views_and_gates():
     views = torch.randn(2, 5, 3, 4, 6)
     expected = plain_conv_lstm(system, views)
     torch.testing.assert_close(system(views)[0], expected)
-    # in float32 too
+    # the cell stays in float32, even if the maps are in bfloat16
     torch.testing.assert_close(system(views.bfloat16())[0], expected, rtol=0, atol=0.01)

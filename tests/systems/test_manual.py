@@ -14,17 +14,17 @@ NAME = "median"
 
 
 def section() -> str:
-    """The manual's section "Add a system"."""
+    """Return the manual's section "Add a system"."""
     return (ROOT / "docs" / "systems.md").read_text().partition("## Add a system")[2]
 
 
 def example() -> str:
-    """The program of that section."""
+    """Return the program of that section."""
     return re.search(r"^```python\n(.*?)^```$", section(), re.MULTILINE | re.DOTALL)[1]
 
 
 def described_by() -> list[str]:
-    """The sets of names in the tests that the section puts the example into."""
+    """Return the names of the tests' sets into which the section puts the example."""
     sentence = re.search(rf"`{NAME}` belongs\s+to the sets ([^.:]*)", section())
     return re.findall(r"`([A-Z_]+)`", sentence[1]) if sentence else []
 
@@ -37,7 +37,7 @@ def put(path, place, text):
 
 
 def python(*words, cwd) -> str:
-    """What a program of the copy prints, which has to end well."""
+    """Return the output of a program of the copy, which has to end without error."""
     command = [sys.executable, *words]
     environment = os.environ | {"PYTHONPATH": str(cwd)}
     done = subprocess.run(

@@ -10,7 +10,7 @@ from tests.systems.small_systems import LINE, head_of
 
 
 def brute_force(ratio):
-    """The highest sum of a matrix (4, 4) over permutations, and the permutation."""
+    """Return the highest sum of a matrix (4, 4) over permutations, and the permutation."""
     return max(
         (sum(float(ratio[i, j]) for i, j in enumerate(turn)), turn)
         for turn in permutations(range(4))
@@ -30,7 +30,7 @@ def test_the_best_permutation_and_its_score_are_those_of_brute_force():
             assert tuple(place[b, label].tolist()) == turn
             assert scores[b, label].item() == pytest.approx(best, abs=1e-5)
             involutions += all(turn[turn[i]] == i for i in range(4))
-    # where it is not its own inverse, views and viewpoints cannot be mistaken
+    # if a permutation is not its own inverse, swapping views and viewpoints would be noticed
     assert involutions < 15
 
 

@@ -14,7 +14,7 @@ from tests.systems.small_systems import NARROW, NETWORKS
     ("name", "reuse"), [*((name, 1) for name in NETWORKS), ("gvcnn", 4), ("conv_lstm", 4)]
 )
 def test_it_trains_and_evaluates_with_one_view_and_with_more_views_than_frames(name, reuse, views):
-    """With and without reused features, which on maps are of another shape."""
+    """Features are reused or not; on maps they have another shape."""
     changes = (
         f"model.system={name}",
         f"finetune.feature_reuse={reuse}",
@@ -33,5 +33,5 @@ def test_it_trains_and_evaluates_with_one_view_and_with_more_views_than_frames(n
     logits = []
     classifier.head.register_forward_hook(lambda _, __, out: logits.append(out[0]))
     evaluate_table(classifier, frames, params, CPU)
-    assert len(logits) >= 3  # of both protocols, of whole recordings, and of fewer views
+    assert len(logits) >= 3  # for both protocols, for whole recordings, and for fewer views
     assert all(part.shape[1] == 4 and part.isfinite().all() for part in logits)

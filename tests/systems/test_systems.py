@@ -1,4 +1,4 @@
-"""What every system may know, and what all have in common."""
+"""The properties of every system: which input it depends on, and what all have in common."""
 
 import math
 from contextlib import nullcontext
@@ -18,7 +18,7 @@ ANY_ORDER = {"mvcnn", "mean", "vote", "gvcnn", "rotationnet"}
 IN_TIME = {"cnn_lstm", "conv_lstm"}
 #: `takes_fewer` and `takes_more`
 ANY_NUMBER = {"mvcnn", "mean", "vote", "gvcnn"}
-#: Neither of them: V views and no other number
+#: Neither `takes_fewer` nor `takes_more`: V views and no other number
 ALL_VIEWS = {"stag", "rotationnet"}
 #: `takes` maps
 ON_MAPS = {"conv_lstm", "gvcnn"}
@@ -51,7 +51,7 @@ def test_the_order_of_the_views_matters_where_it_should_and_those_in_time_order_
 def test_fewer_and_more_views_are_taken_where_a_system_says_so(name):
     classifier = built(name)
     assert classifier.head.takes_fewer == (name not in ALL_VIEWS)
-    # on maps each number costs as much as the rest
+    # on maps each number of views costs as much as all others
     assert classifier.takes_fewer == (name not in ALL_VIEWS | ON_MAPS)
     assert (classifier.head.takes == "maps") == (name in ON_MAPS)
     assert not built("view_gcn", "model.selector=joint").takes_fewer
@@ -84,10 +84,10 @@ def test_a_loss_moves_every_weight(name, classes):
 
 @pytest.mark.parametrize("name", NETWORKS)
 def test_a_system_says_whether_its_loss_reads_values_on_the_processor(name, monkeypatch):
-    # which refuses the device "meta"
+    # autocast refuses the device "meta", so it is replaced
     monkeypatch.setattr(torch, "autocast", lambda *_, **options: nullcontext())
     classifier = built(name).train()
-    # whose values no processor can read
+    # tensors on "meta" have no values that a CPU could read
     head, views = classifier.head.to("meta"), some_views(classifier).to("meta")
     with nullcontext() if head.capturable else pytest.raises(RuntimeError, match="meta tensor"):
         assert (

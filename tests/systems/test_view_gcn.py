@@ -16,7 +16,7 @@ from tests.systems.small_systems import head_of
 from tests.trained_network import without_dropout
 
 ROOT = Path(__file__).parents[2]
-# no two distances alike
+# places without equal distances
 PLACES = np.random.default_rng(0).normal(size=(9, 3)).astype(np.float32).astype(float)
 
 
@@ -51,8 +51,9 @@ def furthest(places, count):
 
 
 def convolved(layer, nodes, places, count, power):
-    """Equations 1 and 2: the sum over a node's nearest, itself among them, weighted by an MLP of
-    the edge.
+    """Equations 1 and 2: the sum over a node's nearest nodes, weighted by an MLP of the edge.
+
+    A node is one of its own nearest nodes.
     """
     sums = np.zeros_like(nodes)
     for i, here in enumerate(places):
@@ -65,8 +66,9 @@ def convolved(layer, nodes, places, count, power):
 
 
 def exchanged(layer, nodes):
-    """Equations 3 and 4: a message from each node to each, itself among them, and what a node makes
-    of their sum.
+    """Equations 3 and 4: messages from all nodes to each node, fused with the node.
+
+    A node sends a message to itself too.
     """
     received = [
         sum(leaky(dense(layer.message, np.concatenate([sender, node]))) for sender in nodes)
@@ -76,8 +78,9 @@ def exchanged(layer, nodes):
 
 
 def selected(sampler, nodes, places, kept):
-    """Equation 5: the surest of the four nearest of each sampled node, and the logits (kept, K,
-    classes) of all.
+    """Equation 5: the most confident of the four nodes nearest to each sampled node.
+
+    Also returns the logits (kept, K, classes) of all of them.
     """
     near = np.array([nearest(places, i, 4) for i in furthest(places, kept)])
     if sampler.joint:
@@ -107,7 +110,7 @@ def selected(sampler, nodes, places, kept):
 def test_the_network_is_equations_1_to_5_of_all_views_and_of_the_furthest_few(
     monkeypatch, count, distance, neighbours, selector
 ):
-    """The messages of nine nodes are summed in three parts, of four senders, four and one."""
+    """The messages of nine nodes are summed in three parts of four, four and one senders."""
     monkeypatch.setattr(message_passing, "MAX_MESSAGES", 4 * 2 * 9 * 6)
     torch.manual_seed(0)
     changes = f"edge_distance={distance}", f"neighbours={neighbours}", f"selector={selector}"
@@ -146,8 +149,10 @@ def test_the_network_is_equations_1_to_5_of_all_views_and_of_the_furthest_few(
 
 @pytest.mark.parametrize(("view_loss", "share"), [("sum", 1), ("mean", 1 / 3)])
 def test_equation_6_by_hand(view_loss, share):
-    """Two view sets alike; samplers of two candidates and of one, with probabilities of 1/2, 3/4
-    and 1/2.
+    """Both view sets are alike.
+
+    The first sampler has two candidates with probabilities of 1/2 and 3/4. The second has one with
+    1/2.
     """
     outputs = share * math.log(2 * 4 / 3 * 2)
     head, zero, label = (
@@ -178,7 +183,7 @@ def test_the_released_preset_has_the_released_number_of_weights():
 
 @pytest.mark.stability("gradients")
 def test_gradients_equal_finite_differences(row, monkeypatch):
-    monkeypatch.setattr(message_passing, "MAX_MESSAGES", 2 * 2 * 5 * 3)  # in parts
+    monkeypatch.setattr(message_passing, "MAX_MESSAGES", 2 * 2 * 5 * 3)  # sums messages in parts
     torch.manual_seed(0)
     passing = message_passing.NonLocalMessagePassing(3).double()
     convolution = LocalGraphConvolution(3, 3, "squared").double()

@@ -1,4 +1,4 @@
-"""Both trainings on the small table, the same call for each."""
+"""Pretraining and fine-tuning on the small table, with the same call for both."""
 
 import torch
 from torch import nn
@@ -9,14 +9,14 @@ from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, view
 
 
 def frames_of(changes, every):
-    """The table of the changes to `split`, with each `every`-th anchor."""
+    """Return the table under the changes to `split`, with only every `every`-th anchor."""
     return fewer_anchors(
         table(*(change for change in changes if change.startswith("split"))), every
     )
 
 
 def pretrain(*changes, every=1, **checkpoint):
-    """Backbone and linear classifier as one module, and the progress."""
+    """Return backbone and linear classifier as one module, and the progress."""
     backbone, linear, progress = pretrain_backbone(
         frames_of(changes, every), recipe(*changes), CPU, **checkpoint
     )
@@ -24,7 +24,7 @@ def pretrain(*changes, every=1, **checkpoint):
 
 
 def finetune(*changes, every=1, **checkpoint):
-    """The network, from the small table's backbone, and the progress."""
+    """Return the network, trained from the small table's backbone, and the progress."""
     frames, params = frames_of(changes, every), recipe(*changes)
     return finetune_classifier(
         frames, views_of(frames, params), pretrained(), params, CPU, **checkpoint
@@ -32,6 +32,6 @@ def finetune(*changes, every=1, **checkpoint):
 
 
 def equal_weights(one, other):
-    """Whether two modules have equal weights and moments, bit by bit."""
+    """Return whether two modules have equal weights and moments, bit by bit."""
     pairs = zip(one.state_dict().values(), other.state_dict().values(), strict=True)
     return all(torch.equal(a, b) for a, b in pairs)

@@ -1,4 +1,4 @@
-"""A training that was interrupted ends as one that was not."""
+"""A training run that was interrupted ends like a training run that was not."""
 
 import re
 import shutil
@@ -18,12 +18,13 @@ from tests.training.small_trainings import equal_weights, finetune, pretrain
 
 
 class Interrupted(KeyboardInterrupt):
-    """What a kill is here."""
+    """Stands for a kill of the process."""
 
 
 def pretrained(path, *changes):
-    """The modules and the progress; `on_epoch` is called with every value of the curves, also of a
-    training resumed.
+    """Return the modules and the progress.
+
+    `on_epoch` has to be called with every value of the curves, even in a resumed training run.
     """
     calls = []
     keep = {"checkpoint_path": path, "on_epoch": lambda *values: calls.append(values)}
@@ -41,7 +42,7 @@ def finetuned(path, *changes):
 
 
 def interrupt(monkeypatch, after):
-    """Checkpoints that end the process, in the middle of the epoch that follows."""
+    """Let the checkpoint after an epoch end the process, as if in the middle of the next epoch."""
 
     def saved(path, parts, progress):
         save(path, parts, progress)
@@ -78,11 +79,11 @@ def test_an_interrupted_training_ends_as_one_that_was_not(
         interrupt(patch, after)
         with pytest.raises(Interrupted):
             train(path, *changes)
-    torch.manual_seed(99)  # another process
+    torch.manual_seed(99)  # the state of torch's generator in another process
     resumed, again = train(path, *changes)
     assert equal_weights(whole, resumed) and again.curves == progress.curves
     assert again.epoch == progress.epoch == 4 and progress.resumed == (0, 0.0)
-    # epochs
+    # the numbers of epochs in the text: all of them, and those before the interruption
     assert [re.findall(r"\d+ ", str(each)) for each in (progress, again)] == [
         ["4 "],
         ["4 ", f"{after} "],
@@ -117,7 +118,7 @@ def test_a_stage_that_was_interrupted_goes_on_and_ends_as_one_that_was_not(
 def test_a_continued_training_has_as_many_threads_as_before(tmp_path):
     save(tmp_path / "training.pt", [], {})
     before = torch.get_num_threads()
-    torch.set_num_threads(before + 1)  # another process, with one core more idle
+    torch.set_num_threads(before + 1)  # as in another process, when one core more is idle
     restore(tmp_path / "training.pt", [])
     assert torch.get_num_threads() == before
 
@@ -131,7 +132,7 @@ def test_a_damaged_checkpoint_is_refused(tmp_path):
 
 @pytest.fixture
 def path_of(tmp_path, monkeypatch):
-    """The path of a training's checkpoint in the repository `tmp_path`."""
+    """Return a function that gives the path of a checkpoint in the repository `tmp_path`."""
     monkeypatch.setenv("DVC_ROOT", str(tmp_path))
 
     def path_of(*training):

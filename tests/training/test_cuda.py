@@ -1,6 +1,4 @@
-"""Training and answers on a CUDA card beside those on the processor; without a card the tests skip,
-saying so.
-"""
+"""Training and answers on a GPU, compared with the CPU; without a GPU the tests are skipped."""
 
 from copy import deepcopy
 
@@ -18,13 +16,13 @@ from tactile_viewgcn.training.replay import Replay
 from tests.glove_data import CPU, pretrained, recipe, table, views_of
 from tests.systems.small_systems import NETWORKS
 
-pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA card")
+pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA GPU")
 CUDA = select_device("cuda", "float32") if torch.cuda.is_available() else CPU
 
 
 @pytest.fixture
 def graphs(monkeypatch):
-    """The graphs that are repeated, once for each time."""
+    """Return the list of repeated graphs, with a graph once for each time that it is repeated."""
     repeated, replay = [], torch.cuda.CUDAGraph.replay
 
     def watched(graph):
@@ -67,7 +65,7 @@ def test_an_interrupted_training_goes_on_as_one_that_was_not(tmp_path):
         pretrain_backbone(table(), recipe(), CUDA, tmp_path / "kept.pt", stop)
     progress = pretrain_backbone(table(), recipe(), CUDA, tmp_path / "kept.pt")[2]
     assert progress.resumed[0] == 2
-    # some sums have no fixed order
+    # not equal to the last digit, since some sums have no fixed order
     assert progress.curves["loss"] == pytest.approx(whole.curves["loss"], abs=0.01)
 
 
@@ -88,7 +86,7 @@ def test_a_repeated_step_has_the_loss_and_the_gradients_of_a_launched_one(graphs
         torch.testing.assert_close(loss, expected.detach(), rtol=1e-4, atol=1e-6)
         for one, other in zip(repeated.parameters(), launched.parameters(), strict=True):
             torch.testing.assert_close(one.grad, other.grad, rtol=1e-4, atol=1e-6)
-            with torch.no_grad():  # the next step is of other weights
+            with torch.no_grad():  # the next step has other weights
                 other -= 0.1 * other.grad
                 one.copy_(other)
     assert len(graphs) == 3 and len(set(graphs)) == 1  # the first step is computed as usual

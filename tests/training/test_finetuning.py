@@ -75,8 +75,9 @@ def test_a_side_draws_one_set_around_each_of_its_anchors():
 
 
 def planned(*changes, **order):
-    """A side, its anchors' view sets (A, V), and the batches of an epoch; the noise of frames is a
-    change of sign.
+    """Return the training set, the view sets (A, V) of its anchors, and the batches of an epoch.
+
+    The noise of frames is replaced by a change of sign.
     """
     params, frames = recipe(*changes), table()
     side = SubsetViewSets(TRAIN, frames, views_of(frames, params), params, CPU)

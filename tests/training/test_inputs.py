@@ -1,6 +1,4 @@
-"""Network input of frames, from memory or from the table's mapped file, and its changes in
-training.
-"""
+"""Network input of frames, from memory or from the table's mapped file, and its noise."""
 
 from dataclasses import replace
 
@@ -15,7 +13,7 @@ from tests.glove_data import CPU, table, with_settings
 
 @pytest.fixture
 def both(tmp_path):
-    """The table in memory, and the same as it is read."""
+    """Return the table in memory, and the same table mapped from its file."""
     save_table(tmp_path / "frames", table())
     read = load_table(tmp_path / "frames", Frames)
     return replace(read, counts=read.counts[:]), read
@@ -37,7 +35,7 @@ def test_a_batch_is_the_network_input_of_its_frames_in_the_order_that_convolutio
     ("share", "transform", "full_scale"), [(0.015, "clip", 1), (0.3, "clip", 1), (0.3, "log", 2)]
 )
 def test_noise_is_white_of_the_stated_share_of_full_scale(share, transform, full_scale):
-    """Full scale of the logarithm is log(1 + e² - 1)."""
+    """With the transform log, full scale is log(1 + e² - 1) = 2."""
     index, everyone = np.arange(200), torch.arange(200)
     read, noise = with_settings(table(), transform=transform, scale=np.e**2 - 1), share * full_scale
     frames = FrameInputs(read, index, CPU, noise=share, rng=torch.Generator().manual_seed(1))

@@ -1,4 +1,4 @@
-"""The loop over epochs: its steps, its curves, and a training that diverges."""
+"""The loop over epochs: its steps, its curves, and a training run that diverges."""
 
 import math
 
@@ -13,7 +13,7 @@ from tests.glove_data import recipe
 
 
 class Loss(nn.Module):
-    """A loss of a batch (epoch, step) by a function."""
+    """The loss of a batch (epoch, step), computed by a function."""
 
     def __init__(self, function):
         super().__init__()
@@ -24,7 +24,7 @@ class Loss(nn.Module):
 
 
 class Training:
-    """A training whose batches are pairs of epoch and step, which it keeps in `taken`."""
+    """A training whose batches are pairs of epoch and step; `taken` has the batches so far."""
 
     generators = ()
 
@@ -41,8 +41,9 @@ class Training:
 
 
 def run(loss_of, parameters, *, epochs, steps=2, rate=0.25, validate=dict, schedule="constant"):
-    """A training whose batches are pairs of epoch and step: its progress or its error, and the
-    batches it took.
+    """Train on batches that are pairs of epoch and step.
+
+    Returns the progress or the error message, and the batches that were taken.
     """
     changes = f"epochs={epochs}", f"schedule={schedule}", "step_size=1"
     config = recipe(*(f"pretrain.{change}" for change in changes)).pretrain
@@ -94,7 +95,7 @@ def test_a_step_goes_down_the_loss_by_its_epoch_s_rate_and_the_curves_are_means_
 def test_every_step_has_the_rates_of_its_epoch_to_the_last_digit_after_an_interruption_too(
     tmp_path, training, schedule, interrupted
 ):
-    """The first rates times the factor of the epoch."""
+    """The rates of an epoch are the first rates times the factor of the epoch."""
     changes = "epochs=5", f"schedule={schedule}", "lr=0.3"
     config = getattr(recipe(*(f"{training}.{change}" for change in changes)), training)
     rates = []
@@ -132,7 +133,7 @@ def test_every_step_has_the_rates_of_its_epoch_to_the_last_digit_after_an_interr
 def test_a_training_that_diverges_ends_and_names_the_epoch_the_rates_and_the_key_to_lower(
     bad, epoch
 ):
-    """Two weights of one, whose loss is 2, and from an epoch's second batch on about `bad`."""
+    """Two weights of 1 have a loss of 2; from the second batch of an epoch on it is about `bad`."""
     first, second = (nn.Parameter(torch.ones(())) for _ in range(2))
     groups = [{"params": [first], "lr": 1e-9}, {"params": [second], "lr": 0.0}]
     fault, taken = run(

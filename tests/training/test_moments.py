@@ -1,4 +1,4 @@
-"""Moments of batch normalisation measured after a training."""
+"""Moments of batch normalisation that are measured after a training run."""
 
 import pytest
 import torch
@@ -10,7 +10,7 @@ from tests.training.small_trainings import finetune
 
 
 class FirstView(nn.Sequential):
-    """The normalised first view of each set."""
+    """A head that returns the normalised first view of each set."""
 
     def __init__(self, in_time_order):
         super().__init__(nn.Dropout(0.5), nn.BatchNorm1d(2))
@@ -21,7 +21,7 @@ class FirstView(nn.Sequential):
 
 
 def normalised(layer, values, parts):
-    """The values (n, 2) after the layer, whose moments are the means of those of its batches."""
+    """Return the values (n, 2) after the layer; its moments are means over its batches."""
     mean = torch.stack([values[part].mean(dim=0) for part in parts]).mean(dim=0)
     variance = torch.stack([values[part].var(dim=0) for part in parts]).mean(dim=0)
     torch.testing.assert_close((layer.running_mean, layer.running_var), (mean, variance))
@@ -32,8 +32,9 @@ def normalised(layer, values, parts):
 def test_moments_are_means_over_batches_the_backbone_s_first_then_the_head_s_in_its_order(
     in_time_order,
 ):
-    """Three batches of 300 frames, a tensor that knows no noise, then four of 400 view sets,
-    without dropout.
+    """Three batches of 300 frames come first, then four batches of 400 view sets.
+
+    There is no dropout. The frames are a plain tensor, so a call for noisy frames would fail.
     """
     draw = torch.Generator().manual_seed(0)
     frames, sets = (

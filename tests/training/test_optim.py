@@ -40,7 +40,7 @@ def test_the_optimiser_is_the_one_asked_for_with_the_recipe_s_rate_and_decay(
         ("cosine", 4, {0: 1, 1: 0.853553, 2: 0.5, 3: 0.146447}),
         ("cosine", 3, {0: 1, 1: 0.75, 2: 0.25}),
         ("compounding_cosine", 4, {0: 1, 1: 1, 2: 0.5, 3: 0.0732233}),
-        # released: rates 3.8e-6 and 2.8e-11 of 5e-4
+        # the released code has rates of 3.8e-6 and 2.8e-11, from 5e-4
         ("compounding_cosine", 15, {10: 7.571892e-3, 14: 5.649665e-8}),
         ("exponential", 4, {0: 1, 1: 0.977237, 50: 0.316228, 100: 0.1}),
     ],

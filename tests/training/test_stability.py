@@ -1,4 +1,4 @@
-"""Losses and gradients at their ends, on a small trained classifier."""
+"""Losses and gradients for extreme batches, on a small trained classifier."""
 
 import numpy as np
 import pytest
@@ -11,15 +11,16 @@ from tactile_viewgcn.views.viewpoints import viewpoints
 from tests.glove_data import recipe, table, trained
 from tests.trained_network import some_sets, without_dropout
 
-SUM = 2.0**-20  # of single precision, after a few sums
+SUM = 2.0**-20  # error of single precision after a few sums
 SYSTEMS = ["view_gcn", "stag", "gvcnn", "cnn_lstm", "rotationnet", "vote"]
 INPUTS = table().inputs(table().on(TEST)[:24])
 SETS, LABELS = some_sets(24, 4, 6), np.arange(6) % 4
 
 
 def classifier_of(system):
-    """The small trained classifier, or another system's with random weights; in training, but
-    without dropout.
+    """Return the small trained classifier, or that of another system with random weights.
+
+    It is in training mode, but without dropout.
     """
     torch.manual_seed(0)
     other = build_classifier(
@@ -36,7 +37,7 @@ def loss_of(classifier, frames, sets=SETS, labels=LABELS):
 
 
 def not_finite(system, inputs, sets=SETS, labels=LABELS):
-    """Largest share of numbers that are not finite, of the loss or of a gradient."""
+    """Return the largest share of numbers that are not finite, in the loss or in a gradient."""
     classifier = classifier_of(system)
     loss = loss_of(classifier, torch.from_numpy(inputs.astype(np.float32)), sets, labels)
     if loss.requires_grad:
@@ -46,7 +47,7 @@ def not_finite(system, inputs, sets=SETS, labels=LABELS):
 
 
 def suffix(system):
-    """What distinguishes the rows of other systems than the default."""
+    """Return the end of a row's name, which names the system unless it is the default."""
     return "" if system == "view_gcn" else f", {system}"
 
 

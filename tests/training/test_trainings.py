@@ -1,4 +1,4 @@
-"""Both trainings learn, and the recipe reaches the optimiser."""
+"""Pretraining and fine-tuning learn, and the recipe reaches the optimiser."""
 
 import numpy as np
 import pytest
@@ -25,15 +25,15 @@ def test_it_learns_to_recognise_the_objects(train, changes, epochs):
         "loss": epochs,
         "validation_error": epochs,
     }
-    assert curves["validation_error"][-1] < 0.3  # of new recordings; chance: 0.75
+    assert curves["validation_error"][-1] < 0.3  # on new recordings; chance is 0.75
     assert curves["loss"][-1] < 0.7 * curves["loss"][0]
-    # without a validation side
+    # without a validation set
     assert list(train("pretrain.epochs=1", every=12)[1].curves) == ["loss"]
 
 
 @pytest.fixture
 def fitted(monkeypatch):
-    """The arguments of the loop over epochs, which then does nothing."""
+    """Return the arguments of the loop over epochs, which is replaced and does nothing."""
     arguments = {}
 
     def fit(stage, config, *, training, optimiser, **_):

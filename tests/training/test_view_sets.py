@@ -1,4 +1,4 @@
-"""The bank of features that the view sets of a training share."""
+"""The bank of features that the view sets of a training run share."""
 
 from types import SimpleNamespace
 
@@ -12,7 +12,7 @@ from tests.glove_data import CPU
 
 
 def loss_with_bank(size, shape=(1,), compute=CPU):
-    """A loss whose network's features are the frames themselves; it comes in evaluation mode."""
+    """Return a loss whose network has the frames themselves as features, in evaluation mode."""
     head = SimpleNamespace(capturable=True)
     return SetLoss(
         SimpleNamespace(backbone=nn.Flatten().eval(), head=head, feature_shape=shape), compute, size
@@ -63,5 +63,5 @@ def test_a_batch_has_new_features_and_banked_ones_and_gradients_reach_the_new_al
     loss(frames, torch.zeros(2), sets, passing).backward()
     assert seen[0].squeeze(-1).tolist() == [[100, 1, 101], [0, 102, 103]]
     assert torch.equal(frames.grad, 2 * frames.detach())
-    # of frame 4's two the first
+    # frame 4 passes twice, and its first feature is stored
     assert loss.bank.flatten().tolist() == [0, 1, 2, 3, 100, 5, 6, 101, 8, 103, 10, 11]

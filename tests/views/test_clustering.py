@@ -72,7 +72,7 @@ def test_the_seed_decides_the_clusters(tmp_path):
 
 
 def test_each_pool_is_clustered_by_itself():
-    """Six well separated blobs in random order, three in each pool."""
+    """The points are six well separated blobs in random order, three in each pool."""
     rng = np.random.default_rng(1)
     blob = rng.permutation(np.repeat(np.arange(6), 10))
     points = (10 * np.eye(20)[blob] + 0.1 * rng.standard_normal((60, 20))).astype(np.float32)

@@ -9,8 +9,9 @@ from tactile_viewgcn.views.recording_clusters import RecordingClusters
 
 
 def clumps(sizes, seed=0):
-    """Points (T, 12) of clumps of these numbers of frames, far from each other, in a random order;
-    clump (T,).
+    """Return points (T, 12) in clumps that are far from each other, and the clump (T,) of each.
+
+    The clumps have these numbers of frames. The points are in random order.
     """
     rng = np.random.default_rng(seed)
     clump = rng.permutation(np.repeat(np.arange(len(sizes)), sizes))

@@ -12,7 +12,7 @@ DRAWS = 6000
 
 @st.composite
 def clustered(draw):
-    """Clusters and pools (n,) in any order, some clusters empty, every pool with frames; and V."""
+    """Draw clusters and pools (n,) in any order, and V; some clusters are empty, but no pool is."""
     views, pools = draw(st.integers(1, 6)), draw(st.integers(1, 4))
     extra = draw(st.lists(st.integers(0, pools - 1), max_size=30))
     pool = np.array(draw(st.permutations([*range(pools), *extra])))
@@ -93,7 +93,7 @@ def test_random_parts_of_a_pool_are_equally_large(pool, views, seed):
     for number in np.unique(pool):
         sizes = np.bincount(parts[pool == number], minlength=views)
         assert len(sizes) == views
-        # fewer frames than views lie in a part each: a view set shows them all
+        # if there are fewer frames than views, a view set shows all frames
         assert sizes.max() - sizes.min() <= 1
 
 

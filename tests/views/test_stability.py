@@ -1,7 +1,7 @@
-"""Principal components and k-means on frames that leave them little to go by.
+"""Principal components and k-means on extreme frames: equal, faint, flat, or far from 0.
 
-As many components as the points have dimensions keep all distances, so scores are compared with the
-points themselves.
+If there are as many components as dimensions, the scores keep all distances. So scores are compared
+with the points themselves.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ VIEWS = 8
 
 
 def distances(points):
-    """(n, n) of points (n, d), without cancellation."""
+    """Return the distances (n, n) of points (n, d), without cancellation."""
     return np.sqrt(((points[:, None] - points) ** 2).sum(axis=-1))
 
 
@@ -85,7 +85,7 @@ def test_of_fewer_frames_than_1_000_views_each_is_a_cluster_and_every_view_is_a_
         np.arange(300), np.random.default_rng(0)
     )
     row("views that are no frame", float(((sets < 0) | (sets >= 300)).mean()))
-    # views of a cluster of one frame
+    # the views of a cluster that has one frame
     alone = np.take_along_axis(sets, np.broadcast_to(labels, (300, 300)), axis=1)
     row(
         "frames away from their cluster's view",

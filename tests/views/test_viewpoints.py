@@ -13,8 +13,9 @@ def squared(places):
 
 
 def widest(count):
-    """The least distance of `count` points on the unit sphere is at most this (Fejes Toth); sharp
-    at 3, 4, 6, 12.
+    """Return the bound of Fejes Toth on the least distance of `count` points on the unit sphere.
+
+    The bound is reached for 3, 4, 6 and 12 points.
     """
     return 2.0 if count == 2 else np.sqrt(4 - np.sin(np.pi * count / (6 * (count - 2))) ** -2)
 
