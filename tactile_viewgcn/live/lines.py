@@ -353,5 +353,5 @@ def _words(text: str) -> Words:
 
 
 def _content(name: str) -> str:
-    """Return what a column holds by its name, if it is no sensor; "" for readings."""
+    """Return what a column holds by its name, if it is not a sensor; "" for readings."""
     return content_by_name(name) or label_kind(name)

@@ -149,7 +149,7 @@ def _content_of(column: _Column, form: Form, of_model: list[str], *, has_names: 
 def _add_column(
     table: _Table, column: _Column, content: str, file: str, places: Iterable[str]
 ) -> None:
-    """Add a column to a table; a column that is no sensor gets a note."""
+    """Add a column to a table; a column that is not a sensor gets a note."""
     filled = np.abs(column.values) <= MAX_PRESSURE
     if content in LABELS:
         filled = column.cells.notna().to_numpy()
@@ -170,7 +170,7 @@ def _add_column(
         count = f"{np.sum(~filled)} of {len(filled)} cells are no number"
         content = f"time, not used: {count}, such as {example!r}"
     topic = MODEL_TOPIC if content.startswith(NOT_OF_MODEL) else "columns"
-    text = f"{column} is no sensor ({content})"
+    text = f"{column} is not a sensor ({content})"
     table.notes.append(Note(text, topic=topic, value=column.number + 1))
 
 
