@@ -159,7 +159,7 @@ def test_a_counter_that_is_known_by_its_name_is_no_sensor_and_named(tmp_path):
         return {".header.seq": 100 * number + np.arange(frames)}
 
     text = inspected(saved(tmp_path / "glove", columns=counter))
-    assert "6 of 6 sensors vary" in text and "('.header.seq') is no sensor (line number)" in text
+    assert "6 of 6 sensors vary" in text and "('.header.seq') is not a sensor (line number)" in text
 
 
 @pytest.mark.parametrize("unit", ["ms", "us"])
