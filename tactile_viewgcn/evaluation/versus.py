@@ -76,7 +76,7 @@ class Difference:
         """
         if self.same:
             return "both give the same answers"
-        if self.low is None or self.high is None:
+        if self.low is None or self.high is None or self.detects is None:
             return "one split group was tested, which says nothing about others"
         if self.low == self.high == 0:
             return "both are wrong as often on every recording"
@@ -84,7 +84,7 @@ class Difference:
             return f"{name} has the higher error"
         if self.high < 0:
             return f"{name} has the lower error"
-        points = np.ceil(1000 * (self.high - self.low) / 2) / 10
+        points = np.ceil(1000 * self.detects) / 10
         text = "cannot be told apart; this test set shows differences of "
         return text + f"{points:.1f} points or more"
 
@@ -99,11 +99,11 @@ def differences(first: Predictions, second: Predictions) -> list[Difference]:
     Raises:
         UserError: there is no common recording.
     """
-    found = []
+    by_protocol = []
     for protocol in reversed(TITLES):
         if protocol in first.trials and protocol in second.trials:
-            found.append(_difference(protocol, first, second))
-    return found
+            by_protocol.append(_difference(protocol, first, second))
+    return by_protocol
 
 
 def _difference(protocol: str, first: Predictions, second: Predictions) -> Difference:
@@ -258,12 +258,13 @@ def versus_head(run: FinishedRun) -> VersusHead | None:
     try:
         head = read_run(HEAD, fetch=False)
         require_same_recordings(head, run)
-        found = differences(head.predictions, run.predictions)
+        by_protocol = differences(head.predictions, run.predictions)
     except Exception:  # no repository of DVC, no results, those of another version or other data
         return None
-    (difference,) = [each for each in found if each.protocol == WHOLE]
-    own = [each.score["error"]["mean"] for each in (head, run)]
-    are_all_common = np.allclose(own, (difference.first, difference.second))
+    (difference,) = [entry for entry in by_protocol if entry.protocol == WHOLE]
+    errors_of_all = [head.score["error"]["mean"], run.score["error"]["mean"]]
+    errors_of_common = [difference.first, difference.second]
+    are_all_common = np.allclose(errors_of_all, errors_of_common)
     changed = changed_params(head, run)
     if not are_all_common or (difference.same and not changed):
         return None

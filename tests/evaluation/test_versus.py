@@ -34,22 +34,23 @@ def run(wrong, *, chosen=slice(None), classes=CLASSES, protocols=(WHOLE,)):
 
 
 def test_a_known_difference_has_the_interval_of_a_bootstrap_by_hand():
-    (found,) = differences(run([0, 1, 2, 4, 5]), run([0, 8]))
-    assert (found.protocol, found.groups, found.same) == (WHOLE, 12, False)
-    assert (found.first, found.second) == pytest.approx((5 / 12, 2 / 12))
-    assert found.more == pytest.approx(-3 / 12)
+    (difference,) = differences(run([0, 1, 2, 4, 5]), run([0, 8]))
+    assert (difference.protocol, difference.groups, difference.same) == (WHOLE, 12, False)
+    assert (difference.first, difference.second) == pytest.approx((5 / 12, 2 / 12))
+    assert difference.more == pytest.approx(-3 / 12)
     # of twelve recordings four became right, one wrong
     changes = np.array([0, -1, -1, 0, -1, -1, 0, 0, 1, 0, 0, 0])
     rng = np.random.default_rng(1)
     means = rng.choice(changes, (100_000, 12)).mean(axis=1)
     low, high = np.percentile(means, [2.5, 97.5])
-    assert (found.low, found.high) == pytest.approx((low, high), abs=0.02)
-    assert found.detects == pytest.approx((found.high - found.low) / 2)
+    assert (difference.low, difference.high) == pytest.approx((low, high), abs=0.02)
+    assert difference.detects == pytest.approx((difference.high - difference.low) / 2)
 
 
 def test_every_protocol_is_compared_and_whole_recordings_come_first():
-    both = [run([0], protocols=TITLES), run([1], protocols=TITLES)]
-    assert [found.protocol for found in differences(*both)] == [WHOLE, "recording", "object"]
+    by_protocol = differences(run([0], protocols=TITLES), run([1], protocols=TITLES))
+    protocols = [difference.protocol for difference in by_protocol]
+    assert protocols == [WHOLE, "recording", "object"]
 
 
 @pytest.mark.parametrize(
@@ -62,37 +63,37 @@ def test_every_protocol_is_compared_and_whole_recordings_come_first():
     ],
 )
 def test_the_verdict_in_words(first, second, words):
-    (found,) = differences(run(first), run(second))
-    assert found.verdict("B").startswith(words)
+    (difference,) = differences(run(first), run(second))
+    assert difference.verdict("B").startswith(words)
 
 
 def test_other_answers_that_are_wrong_on_the_same_recordings_have_no_threshold():
     first, second = run([0, 4]), run([0, 4])
     second.trials[WHOLE].best[0, 4, 0] = 0  # pen for mug becomes cup for mug
-    (found,) = differences(first, second)
-    assert not found.same and (found.low, found.high) == (0, 0)
-    assert found.verdict("B") == "both are wrong as often on every recording"
+    (difference,) = differences(first, second)
+    assert not difference.same and (difference.low, difference.high) == (0, 0)
+    assert difference.verdict("B") == "both are wrong as often on every recording"
 
 
 def test_equal_errors_on_other_recordings_are_not_the_same_answers():
-    (found,) = differences(run([0]), run([1]))
-    assert (found.more, found.same) == (0, False)
+    (difference,) = differences(run([0]), run([1]))
+    assert (difference.more, difference.same) == (0, False)
 
 
 def test_only_common_recordings_count_and_classes_are_compared_by_name():
     fewer = run([0, 1], chosen=slice(0, 8), classes=np.array(["pen", "mug", "cup"]))
-    (found,) = differences(run([0, 11]), fewer)
-    assert found.groups == 8
-    assert (found.first, found.second) == pytest.approx((1 / 8, 2 / 8))
+    (difference,) = differences(run([0, 11]), fewer)
+    assert difference.groups == 8
+    assert (difference.first, difference.second) == pytest.approx((1 / 8, 2 / 8))
     with pytest.raises(UserError, match="whole recordings: the runs have no recording in common"):
         differences(run([], chosen=slice(0, 4)), run([], chosen=slice(4, 12)))
 
 
 def test_one_split_group_has_no_interval():
     one = run([0], chosen=slice(0, 1))
-    (found,) = differences(one, run([], chosen=slice(0, 1)))
-    assert (found.low, found.detects) == (None, None)
-    assert "says nothing" in found.verdict("B")
+    (difference,) = differences(one, run([], chosen=slice(0, 1)))
+    assert (difference.low, difference.detects) == (None, None)
+    assert "says nothing" in difference.verdict("B")
 
 
 def test_answers_of_a_group_are_resampled_together():
