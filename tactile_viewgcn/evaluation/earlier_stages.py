@@ -42,7 +42,8 @@ def costs(
 
     Args:
         latency_ms: see `evaluate.latency`.
-        records: of the stages whose costs count.
+        records: of the stages before `evaluate`; the costs of the virtual glove are added where its
+            recordings were read.
         seconds: of the stage `evaluate`.
         peak_mb: peak memory of the stage `evaluate`, in MB.
 
@@ -50,6 +51,7 @@ def costs(
         `seconds` of each stage and in total, `latency_ms` per answer, and `peak_mb`, the peak
             memory of the stage that needed most.
     """
+    records = simulation(records) | records
     seconds_of = {stage: record.seconds for stage, record in records.items()}
     seconds_of[ROW] = seconds
     seconds_of["total"] = sum(seconds_of.values())

@@ -75,7 +75,7 @@ class FinishedRun:
         self.ends: tuple[float, float] | None = None
         if error["low"] is not None:
             self.ends = (error["low"], error["high"])
-        whole = self.predictions.trials[WHOLE]
+        whole = self.predictions.whole
         self.counts = whole.confusion(len(self.predictions.classes))
         self.chance = whole.chance
         ((self.tested_set, self.groups),) = self.metrics["groups"].items()

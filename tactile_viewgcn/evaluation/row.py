@@ -1,17 +1,20 @@
 """The pipeline's row in MLflow: what it has besides params.yaml."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactile_viewgcn.evaluation import live
 from tactile_viewgcn.evaluation.finished_run import FinishedRun
 from tactile_viewgcn.evaluation.results import SCORED, errors_by_frames
-from tactile_viewgcn.evaluation.trials import WHOLE, Predictions
+from tactile_viewgcn.evaluation.trials import Predictions
 from tactile_viewgcn.evaluation.versus import VersusHead
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.provenance import EARLIER, ROW
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tracking import Run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,6 +37,57 @@ class Row:
     tags: dict[str, str]
     parameters: dict[str, float]
     metrics: list[tuple[str, float, int]]
+
+
+def log_row(
+    run: Run,
+    finished: FinishedRun,
+    numbers: dict[str, float],
+    versus: VersusHead | None,
+    *,
+    model: Path,
+    table: Frames,
+    page: Callable[[FinishedRun], str],
+) -> list[str]:
+    """Log the pipeline's row to MLflow: data set, model, numbers, pictures and report.
+
+    Args:
+        run: the run in MLflow.
+        finished: the finished run, with its results.
+        numbers: content of summary.json.
+        versus: the comparison with the run of the commit; None where they cannot be compared.
+        model: file of the classifier.
+        table: frames that the classifier was trained and tested on.
+        page: function that returns the report's page as HTML.
+
+    Returns:
+        Lines for the terminal: how a program loads the model, and where MLflow shows the row. There
+            are none where nothing is logged.
+    """
+    if not run.id:
+        return []
+    if "ingest" in finished.records:
+        source = finished.records["ingest"].inputs["source"]
+        run.dataset(source["path"], source["md5"][:8])
+    name = finished.records[ROW].name or ROW
+    metadata = model_metadata(table, finished.metrics["views"])
+    address = run.model(name, model, metadata)
+    row = row_of(finished, numbers, versus)
+    run.batch(row.tags, row.parameters, row.metrics, model=address)
+
+    def log_pages(mlflow: Any) -> None:
+        for file, figure in figures_of(finished.predictions, finished.live).items():
+            mlflow.log_figure(figure, file)
+        mlflow.log_text(page(replace(finished, name=run.id or "")), "report.html")
+
+    run.attempt(log_pages)
+    run.description = description(finished, name)
+    lines = list[str]()
+    if address:
+        lines.append(f"  in a program: mlflow.pyfunc.load_model({address!r})")
+    if run.table:
+        lines.append(f"  beside other runs: {run.table}")
+    return lines
 
 
 def row_of(run: FinishedRun, numbers: dict[str, float], versus: VersusHead | None) -> Row:
@@ -105,7 +159,7 @@ def figures_of(predictions: Predictions, rows: list[live.Row]) -> dict[str, "Fig
     """
     from tactile_viewgcn import plots  # here, since it loads Matplotlib
 
-    whole = predictions.trials[WHOLE]
+    whole = predictions.whole
     counts = whole.confusion(len(predictions.classes))
     figures = {"confusion.png": plots.confusion(counts, predictions.classes.tolist())}
     if rows:

@@ -175,6 +175,11 @@ class Predictions:
     trials: dict[str, Trials]
     classes: np.ndarray
 
+    @property
+    def whole(self) -> Trials:
+        """Return the answers to whole recordings."""
+        return self.trials[WHOLE]
+
 
 def write_predictions(path: Path, predictions: Predictions) -> None:
     """Write as .npz: `classes`, and the attributes of `trials` but `fewer` as `NAME.ATTRIBUTE`."""

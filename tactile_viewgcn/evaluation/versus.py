@@ -5,6 +5,7 @@ mean difference over split groups, see `intervals.group_interval`. It does not c
 runs: each run has one seed.
 """
 
+import shlex
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,8 +15,8 @@ import pandas as pd
 from tactile_viewgcn.evaluation.finished_run import FinishedRun, read_run
 from tactile_viewgcn.evaluation.trials import TITLES, WHOLE, Predictions, Trials
 from tactile_viewgcn.intervals import group_interval
-from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.provenance import ROW
+from tactile_viewgcn.messages import Note, UserError
+from tactile_viewgcn.provenance import ROW, Record
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.schema import as_change
 
@@ -176,8 +177,8 @@ def changed_objects(first: Predictions, second: Predictions) -> pd.DataFrame:
     Returns:
         columns `object`, `recordings`, and the numbers of wrong ones, `first` and `second`.
     """
-    rows = _wrong(first.trials[WHOLE], first.classes).merge(
-        _wrong(second.trials[WHOLE], second.classes), on=ANSWER, suffixes=("", " of the second")
+    rows = _wrong(first.whole, first.classes).merge(
+        _wrong(second.whole, second.classes), on=ANSWER, suffixes=("", " of the second")
     )
     counted = rows.groupby("object", as_index=False).agg(
         recordings=("wrong", "size"), first=("wrong", "sum"), second=("wrong of the second", "sum")
@@ -244,6 +245,11 @@ class VersusHead:
             numbers[f"{name}.high"] = self.difference.high
         return numbers
 
+    @property
+    def note(self) -> Note:
+        """Return the text as a note on the run."""
+        return Note(self.text, topic=VERSUS)
+
 
 def versus_head(run: FinishedRun) -> VersusHead | None:
     """Return a run of the workspace beside what the workspace's commit has.
@@ -274,3 +280,16 @@ def versus_head(run: FinishedRun) -> VersusHead | None:
     text += f"{100 * difference.second:.1f} % of whole recordings are wrong, in the run of commit "
     text += f"{commit} {100 * difference.first:.1f} %; {difference.points}: "
     return VersusHead(difference, text + difference.verdict("this run"))
+
+
+def next_line(record: Record, versus: VersusHead | None) -> str:
+    """Return what to type after a run.
+
+    Args:
+        record: of the run.
+        versus: the run beside that of its commit; None where they cannot be compared.
+    """
+    if versus:
+        name = shlex.quote(record.origin.get("dvc.experiment", ""))
+        return f"tactile-viewgcn compare {name}".removesuffix(" ''")
+    return "tactile-viewgcn report"

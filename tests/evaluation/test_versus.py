@@ -169,3 +169,16 @@ def test_a_commit_without_results_costs_nothing_but_the_comparison(monkeypatch, 
 
     monkeypatch.setattr(versus, "read_run", read)
     assert versus.versus_head(finished([0], views=12)) is None
+
+
+@pytest.mark.parametrize(
+    ("experiment", "beside", "line"),
+    [
+        ({}, None, "tactile-viewgcn report"),
+        ({"dvc.experiment": "brave-mug"}, None, "tactile-viewgcn report"),
+        ({}, versus.VersusHead(None, "views"), "tactile-viewgcn compare"),
+        ({"dvc.experiment": "a b"}, versus.VersusHead(None, ""), "tactile-viewgcn compare 'a b'"),
+    ],
+)
+def test_a_run_that_can_be_compared_says_how(experiment, beside, line):
+    assert versus.next_line(Record("evaluate", origin=experiment), beside) == line
