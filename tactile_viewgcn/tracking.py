@@ -1,18 +1,17 @@
-"""The one module that knows MLflow; only functions import it, since it loads slowly.
+"""Runs in MLflow: one run for each stage, with what the stage was given, did and found.
 
-The run of `evaluate` is the pipeline's row in the experiment `tactile-viewgcn`; the runs of the
-other stages are in `tactile-viewgcn/stages`. A run begins and ends with its stage, but for the row,
-which begins so much earlier as the stages before took. The store is `mlflow.db` at the root of the
-repository, with `mlruns/` in the same folder; MLflow's own variables override it, and a relative
-`sqlite:///my.db` counts from the same root. With MLFLOW_TRACKING_URI=disabled nothing is logged. If
-the store fails, that costs the run, with one warning, never the stage.
+The run of `evaluate` is the pipeline's row in the experiment `tactile-viewgcn`. The runs of the
+other stages are in the experiment `tactile-viewgcn/stages`. A run begins and ends with its stage.
+Only the row begins earlier, by the seconds that the stages before it took.
+
+With MLFLOW_TRACKING_URI=disabled nothing is logged. If the store fails, the run is lost and one
+warning is printed; the stage itself goes on. Only functions import MLflow, since it loads slowly.
 """
 
 import json
 import os
 import re
 import sys
-import tempfile
 import time
 import traceback
 import warnings
@@ -26,18 +25,14 @@ from typing import Any
 import numpy as np
 from filelock import FileLock
 
-from tactile_viewgcn.files import root
-from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.mlflow_store import DISABLED, SQLITE, database_file, error_line, store_address
 from tactile_viewgcn.provenance import ROW, Record
 
 EXPERIMENT = "tactile-viewgcn"
-DISABLED = "disabled"
-SQLITE = "sqlite:///"
 # packages that a logged model needs
 NEEDS = ("torch", "numpy", "scipy", "h5py", "pyyaml", "filelock", "pydantic", "tqdm")
 # seconds to wait for other processes that make tables: a minute each on a busy machine
 LOCKED = 300
-SHOWN = 400  # letters of a warning, since a server may answer with a whole page
 FORBIDDEN = r"""[/:.%"']"""  # letters in the name of a model
 LONGEST = 5000  # letters of a tag
 MOST_METRICS = 1000  # values in one call of MLflow's `log_batch`
@@ -62,15 +57,6 @@ ABOUT_ROWS = (
 )
 ABOUT_STAGES = "A run is a stage. The rows of `{rows}` name the runs of their stages."
 LOCAL = "http://127.0.0.1:5000"  # address of `mlflow ui`
-SETTINGS = {  # MLflow reads them when it is imported
-    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",  # by default MLflow tries a dead server for minutes
-    "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",  # seconds
-    "MLFLOW_DISABLE_TELEMETRY": "true",
-    "MLFLOW_LOGGING_LEVEL": "CRITICAL",  # it logs an error with its traceback before it raises it
-    "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",
-    "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
-    "GIT_PYTHON_REFRESH": "quiet",
-}
 
 
 class Run:
@@ -95,7 +81,7 @@ class Run:
         if not self.id:
             return ""
         place = f"/#/experiments/{self._experiment}/runs?viewStateShareKey={VIEW}"
-        store = _address()
+        store = store_address()
         if store.startswith(SQLITE):
             return f"mlflow ui, then {LOCAL}{place}"
         if store.startswith(("http://", "https://")):
@@ -288,7 +274,7 @@ def _begin(record: Record, before: float) -> Run:
 
     If the store fails, a warning is printed, and the run is none.
     """
-    uri = _address()
+    uri = store_address()
     if uri == DISABLED:
         return Run()
     rows = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT)
@@ -298,7 +284,7 @@ def _begin(record: Record, before: float) -> Run:
 
         mlflow.set_tracking_uri(uri)
         descriptions = {rows: ABOUT_ROWS, stages: ABOUT_STAGES.format(rows=rows)}
-        _make_experiments(mlflow, descriptions, _database(uri))
+        _make_experiments(mlflow, descriptions, database_file(uri))
         experiment = mlflow.set_experiment(rows if record.stage == ROW else stages).experiment_id
         created = mlflow.MlflowClient().create_run(
             experiment,
@@ -362,104 +348,7 @@ def _view() -> str:
     return json.dumps(state)
 
 
-def _address() -> str:
-    """Return the store's address.
-
-    The path of a file is absolute, since DVC deletes the temporary workspaces of experiments.
-    """
-    for name, value in SETTINGS.items():
-        os.environ.setdefault(name, value)
-    uri = os.environ.get("MLFLOW_TRACKING_URI") or f"{SQLITE}mlflow.db"
-    if uri.startswith(SQLITE):
-        return f"{SQLITE}{root() / uri.removeprefix(SQLITE)}"
-    return uri
-
-
-def _database(uri: str) -> Path | None:
-    """Return the file of an SQLite store; None for a server."""
-    if not uri.startswith(SQLITE):
-        return None
-    return Path(uri.removeprefix(SQLITE).partition("?")[0])
-
-
 def _warn(error: Exception) -> None:
-    print(f"warning: {_reason(error)}; the stage goes on without it", file=sys.stderr, flush=True)
-
-
-def _reason(error: Exception) -> str:
-    """Return the store and its error in one line.
-
-    Of an error that might repeat a password only the kind is named.
-    """
-    address, passwords = re.subn("://.*@", "://", _address())
-    text = str(error).partition("\n[SQL:")[0]
-    if passwords:
-        text = type(error).__name__
-    return " ".join(f"MLflow store {address}: {text}".split())[:SHOWN]
-
-
-def read_artifact(run_id: str, name: str) -> bytes:
-    """Return the content of an artifact of a run.
-
-    Raises:
-        UserError: as in `download_model`.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        return _download(f"runs:/{run_id}/{name}", Path(folder)).read_bytes()
-
-
-def download_model(name: str, folder: Path) -> Path:
-    """Return the classifier's file of a model in MLflow, after downloading it into a folder.
-
-    Args:
-        name: `runs:/ID` or `models:/NAME/VERSION`.
-        folder: the place of the file.
-
-    Raises:
-        UserError: there is no store, or it has no such model, or does not answer; or tracking is
-            disabled.
-    """
-    for file in _download(name, folder).rglob("*.pt"):
-        return file
-    raise UserError(f"{name}: a model of another kind; expected one that this project has logged")
-
-
-def _download(name: str, folder: Path) -> Path:
-    """Return the path of an artifact, downloaded into a folder; errors as in `download_model`."""
-    uri = _address()
-    database = _database(uri)
-    if uri == DISABLED or (database and not database.exists()):
-        raise UserError(
-            f"{name}: no MLflow store: {uri}; set MLFLOW_TRACKING_URI to the store that has it"
-        )
-    import mlflow
-
-    try:
-        mlflow.set_tracking_uri(uri)
-        whole_run = re.fullmatch("runs:/([0-9a-f]{32})(/classifier)?", name)
-        if whole_run:
-            name = _model_of(mlflow, whole_run[1]) or name
-        return Path(mlflow.artifacts.download_artifacts(name, dst_path=str(folder)))
-    except Exception as error:
-        raise UserError(f"{name}: {_reason(error)}; is MLFLOW_TRACKING_URI right?") from None
-
-
-def _model_of(mlflow: Any, run_id: str) -> str | None:
-    """Return the address of the model that a run has logged; None where it has logged none."""
-    outputs = mlflow.MlflowClient().get_run(run_id).outputs
-    for model in outputs.model_outputs if outputs else []:
-        return f"models:/{model.model_id}"
-    return None
-
-
-def bad_request(message: str) -> Exception:
-    """Return MLflow's exception for a mistake of the user.
-
-    The server answers with 400 and the message, without a traceback.
-    """
-    from mlflow.exceptions import MlflowException
-
-    exception: Exception = MlflowException.invalid_parameter_value(message)
-    # by default the server puts the whole input before the message
-    exception.json_kwargs = {"message": message}  # type: ignore[attr-defined]
-    return exception
+    print(
+        f"warning: {error_line(error)}; the stage goes on without it", file=sys.stderr, flush=True
+    )

@@ -219,7 +219,7 @@ def _reader(name: str, *, fetch: bool) -> Callable[[str], bytes]:
     if Path(name).is_dir():
         return lambda path: (Path(name) / path).read_bytes()
     if MLFLOW_ID.fullmatch(name):
-        from tactile_viewgcn.tracking import read_artifact
+        from tactile_viewgcn.mlflow_store import read_artifact
 
         return lambda path: read_artifact(name, Path(path).name)
     from dvc.api import DVCFileSystem

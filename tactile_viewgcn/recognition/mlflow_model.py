@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.mlflow_store import bad_request
 from tactile_viewgcn.readers.source import Recording
 from tactile_viewgcn.recognition.recogniser import Recogniser, recording_of
-from tactile_viewgcn.tracking import bad_request
 
 if TYPE_CHECKING:
     from pandas import DataFrame

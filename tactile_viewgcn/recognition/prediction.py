@@ -100,7 +100,7 @@ def load_model(name: str) -> Recogniser:
             kind = "a folder"
         remedy = "the line that `tactile-viewgcn inspect` prints trains one"
         raise FileNotFoundError(f"{name}: {kind}; expected {MODELS}; {remedy}")
-    from tactile_viewgcn.tracking import download_model
+    from tactile_viewgcn.mlflow_store import download_model
 
     address = name
     if is_run:
