@@ -18,17 +18,9 @@ from tactile_viewgcn.messages import Note
 from tactile_viewgcn.pages import channels as channels_module
 from tactile_viewgcn.pages import html, inspection
 from tactile_viewgcn.pages.channels import channel_curves
-from tactile_viewgcn.pages.inspection import (
-    WIDTH,
-    checks,
-    command_lines,
-    each_fold_lines,
-    facts,
-    inspection_lines,
-    inspection_page,
-    verdict,
-    warnings,
-)
+from tactile_viewgcn.pages.inspection import WIDTH, inspection_lines, inspection_page
+from tactile_viewgcn.pages.inspection_commands import command_lines, each_fold_lines
+from tactile_viewgcn.pages.inspection_facts import checks, facts, verdict, warnings
 from tactile_viewgcn.pages.source_inspection import grid_notes, inspect_source, split_settings
 from tactile_viewgcn.params import PreprocessSection, default_params
 from tactile_viewgcn.readers.source import Form
