@@ -226,19 +226,24 @@ def replay(recording: str, speed: float, name: str | None, changes: tuple[str, .
 
 @cli.command()
 @click.argument("run", default="")
-@click.option("--out", type=click.Path(path_type=Path), default="report.html", show_default=True)
-def report(run: str, out: Path) -> None:
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="File of the page. By default it is report.html, or report-RUN.html if you name a RUN.",
+)
+def report(run: str, out: Path | None) -> None:
     """Write one HTML page of the workspace's last run, or of RUN.
 
-    RUN is the name of a DVC experiment, or the id of an MLflow run.
+    RUN is the name of a DVC experiment or revision, the id of an MLflow run, or a folder with the
+    `runs` and `results` of a run.
     """
     from tactile_viewgcn.evaluation.finished_run import read_run
     from tactile_viewgcn.pages.html import write
-    from tactile_viewgcn.pages.run_page import report_lines, run_page
+    from tactile_viewgcn.pages.run_page import page_path, report_lines, run_page
 
     with readable(f"{run or 'the workspace'}: a file of runs/ or results/"):
         finished = read_run(run)
-    _say(*report_lines(finished, write(out, run_page(finished))))
+    _say(*report_lines(finished, write(out or page_path(run), run_page(finished))))
 
 
 @cli.command()

@@ -1,5 +1,6 @@
 """The report of a finished run: how good its answers are, what to do next, and its page."""
 
+import re
 import shlex
 from datetime import datetime
 from itertools import starmap
@@ -12,7 +13,7 @@ from tactile_viewgcn.evaluation.results import SCORED, errors_by_frames
 from tactile_viewgcn.evaluation.trials import TITLES, WHOLE
 from tactile_viewgcn.evaluation.versus import VERSUS
 from tactile_viewgcn.intervals import percent, percent_interval
-from tactile_viewgcn.messages import NEW_SESSION, several
+from tactile_viewgcn.messages import NEW_SESSION, Note, several
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.checks import CHECKS, UNKNOWN, Check, outcomes
 from tactile_viewgcn.pages.html import Verdict
@@ -21,6 +22,7 @@ from tactile_viewgcn.provenance import PACKAGES, data_name
 from tactile_viewgcn.schema import as_change
 
 MODEL = "models/classifier.pt"  # of the workspace
+LONGEST_NAME = 60  # letters of a run's name that its page's name takes over
 
 
 def verdict(run: FinishedRun) -> Verdict:
@@ -198,6 +200,8 @@ def again(changes: dict[str, Any], command: str = "dvc exp run", option: str = "
 def report_lines(run: FinishedRun, page: str) -> list[str]:
     """Return lines for a terminal: the errors, whether they are good, the page, what to do first.
 
+    If the run was compared with the run that was committed before it, a line has the difference.
+
     Args:
         run: the finished run.
         page: a line on the page that was written.
@@ -214,9 +218,30 @@ def report_lines(run: FinishedRun, page: str) -> list[str]:
         interval = percent_interval(error["mean"], error["low"], error["high"])
         lines.append(f"error for {subject}: {interval} %")
     lines[0] += f"; chance: {percent(run.chance)}"
+    versus = _versus(run)
+    if versus:
+        lines.append(f"compared with the committed run: {versus.text}")
     lines += [verdict(run).answer, page]
     what, command = next(step for step in next_steps(run) if step[1])
     return [*lines, f"next: {what}", *command.split("\n")]
+
+
+def _versus(run: FinishedRun) -> Note | None:
+    """Return the note on the difference from the committed run; None if it was not measured."""
+    return next((note for note in run.notes("info") if note.topic == VERSUS), None)
+
+
+def page_path(name: str) -> Path:
+    """Return the path of a run's page where the user names none.
+
+    Args:
+        name: as the user named the run, such as `brave-mug`, `HEAD~1` or a folder; empty for the
+            workspace. What a file name should not hold becomes a dash.
+    """
+    cleaned = re.sub(r"[^\w.-]+", "-", name).strip("-.")[-LONGEST_NAME:]
+    if not name:
+        return Path("report.html")
+    return Path(f"report-{cleaned or 'run'}.html")
 
 
 def run_page(run: FinishedRun) -> str:
@@ -250,9 +275,9 @@ def run_page(run: FinishedRun) -> str:
         live_errors=live_errors,
         confusion=plots.confusion(run.counts, run.predictions.classes.tolist()),
         without_network=on_sensors(run.params["model.system"]),
-        versus=next((note for note in run.notes("info") if note.topic == VERSUS), None),
+        versus=_versus(run),
         remarks=[note for note in run.notes("info") if note.topic not in ("members", VERSUS)],
-        again=again(run.repeated),
+        again=again(run.repeated, "dvc exp run --temp"),
         changed=list(starmap(as_change, run.changed.items())),
         versions=[f"{name} {text}" for name, text in origin.items() if name in programs],
     )

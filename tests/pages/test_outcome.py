@@ -8,8 +8,15 @@ import pytest
 from tactile_viewgcn.evaluation.evaluate import scores_of
 from tactile_viewgcn.evaluation.finished_run import FinishedRun, read_run
 from tactile_viewgcn.evaluation.trials import WHOLE, Predictions, Trials
+from tactile_viewgcn.evaluation.versus import VERSUS
 from tactile_viewgcn.messages import Note, UserError
-from tactile_viewgcn.pages.run_page import next_steps, run_checks, verdict
+from tactile_viewgcn.pages.run_page import (
+    next_steps,
+    page_path,
+    report_lines,
+    run_checks,
+    verdict,
+)
 from tests.records import RECORD
 
 NAMES = ["ball", "cup", "pen"]
@@ -216,6 +223,33 @@ def test_a_report_says_which_checks_were_made():
     assert outcomes["equal frames at the ends of recordings"] == "nothing found"
     assert outcomes["objects told without any contact"] == "nothing found"
     assert outcomes["times and frame rates"] == "not checked: no times"
+
+
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [
+        ("", "report.html"),
+        ("brave-mug", "report-brave-mug.html"),
+        ("HEAD~1", "report-HEAD-1.html"),
+        ("refs/exps/a b", "report-refs-exps-a-b.html"),
+        ("../runs of/Öl/", "report-runs-of-Öl.html"),
+        ("..", "report-run.html"),
+        ("/far/" + "x" * 300, f"report-{'x' * 60}.html"),
+    ],
+)
+def test_the_page_of_a_named_run_does_not_replace_that_of_the_workspace(name, file):
+    assert str(page_path(name)) == file
+
+
+def test_the_terminal_has_the_difference_from_the_committed_run():
+    note = Note("views=8 -> 4: 16.7 % are wrong", topic=VERSUS)
+    for notes, count in (([note], 1), ([], 0)):
+        run = finished(RIGHT, notes=notes)
+        run.metrics["new_sessions"] = False
+        lines = report_lines(run, "report.html: 9 kB")
+        compared = [line for line in lines if "committed" in line]
+        assert len(compared) == count
+        assert all(line.endswith(note.text) for line in compared)
 
 
 def test_a_report_outside_a_clone_says_to_go_to_one(elsewhere, monkeypatch):

@@ -1,6 +1,7 @@
 """`tactile-viewgcn report` of a run that the stages have left in a workspace."""
 
 import json
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -38,6 +39,7 @@ def test_the_page_says_what_the_files_say(workspace):
         and "`" not in page
         and "python -m studies each_fold" in page
     )
+    assert re.search(r"Repeat this run.*?<pre><code>.*?dvc exp run --temp -S", page, re.DOTALL)
     assert (
         "It was tested on 8 recordings, 2 of each object." in text and "Little was tested" in text
     )
@@ -95,6 +97,17 @@ def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, m
         err = capsys.readouterr().err
         assert len(err.splitlines()) == 1 and says in err
     assert not Path("report.html").exists()
+
+
+def test_the_page_of_a_named_run_has_its_name(workspace):
+    for name in ("runs", "results"):
+        (workspace / "first try" / name).parent.mkdir(exist_ok=True)
+        shutil.copytree(name, workspace / "first try" / name)
+    Path("report.html").write_text("of the workspace")
+    run = CliRunner().invoke(cli.cli, ["report", "first try"], catch_exceptions=False)
+    assert "\nreport-first-try.html: " in run.output
+    assert Path("report-first-try.html").exists()
+    assert Path("report.html").read_text() == "of the workspace"
 
 
 @pytest.mark.parametrize(
