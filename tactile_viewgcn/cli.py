@@ -234,8 +234,8 @@ def replay(recording: str, speed: float, name: str | None, changes: tuple[str, .
 def report(run: str, out: Path | None) -> None:
     """Write one HTML page of the workspace's last run, or of RUN.
 
-    RUN is the name of a DVC experiment or revision, the id of an MLflow run, or a folder with the
-    `runs` and `results` of a run.
+    RUN is the name of a DVC experiment or revision, the id of an MLflow run, a folder with the
+    `runs` and `results` of a run, or `workspace`.
     """
     from tactile_viewgcn.evaluation.finished_run import read_run
     from tactile_viewgcn.pages.html import write
@@ -243,7 +243,7 @@ def report(run: str, out: Path | None) -> None:
 
     with readable(f"{run or 'the workspace'}: a file of runs/ or results/"):
         finished = read_run(run)
-    _say(*report_lines(finished, write(out or page_path(run), run_page(finished))))
+    _say(*report_lines(finished, write(out or page_path(finished.name), run_page(finished))))
 
 
 @cli.command()

@@ -23,6 +23,7 @@ REMEDY = (
     "run the line that `tactile-viewgcn inspect` prints, or name an experiment of DVC or a run of "
     "MLflow"
 )
+WORKSPACE = "workspace"  # the workspace's name, as DVC's
 MLFLOW_ID = re.compile(r"[0-9a-f]{32}")
 WIDE = 0.25  # of an interval
 ROUNDING = 1e-9  # of a share
@@ -141,13 +142,16 @@ def read_run(name: str = "", *, fetch: bool = True) -> FinishedRun:
 
     Args:
         name: of a DVC experiment, or another revision that DVC knows; the id of an MLflow run of
-            `evaluate`; a folder with the `runs` and `results` of a run; empty for the workspace.
+            `evaluate`; a folder with the `runs` and `results` of a run; `workspace` or nothing for
+            the workspace.
         fetch: whether files that are not in DVC's cache are taken from its remote, if there is one.
 
     Raises:
         UserError: no such run; its files are missing, or do not belong together.
         Exception: any, of a file that is damaged or of an earlier version.
     """
+    if name == WORKSPACE:
+        name = ""
     read = _reader(name, fetch=fetch)
     contents = {stage: _content(read, f"runs/{stage}.json", name) for stage in EARLIER}
     contents[ROW] = _content(read, f"results/{ROW}.json", name)
@@ -228,8 +232,9 @@ def _reader(name: str, *, fetch: bool) -> Callable[[str], bytes]:
     files = DVCFileSystem(rev=name, config=config)
     if not files.exists("dvc.yaml"):
         raise UserError(
-            f"{name}: no experiment of DVC here, and no id of an MLflow run, which has 32 digits; "
-            "`dvc exp list` and `mlflow ui` name them"
+            f"{name}: no such run. Name a DVC experiment or revision (see `dvc exp list`), the id "
+            "of an MLflow run, which has 32 digits (see `mlflow ui`), a folder with `runs` and "
+            f"`results`, or `{WORKSPACE}`"
         )
     read: Callable[[str], bytes] = files.cat_file
     return read

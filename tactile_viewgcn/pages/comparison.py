@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from tactile_viewgcn.evaluation.finished_run import FinishedRun, read_run
+from tactile_viewgcn.evaluation.finished_run import WORKSPACE, FinishedRun, read_run
 from tactile_viewgcn.evaluation.trials import TITLES
 from tactile_viewgcn.evaluation.versus import (
     HEAD,
@@ -16,7 +16,6 @@ from tactile_viewgcn.evaluation.versus import (
 from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.schema import as_change
 
-WORKSPACE = "workspace"
 MOST_OBJECTS = 5
 TITLE_WIDTH = max(map(len, TITLES.values()))
 
@@ -86,8 +85,8 @@ def read_both(names: Sequence[str]) -> tuple[FinishedRun, FinishedRun]:
     """Return the runs A and B.
 
     Args:
-        names: none, B, or A and B; each is `workspace` or a name that `read_run` takes. B is by
-            default the workspace. A is by default what the workspace's commit has, or where its
+        names: none, B, or A and B; each is a name that `read_run` takes. B is by default the
+            workspace. A is by default what the workspace's commit has, or where its
             results are not here, as after the first `dvc repro`, the workspace.
 
     Raises:
@@ -96,21 +95,18 @@ def read_both(names: Sequence[str]) -> tuple[FinishedRun, FinishedRun]:
     if len(names) > 2:
         raise UserError(f"compare takes two runs; got {len(names)}: {', '.join(names)}")
     if len(names) == 2:
-        return _read(names[0]), _read(names[1])
-    second = names[0] if names else WORKSPACE
+        return read_run(names[0]), read_run(names[1])
+    name = WORKSPACE
+    if names:
+        name = names[0]
+    second = read_run(name)
     try:
-        return _read(HEAD), _read(second)
+        first = read_run(HEAD)
     except UserError as error:
-        if second == WORKSPACE:
+        if name == WORKSPACE:
             raise UserError(
                 f"the results of the workspace's commit are not here ({error}); name a run: "
                 "`dvc exp list` and `mlflow ui` show them"
             ) from None
-        return _read(WORKSPACE), _read(second)
-
-
-def _read(name: str) -> FinishedRun:
-    """Return the run of a name of the command."""
-    if name == WORKSPACE:
-        return read_run()
-    return read_run(name)
+        first = read_run(WORKSPACE)
+    return first, second

@@ -1,6 +1,7 @@
 """`tactile-viewgcn compare`: what it prints of two runs, and which it refuses."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -68,22 +69,30 @@ def test_runs_on_other_recordings_or_another_split_are_refused_in_one_line(chang
 
 
 def test_a_is_the_commit_or_without_its_results_the_workspace(monkeypatch):
-    here = {"", "HEAD", "best"}
+    here = {"workspace", "HEAD", "best"}
 
-    def read(name=""):
+    def read(name):
         if name not in here:
             raise UserError(f"{name}: no runs/ingest.json")
         return name
 
     monkeypatch.setattr(comparison, "read_run", read)
-    assert read_both([]) == ("HEAD", "")
+    assert read_both([]) == ("HEAD", "workspace")
     assert read_both(["best"]) == ("HEAD", "best")
-    assert read_both(["workspace", "best"]) == ("", "best")
+    assert read_both(["workspace", "best"]) == ("workspace", "best")
     here.remove("HEAD")
-    assert read_both(["best"]) == ("", "best")
+    assert read_both(["best"]) == ("workspace", "best")
     with pytest.raises(UserError, match="the workspace's commit are not here"):
         read_both([])
     with pytest.raises(UserError, match="worst: no runs"):
         read_both(["worst"])
     with pytest.raises(UserError, match="two runs; got 3"):
         read_both(["a", "b", "c"])
+
+
+def test_a_name_that_no_run_has_is_answered_by_all_that_a_name_can_be(monkeypatch):
+    monkeypatch.chdir(Path(__file__).parents[2])
+    with pytest.raises(UserError, match=r"^no-such-run: no such run") as error:
+        read_both(["no-such-run"])
+    for kind in ("DVC experiment or revision", "MLflow run", "`runs` and `results`", "`workspace`"):
+        assert kind in str(error.value)

@@ -88,7 +88,7 @@ def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, m
     assert lines[-1].startswith(("dvc exp run ", "python -m studies each_fold "))
     assert 1e4 < Path("new/page.html").stat().st_size < 3e6
     for name, says in (
-        ("nowhere", "nowhere: no experiment"),
+        ("nowhere", "nowhere: no such run"),
         ("0" * 32, "no MLflow store: disabled"),
     ):
         monkeypatch.setattr(sys, "argv", ["tactile-viewgcn", "report", name])
