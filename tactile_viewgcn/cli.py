@@ -67,9 +67,14 @@ def inspect(
 ) -> None:
     """Describe the recordings SOURCE and recommend parameters for them, with reasons.
 
-    SOURCE is a STAG metadata.mat, a STAG folder, HDF5 recordings, a folder of arrays (OBJECT/*.npy,
-    .npz or .csv), one table of all recordings with a column `object`, or a catalogue. Every mistake
-    in it is listed.
+    SOURCE is a folder with a file for each recording, one file with all recordings, STAG's
+    metadata.mat or STAG's folder, or a catalogue as `--catalogue` writes it.
+
+    A file of recordings is an array (.npy, .npz or .mat), HDF5 (.h5 or .hdf5) or a table (.csv,
+    .tsv, .csv.gz or .txt).
+
+    The objects are named by the folders or files, as in OBJECT/1.npy, by a column `object` of the
+    table, or by a labels.csv that lists the files. All mistakes in SOURCE are listed.
     """
     from tactile_viewgcn.pages.html import write
     from tactile_viewgcn.pages.inspection import inspection_lines, inspection_page

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.params import preset_changes, presets
+from tactile_viewgcn.readers.formats import ARRAYS, HDF5, STAG_METADATA, TEXTS
 from tests.readers.files import save
 
 ROOT = Path(__file__).parents[1]
@@ -48,6 +49,13 @@ def test_inspect_takes_the_folder_that_it_is_called_in_and_hands_the_layout_on_t
     assert "`dvc exp run -S split.folds=2`" in refused(
         call("inspect", source, "--set", "split.folds=2")
     )
+
+
+def test_inspect_help_names_every_format_that_is_read():
+    words = call("inspect", "--help").stdout.replace("(", " ").replace(")", " ").replace(",", " ")
+    words = {word.strip(".,") for word in words.split()}
+    assert {ending.strip(".") for ending in TEXTS + HDF5 + ARRAYS} <= words
+    assert {STAG_METADATA, "labels.csv", "catalogue"} <= words
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,10 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
         rows.append((_frame_rate(rates), "is the frame rate"))
     error = "is a first estimate of the error on a new recording, by one quick classifier"
     session_error = f"is that estimate for {NEW_SESSION}"
-    leak = "is its error without contact: the nearer to chance, the better"
+    leak = (
+        "is the error of another quick classifier, which sees only frames without contact: "
+        "the nearer to chance, the better"
+    )
     rows += _error_fact(overview.error, error)
     rows += _error_fact(overview.session_error, session_error)
     rows += _error_fact(overview.choice.leak, leak)
