@@ -62,7 +62,7 @@ def predict(
     )
     echo(*map(_line, records), *_summary(records))
     if all(record["right"] is None for record in records):
-        echo("how often it errs, on a new session too: `tactile-viewgcn report`")
+        echo("`tactile-viewgcn report` says how often the model is wrong, also in a new session")
     if csv_path:
         head = csv_text([records[0]])
         content = head + csv_text(record.values() for record in records)

@@ -52,13 +52,13 @@ def answers_in(path):
 
 
 def test_unlabelled_recordings_have_a_line_each(place):
-    head, columns, *lines, last, errs = call(place / "classifier.pt", place / "new")
+    head, columns, *lines, last, hint = call(place / "classifier.pt", place / "new")
     assert head == "model: kernel + pooled_kernel, 3 classes; probabilities are calibrated"
     assert [line.split()[:3] for line in lines] == [
         [str(i), "20", name] for i, name in enumerate(OBJECTS)
     ]
     assert columns.split() == ["recording", "contact", "answer"]
-    assert last == "answers: 3 with an object" and errs.startswith("how often it errs")
+    assert last == "answers: 3 with an object" and "how often the model is wrong" in hint
     uncalibrated = call(model_file(place / "full.pt", "model.system=mvcnn"), place / "new")[0]
     assert uncalibrated == "model: mvcnn, 3 classes; probabilities are not calibrated"
 
