@@ -1,4 +1,4 @@
-"""The pipeline's row in MLflow: what it has besides params.yaml."""
+"""The pipeline's row in MLflow: its content besides params.yaml, and how it is logged."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -19,19 +19,21 @@ from tactile_viewgcn.tracking import Run
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DIGITS = 4  # of the numbers that MLflow's table shows
-SIZES = ("classes", "frames", "recordings", "groups")  # of metrics.json
+DIGITS = 4  # decimals of the numbers that MLflow's table shows
+SIZES = ("classes", "frames", "recordings", "groups")  # entries of metrics.json
 
 
 @dataclass(frozen=True)
 class Row:
-    """Content of the pipeline's row.
+    """The content of the pipeline's row.
 
     Attributes:
-        tags: the ids of the stages' runs, what `auto` chose, and the run beside that of its commit.
-        parameters: numbers of classes, of frames, recordings and split groups, and of weights.
-        metrics: name, value and step: the summary, the seconds of each stage and the peak memory
-            at step 0; the error of each trial, numbered from 1; the error by number of frames.
+        tags: the ids of the stages' runs, what `auto` chose, and the comparison with the run of the
+            commit.
+        parameters: the numbers of classes, frames, recordings, split groups and weights.
+        metrics: name, value and step of each number. Step 0 has the summary, the seconds of each
+            stage and the peak memory. The step of a trial's error is the trial, counted from 1. The
+            step of an error by number of frames is this number.
     """
 
     tags: dict[str, str]
@@ -55,14 +57,14 @@ def log_row(
         run: the run in MLflow.
         finished: the finished run, with its results.
         numbers: content of summary.json.
-        versus: the comparison with the run of the commit; None where they cannot be compared.
+        versus: the comparison with the run of the commit; None if they cannot be compared.
         model: file of the classifier.
         table: frames that the classifier was trained and tested on.
         page: function that returns the report's page as HTML.
 
     Returns:
         Lines for the terminal: how a program loads the model, and where MLflow shows the row. There
-            are none where nothing is logged.
+            are no lines if nothing is logged.
     """
     if not run.id:
         return []
@@ -86,7 +88,7 @@ def log_row(
     if address:
         lines.append(f"  in a program: mlflow.pyfunc.load_model({address!r})")
     if run.table:
-        lines.append(f"  beside other runs: {run.table}")
+        lines.append(f"  in a table with other runs: {run.table}")
     return lines
 
 
@@ -96,7 +98,7 @@ def row_of(run: FinishedRun, numbers: dict[str, float], versus: VersusHead | Non
     Args:
         run: the finished run.
         numbers: content of summary.json.
-        versus: the run beside that of its commit.
+        versus: the comparison with the run of the commit; None if they cannot be compared.
     """
     tags: dict[str, str] = {}
     if versus:
@@ -125,7 +127,7 @@ def _metrics(run: FinishedRun, numbers: dict[str, float]) -> list[tuple[str, flo
         for end in ("low", "high"):
             if error.get(end) is not None:
                 ends[f"error.{name}.{end}"] = error[end]
-    # MLflow's table cuts longer numbers off
+    # MLflow's table cuts off longer numbers
     values = [(name, round(value, DIGITS), 0) for name, value in (numbers | ends | costs).items()]
     for protocol, trials in run.predictions.trials.items():
         for trial, error in enumerate(trials.errors.tolist(), start=1):
@@ -137,7 +139,7 @@ def _metrics(run: FinishedRun, numbers: dict[str, float]) -> list[tuple[str, flo
 
 
 def description(run: FinishedRun, name: str) -> str:
-    """Return what the row's page says first: the run, its error and time, and the report's line.
+    """Return what the row's page says first: the run, its error, its time, and the next command.
 
     Args:
         run: the finished run.
@@ -155,7 +157,7 @@ def figures_of(predictions: Predictions, rows: list[live.Row]) -> dict[str, "Fig
 
     Args:
         predictions: all answers.
-        rows: of live.csv.
+        rows: rows of live.csv, possibly none.
     """
     from tactile_viewgcn import plots  # here, since it loads Matplotlib
 
@@ -168,7 +170,7 @@ def figures_of(predictions: Predictions, rows: list[live.Row]) -> dict[str, "Fig
 
 
 def model_metadata(table: Frames, views: int) -> dict[str, Any]:
-    """Return what MLflow shows of the model: its classes, its views, and frames that it takes."""
+    """Return what MLflow shows of the model: its classes, its views, and the frames it takes."""
     return {
         "classes": table.classes,
         "views": views,

@@ -254,7 +254,7 @@ def test_where_no_grasp_is_tested_as_a_whole_there_are_no_rows_and_a_note(
     labels = np.zeros(1, dtype=int)
     whole = Trials(np.zeros((1, 1, 2), int), labels, labels, np.array(["x"]), 5)
     rows, (note,) = answer_live(Stream, recordings, table(), whole, recipe())
-    assert rows == [] and note.text == "no grasp of the stream is tested as a whole"
+    assert rows == [] and "no live answers" in note.text
 
 
 def test_a_note_says_how_many_of_the_numbered_grasps_the_stream_finds(tmp_path, monkeypatch):
@@ -267,7 +267,7 @@ def test_a_note_says_how_many_of_the_numbered_grasps_the_stream_finds(tmp_path, 
     )
     classes = replace(table(), classes=CLASSES)
     _, (note,) = answer_live(Stream, recordings, classes, whole, recipe())
-    assert note.text.startswith("the recordings number 2 tested grasps, the stream finds 1:")
+    assert note.text.startswith("the recordings have 2 tested grasps, the stream finds 1:")
 
 
 def test_at_high_rates_answers_are_asked_for_twenty_times_a_second(tmp_path):
@@ -321,4 +321,4 @@ def test_predict_stands_beside_the_stream_on_the_same_recordings(three, monkeypa
     whole = Trials(best, labels, labels, np.array(three.recordings), 5)
     rows, (note,) = answer_live(Stream, three, frames, whole, recipe())
     assert rows[-1]["answer"] == "predict" and rows[-1]["error"] == 0
-    assert note.text == "2 of 3 recordings, evenly chosen, were answered as a stream"
+    assert note.text.startswith("2 of 3 recordings, evenly chosen, were answered")

@@ -57,7 +57,7 @@ def test_every_protocol_is_compared_and_whole_recordings_come_first():
     ("first", "second", "words"),
     [
         ([0, 1], [0, 1], "both give the same answers"),
-        ([0, 1], [0, 2], "cannot be told apart; this test set shows differences of 2"),
+        ([0, 1], [0, 2], "they cannot be told apart; this test set shows differences of 2"),
         (range(10), [], "B has the lower error"),
         ([], range(10), "B has the higher error"),
     ],
@@ -72,7 +72,7 @@ def test_other_answers_that_are_wrong_on_the_same_recordings_have_no_threshold()
     second.trials[WHOLE].best[0, 4, 0] = 0  # pen for mug becomes cup for mug
     (difference,) = differences(first, second)
     assert not difference.same and (difference.low, difference.high) == (0, 0)
-    assert difference.verdict("B") == "both are wrong as often on every recording"
+    assert difference.verdict("B") == "both are wrong equally often on every recording"
 
 
 def test_equal_errors_on_other_recordings_are_not_the_same_answers():
@@ -143,7 +143,7 @@ def test_a_run_is_put_beside_that_of_its_commit(head, changed, words):
     assert beside.numbers == {name: -3 / 12, f"{name}.low": low, f"{name}.high": high}
     assert low < -3 / 12 < high
     assert beside.text.startswith(
-        f"{words} whole recordings are wrong, in the run of commit 1234567 41.7 %; -25.0 points ("
+        f"{words} whole recordings are wrong, and 41.7 % in the run of commit 1234567; -25.0 points ("
     )
     assert "cannot be told apart" in beside.text
 

@@ -56,10 +56,10 @@ def test_the_same_run_twice_has_no_difference():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"md5": "cd"}, "other recordings.*the files of data.source have changed"),
-        ({"md5": "cd", "glove_seed": 1}, "other recordings.*glove.seed=null and 1"),
-        ({"split_folds": 4}, "other parts of the recordings: split.folds=3 and 4"),
-        ({"evaluate_side": "validation"}, "other parts of the recordings: evaluate.side="),
+        ({"md5": "cd"}, "different recordings.*the files of data.source have changed"),
+        ({"md5": "cd", "glove_seed": 1}, "different recordings.*glove.seed=null and 1"),
+        ({"split_folds": 4}, "different parts of the recordings: split.folds=3 and 4"),
+        ({"evaluate_side": "validation"}, "different parts of the recordings: evaluate.side="),
     ],
 )
 def test_runs_on_other_recordings_or_another_split_are_refused_in_one_line(changes, words):
