@@ -143,7 +143,7 @@ def test_a_run_is_put_beside_that_of_its_commit(head, changed, words):
     assert beside.numbers == {name: -3 / 12, f"{name}.low": low, f"{name}.high": high}
     assert low < -3 / 12 < high
     assert beside.text.startswith(
-        f"{words} whole recordings are wrong, and 41.7 % in the run of commit 1234567; -25.0 points ("
+        f"{words} whole recordings are wrong, and 41.7 % in the run of commit 1234567; -25.0 "
     )
     assert "cannot be told apart" in beside.text
 

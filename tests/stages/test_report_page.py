@@ -99,6 +99,13 @@ def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, m
     assert not Path("report.html").exists()
 
 
+def test_compare_answers_a_name_that_no_run_has_by_all_that_a_name_can_be(workspace):
+    error = CliRunner().invoke(cli.cli, ["compare", "no-such-run"]).exception
+    assert isinstance(error, UserError) and str(error).startswith("no-such-run: no such run")
+    for kind in ("DVC experiment or revision", "MLflow run", "`runs` and `results`", "`workspace`"):
+        assert kind in str(error)
+
+
 def test_the_page_of_a_named_run_has_its_name(workspace):
     for name in ("runs", "results"):
         (workspace / "first try" / name).parent.mkdir(exist_ok=True)
