@@ -1,6 +1,7 @@
-"""An inspection as text of 80 columns and as a page.
+"""Shows an inspection as text of 80 columns and as a page.
 
-Both have the same facts, tables, checks, warnings, command and settings; the page has pictures too.
+Both have the same facts, tables, checks, warnings, commands and settings. The page also has
+pictures.
 """
 
 import textwrap
@@ -19,12 +20,12 @@ from tactile_viewgcn.params import VIRTUAL
 from tactile_viewgcn.tables.counts import evenly
 
 WIDTH = 80
-NAME_LETTERS = 24  # of an object or a session
-PICTURE_TOP = 99.5  # percentile of all mean frames that is the brightest colour
+NAME_LETTERS = 24  # letters of an object's or a session's name
+PICTURE_TOP = 99.5  # percentile of all mean frames that has the brightest colour
 
 
 def inspection_lines(overview: Overview) -> list[str]:
-    """Return the lines of an inspection: its results, the command, and the reason of each setting.
+    """Return the lines of an inspection: its results, the settings with reasons, and commands.
 
     Args:
         overview: the inspected recordings.
@@ -62,7 +63,7 @@ def _shortened(name: str) -> str:
 
 
 def _usage_lines(overview: Overview) -> list[str]:
-    """Return the settings and commands to use, or nothing where no command can work."""
+    """Return the settings and commands to use, or nothing if no command can work."""
     command = command_lines(overview)
     if not command:
         return []
@@ -79,12 +80,12 @@ def _usage_lines(overview: Overview) -> list[str]:
         lines += ["", f"To test it on {NEW_SESSION}", *of_sessions]
     each_fold = each_fold_lines(overview)
     if each_fold:
-        lines += ["", "To test every part once, with a row for each", *each_fold]
+        lines += ["", "To test every part once, with a row for each part", *each_fold]
     return lines
 
 
 def _wrapped(texts: Iterable[str]) -> list[str]:
-    """Return the texts as lines of 80 columns; a text's further lines are indented more."""
+    """Return the texts as lines of 80 columns; the later lines of a text are indented more."""
     wrapper = textwrap.TextWrapper(WIDTH, initial_indent="  ", subsequent_indent="    ")
     lines = list[str]()
     for text in texts:
@@ -132,7 +133,7 @@ def inspection_page(overview: Overview) -> str:
 
 
 def _mean_frames(overview: Overview) -> dict[str, str]:
-    """Return the picture of the mean frame in contact, by object, all in one scale of colours.
+    """Return a picture of the mean frame in contact of each object, all with the same colours.
 
     Sensors that do not vary are grey. Objects without contact have no picture.
     """

@@ -13,24 +13,25 @@ from tactile_viewgcn.pages.source_inspection import MOST_FOLDS, Overview
 from tactile_viewgcn.params import default_params, everywhere, unlike_the_file
 from tactile_viewgcn.schema import as_change, flatten
 
-ENOUGH = 100  # split groups of a fold: the interval of its error is 20 points wide at most
-# parameters that the command always names, since params.yaml may be left from other recordings
+ENOUGH = 100  # split groups in a fold; its error then has an interval of at most 20 points
+# parameters that the command always names, since params.yaml can have values for other recordings
 ALWAYS_NAMED = ("split.by", "split.folds", "split.fold", "views")
 
 
 def command_lines(overview: Overview, *, new_sessions: bool = False) -> list[str]:
     r"""Return the command `dvc exp run` with the recommended settings.
 
-    Every `auto` of `preprocess` stays `auto`: an inspection looks at all recordings, `preprocess`
-    at the training set only. What params.yaml has from other recordings is named too.
+    Every `auto` of `preprocess` stays `auto`, since an inspection looks at all recordings, and
+    `preprocess` only at the training set. The command also resets what params.yaml has from other
+    recordings.
 
     Args:
         overview: the inspected recordings.
-        new_sessions: hold out sessions in place of recordings.
+        new_sessions: whether sessions are held out in place of recordings.
 
     Returns:
-        The lines of the command, of which all but the last end in a backslash. There are none where
-        no setting makes the recordings usable: `preprocess` would keep one class, or nothing can be
+        The lines of the command; all but the last end in a backslash. There are no lines if no
+        setting makes the recordings usable: `preprocess` would keep one class, or nothing can be
         held out.
     """
     if verdict(overview, []).kind == "bad":
@@ -46,14 +47,16 @@ def command_lines(overview: Overview, *, new_sessions: bool = False) -> list[str
 
 
 def each_fold_lines(overview: Overview) -> list[str]:
-    """Return the command that tests every part of the recordings once: each session if there are.
+    """Return the command that tests every part of the recordings once.
+
+    A part is a session, or a fold if there are no sessions to hold out.
 
     Args:
         overview: the inspected recordings.
 
     Returns:
-        The lines of the command; none where `command_lines` has none, and where there are no
-        sessions and one fold tests so many split groups that it says enough.
+        The lines of the command. There are no lines if `command_lines` has none. There are also
+        none if no session can be held out, and one fold tests enough split groups.
     """
     if not command_lines(overview):
         return []
@@ -73,20 +76,20 @@ def each_fold_lines(overview: Overview) -> list[str]:
 
 
 def _advised(overview: Overview) -> dict[str, Any]:
-    """Return what the inspection advises, by key of params.yaml; `preset` is one of them."""
+    """Return the recommended values by key of params.yaml, and the recommended `preset`."""
     return {note.key: note.value for note in [*overview.remarks, *overview.settings]}
 
 
 def _named_values(overview: Overview, advised: dict[str, Any]) -> dict[str, Any]:
     """Return every parameter that the command names, by dotted key.
 
-    Later values replace earlier ones:
+    Later values replace earlier values:
 
-    1. defaults, where params.yaml has another value;
+    1. defaults, if params.yaml has another value;
     2. settings of `preprocess` that the user has fixed;
     3. defaults of the parameters that are always named;
     4. the source and its form;
-    5. the advice of the remarks, and the recommended settings.
+    5. values from the remarks, and the recommended settings.
 
     Args:
         overview: the inspected recordings.
@@ -118,17 +121,17 @@ def _named_values(overview: Overview, advised: dict[str, Any]) -> dict[str, Any]
 
 
 def _lines(command: list[str], values: dict[str, Any]) -> list[str]:
-    """Return a command with options, in lines of which all but the last end in a backslash.
+    """Return the lines of a command with options; all but the last end in a backslash.
 
     Args:
-        command: lines that stand before the options.
-        values: of the options, by dotted key.
+        command: the lines before the options.
+        values: values of the options, by dotted key.
     """
     return " \\\n  ".join([*command, *_option_lines(values)]).split("\n")
 
 
 def _option_lines(values: dict[str, Any]) -> list[str]:
-    """Return the options `-S key=value`, those of a section in one line; the source has its own."""
+    """Return the options `-S key=value`, a line for each section and one for the source."""
     lines = list[str]()
     for _, keys in groupby(sorted(values), _line_of):
         options = [f"-S {shlex.quote(as_change(key, values[key]))}" for key in keys]

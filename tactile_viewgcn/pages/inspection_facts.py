@@ -1,6 +1,6 @@
 """What an inspection says of recordings: facts, tables, warnings, a verdict and the checks.
 
-The lines for a terminal and the page have the same ones.
+The lines for a terminal and the page both take them from here.
 """
 
 import numpy as np
@@ -16,13 +16,13 @@ from tactile_viewgcn.pages.source_inspection import Overview
 
 TWICE = "Record each object at least twice, better five times in two sessions."
 FIRMLY = (
-    "Record more of each, held firmly. "
+    "Record more of each object, held firmly. "
     "Perhaps folders of sessions were read as objects: see the table of objects."
 )
 
 
 def facts(overview: Overview) -> list[tuple[str, str]]:
-    """Return pairs of a figure and a text, which read as one sentence.
+    """Return pairs of a figure and a text, which together read as one sentence.
 
     Args:
         overview: the inspected recordings.
@@ -46,7 +46,7 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
     if rates:
         rows.append((_frame_rate(rates), "is the frame rate"))
     error = "is a first estimate of the error on a new recording, by one quick classifier"
-    session_error = f"is that estimate for {NEW_SESSION}"
+    session_error = f"is the same classifier's estimate for {NEW_SESSION}"
     leak = (
         "is the error of another quick classifier, which sees only frames without contact: "
         "the nearer to chance, the better"
@@ -73,7 +73,7 @@ def _contact_rule(overview: Overview) -> str:
 
 
 def _varying_sensors(overview: Overview) -> str:
-    """Return how many sensors there are, and the names of the channels that are not used."""
+    """Return in words how many sensors vary, and the names of the channels that are not used."""
     recordings = overview.recordings
     text = f"of {several(recordings.live.size, 'sensor')} vary"
     if not recordings.channel_names or recordings.live.all():
@@ -85,14 +85,14 @@ def _varying_sensors(overview: Overview) -> str:
 
 
 def _frame_rate(rates: list[float]) -> str:
-    """Return the median of sorted rates (Hz) that are alike, else their range."""
+    """Return the median of sorted rates (Hz) if they are alike, else their range."""
     if rates[-1] < rates[0] * ALIKE_RATES:
         return f"{np.median(rates):.4g} Hz"
     return f"{rates[0]:.4g} to {rates[-1]:.4g} Hz"
 
 
 def _error_fact(error: QuickError | None, text: str) -> list[tuple[str, str]]:
-    """Return a pair for `facts`, or nothing where that error was not measured."""
+    """Return a pair for `facts`, or nothing if the error was not measured."""
     if not error:
         return []
     interval = f"{100 * error.low:.1f} to {100 * error.high:.1f}"
@@ -108,7 +108,7 @@ def tables(overview: Overview) -> dict[str, pd.DataFrame]:
 
     Returns:
         Tables with a row for each object or session. The columns are the number of recordings and
-        the numbers of frames of each kind, as texts.
+        the number of frames of each kind, as texts.
     """
     counts = pd.DataFrame(overview.counts)
     if not overview.finds_contact:
@@ -121,13 +121,13 @@ def tables(overview: Overview) -> dict[str, pd.DataFrame]:
 
 
 def _sums(counts: pd.DataFrame, code: np.ndarray, names: list[str]) -> pd.DataFrame:
-    """Return the sums of counts (R rows) over recordings of one code (R,), as texts by name."""
+    """Return the sums of counts over the recordings of each code (R,), as texts by name."""
     table = counts.groupby(code).sum().map("{:,}".format)
     return table.set_axis([names[index] for index in table.index])
 
 
 def warnings(overview: Overview) -> list[Note]:
-    """Return what may spoil a result with the recommended settings, each with a remedy.
+    """Return warnings of what can spoil a result with the recommended settings, with remedies.
 
     Args:
         overview: the inspected recordings.
@@ -148,13 +148,13 @@ def warnings(overview: Overview) -> list[Note]:
     by = overview.setting("split.by")
     single = _names(overview, overview.groups[by] == 1)
     if single:
-        text = f"These have only one {by}: {single}. Nothing is left to test with. {TWICE}"
+        text = f"These objects have only one {by}: {single}. So they cannot be tested. {TWICE}"
         notes.append(Note(text, "warning", "split"))
     return notes
 
 
 def _session_warning(error: QuickError, session_error: QuickError) -> list[Note]:
-    """Return a warning where new sessions have a clearly higher error than new recordings."""
+    """Return a warning if new sessions have a clearly higher error than new recordings."""
     beats_chance = error.high < error.chance
     sessions_are_harder = error.high < session_error.error
     if not (beats_chance and sessions_are_harder):
@@ -168,11 +168,11 @@ def _session_warning(error: QuickError, session_error: QuickError) -> list[Note]
 
 
 def verdict(overview: Overview, warned: list[Note]) -> html.Verdict:
-    """Return whether the recordings can be used; never that nothing would spoil a result.
+    """Return whether the recordings can be used; it never says that nothing spoils a result.
 
     Args:
         overview: the inspected recordings.
-        warned: what `warnings` gives for them.
+        warned: the warnings that `warnings` returns for them.
     """
     usable = _usable_objects(overview)
     if len(usable) < 2:
@@ -189,29 +189,30 @@ def verdict(overview: Overview, warned: list[Note]) -> html.Verdict:
         reason = f"Each object has {fewest} or more."
     if warned:
         return html.Verdict("unsure", f"Usable, with {several(len(warned), 'warning')}.", [reason])
-    unseen = "The files cannot tell augmented copies, windows or persons: see below."
+    unseen = "The files cannot show augmented copies, windows or persons: see below."
     return html.Verdict("open", "No check below gave a warning.", [reason, unseen])
 
 
 def checks(overview: Overview, warned: list[Note]) -> list[Check]:
-    """Return what was checked, and what was found.
+    """Return the checks and their outcomes.
 
     Args:
         overview: the inspected recordings.
-        warned: what `warnings` gives for them.
+        warned: the warnings that `warnings` returns for them.
     """
     not_made = dict[str, str]()
     if overview.counts["frames"].max() == 1:
         not_made |= dict.fromkeys(NEED_FRAMES, "not checked: every recording is one frame")
     if not overview.choice.leak:
-        not_made["objects told without any contact"] = "not checked: too few frames without contact"
+        text = "not checked: too few frames without contact"
+        not_made["objects that are recognised without contact"] = text
     if not overview.rates:
         not_made["times and frame rates"] = "not checked: no times"
     return outcomes(warned, not_made)
 
 
 def unknown(overview: Overview) -> list[str]:
-    """Return what the files cannot tell, in sentences.
+    """Return sentences on what the files cannot tell.
 
     Args:
         overview: the inspected recordings.
@@ -220,13 +221,14 @@ def unknown(overview: Overview) -> list[str]:
     if overview.error:
         error = f"{100 * overview.error.error:.1f} %"
         sentences.append(
-            f"With such copies or pieces, the first estimate of the error, {error}, is too low."
+            f"If there are such copies or pieces, the first estimate of the error, {error}, is too "
+            "low."
         )
     return sentences
 
 
 def _usable_objects(overview: Overview) -> list[str]:
-    """Return the names of the objects of which `preprocess` keeps frames, and of the empty hand."""
+    """Return the names of the objects with frames that `preprocess` keeps, and the empty hand."""
     kinds = {"flags": "flagged", "contact": "in contact"}
     kind = kinds.get(overview.choice.plan.params.filter, "frames")
     with_frames = overview.label[overview.counts[kind] > 0]
@@ -239,7 +241,7 @@ def _usable_objects(overview: Overview) -> list[str]:
 
 
 def _names(overview: Overview, chosen: np.ndarray) -> str:
-    """Return the names of the recorded objects among bool (O,), but for the empty hand, or ""."""
+    """Return the chosen objects, bool (O,), in words, without the empty hand; "" if none."""
     names = list[str]()
     for label in np.unique(overview.label):
         name = overview.recordings.objects[label]

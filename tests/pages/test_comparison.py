@@ -35,7 +35,7 @@ def test_what_differs_and_whether_it_can_be_told():
     second = run("second", worse, views=4)
     second.timing["seconds"] = SECONDS | {"pretrain": 7.5}
     lines = comparison_lines(first, second)
-    assert lines[0] == "second against first, 36 split groups in common"
+    assert lines[0] == "second compared with first, 36 split groups in common"
     assert "  views=8 -> 4" in lines
     whole = lines[lines.index("") + 1 :]
     assert whole[0].startswith("whole recordings") and "0.0 -> 33.3 %  +33.3 points (" in whole[0]
@@ -47,7 +47,7 @@ def test_what_differs_and_whether_it_can_be_told():
 
 def test_the_same_run_twice_has_no_difference():
     lines = comparison_lines(run("", RIGHT), run("again", RIGHT))
-    assert lines[0] == "again against the workspace, 36 split groups in common"
+    assert lines[0] == "again compared with the workspace, 36 split groups in common"
     assert lines[1] == "  all parameters are equal" and "  both give the same answers" in lines
     assert not any("changed most" in line for line in lines)
 

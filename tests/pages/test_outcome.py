@@ -117,7 +117,7 @@ EVERY_FOLD = "-S views=4 -S 'data.source=\"{here}/my glove\"' -S split.by=record
             {"data_layout": "OBJECT/FILE"},
             "open",
             "below",
-            "Ask",
+            "Let the classifier",
             f"{PREDICT} --set data.layout=OBJECT/FILE",
         ),
         (
@@ -179,7 +179,7 @@ def test_a_warning_comes_first_with_the_remedies_that_are_values(elsewhere):
             finished(RIGHT, notes=[note, Note("remark", stage="preprocess")], **changes)
         )
         assert judged.kind == "unsure" and "1 warning below puts it in doubt." in judged.reasons
-        assert steps[0].startswith("Mend") and lines.split("\n")[0] == command
+        assert steps[0].startswith("Correct") and lines.split("\n")[0] == command
 
 
 DOUBTS = [
@@ -221,7 +221,7 @@ def test_a_report_says_which_checks_were_made():
     run.records["preprocess"] = replace(run.records["preprocess"], counts={"leak.error": 0.5})
     outcomes = {check.what: check.outcome for check in run_checks(run)}
     assert outcomes["equal frames at the ends of recordings"] == "nothing found"
-    assert outcomes["objects told without any contact"] == "nothing found"
+    assert outcomes["objects that are recognised without contact"] == "nothing found"
     assert outcomes["times and frame rates"] == "not checked: no times"
 
 

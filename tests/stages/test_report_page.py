@@ -54,7 +54,9 @@ def test_the_page_says_what_the_files_say(workspace):
 
 def test_the_page_has_live_errors_where_the_run_measured_them(workspace):
     text = text_of(run_page(read_run()))
-    assert "While the hand still holds the object" in text and "sure by 95 %" in text
+    assert (
+        "While the hand still holds the object" in text and "first answer of 95 % or more" in text
+    )
     Path("results/live.csv").unlink()  # as of an earlier version
     assert "While the hand still holds the object" not in text_of(run_page(read_run()))
 
