@@ -1,7 +1,8 @@
-"""The store of MLflow: its address, and what is read back from it.
+"""Finds the store of MLflow, and reads artifacts and models back from it.
 
 The store is `mlflow.db` at the root of the repository, with `mlruns/` in the same folder. MLflow's
-own variables override it, and a relative `sqlite:///my.db` counts from the same root.
+own variables override it. A relative path such as `sqlite:///my.db` counts from the same root. Only
+functions import MLflow, since it loads slowly.
 """
 
 import os
@@ -15,12 +16,12 @@ from tactile_viewgcn.messages import UserError
 
 DISABLED = "disabled"
 SQLITE = "sqlite:///"
-SHOWN = 400  # letters of a warning, since a server may answer with a whole page
-SETTINGS = {  # MLflow reads them when it is imported
+SHOWN = 400  # letters of a message, since a server can answer with a whole page
+SETTINGS = {  # MLflow reads these variables when it is imported
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",  # by default MLflow tries a dead server for minutes
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",  # seconds
     "MLFLOW_DISABLE_TELEMETRY": "true",
-    "MLFLOW_LOGGING_LEVEL": "CRITICAL",  # it logs an error with its traceback before it raises it
+    "MLFLOW_LOGGING_LEVEL": "CRITICAL",  # else MLflow logs the traceback of an error it raises
     "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
     "GIT_PYTHON_REFRESH": "quiet",
@@ -28,9 +29,9 @@ SETTINGS = {  # MLflow reads them when it is imported
 
 
 def store_address() -> str:
-    """Return the store's address.
+    """Return the address of the store, and set MLflow's variables that are not set.
 
-    The path of a file is absolute, since DVC deletes the temporary workspaces of experiments.
+    The path of a file is made absolute, since DVC deletes the temporary workspaces of experiments.
     """
     for name, value in SETTINGS.items():
         os.environ.setdefault(name, value)
@@ -48,9 +49,9 @@ def database_file(uri: str) -> Path | None:
 
 
 def error_line(error: Exception) -> str:
-    """Return the store and its error in one line.
+    """Return one line that names the store and its error.
 
-    Of an error that might repeat a password only the kind is named.
+    If the error could repeat a password, only the kind of the error is named.
     """
     address, passwords = re.subn("://.*@", "://", store_address())
     text = str(error).partition("\n[SQL:")[0]
@@ -63,7 +64,7 @@ def read_artifact(run_id: str, name: str) -> bytes:
     """Return the content of an artifact of a run.
 
     Raises:
-        UserError: as in `download_model`.
+        UserError: see `download_model`.
     """
     with tempfile.TemporaryDirectory() as folder:
         return _download(f"runs:/{run_id}/{name}", Path(folder)).read_bytes()
@@ -74,19 +75,19 @@ def download_model(name: str, folder: Path) -> Path:
 
     Args:
         name: `runs:/ID` or `models:/NAME/VERSION`.
-        folder: the place of the file.
+        folder: the folder for the file.
 
     Raises:
-        UserError: there is no store, or it has no such model, or does not answer; or tracking is
+        UserError: there is no store, it has no such model, it does not answer, or tracking is
             disabled.
     """
     for file in _download(name, folder).rglob("*.pt"):
         return file
-    raise UserError(f"{name}: a model of another kind; expected one that this project has logged")
+    raise UserError(f"{name}: a model of another kind; expected a model that this project logged")
 
 
 def _download(name: str, folder: Path) -> Path:
-    """Return the path of an artifact, downloaded into a folder; errors as in `download_model`."""
+    """Download an artifact into a folder, and return its path; errors as in `download_model`."""
     uri = store_address()
     database = database_file(uri)
     if uri == DISABLED or (database and not database.exists()):
@@ -106,7 +107,7 @@ def _download(name: str, folder: Path) -> Path:
 
 
 def _model_of(mlflow: Any, run_id: str) -> str | None:
-    """Return the address of the model that a run has logged; None where it has logged none."""
+    """Return the address of the model that a run has logged; None if it has logged no model."""
     outputs = mlflow.MlflowClient().get_run(run_id).outputs
     for model in outputs.model_outputs if outputs else []:
         return f"models:/{model.model_id}"
@@ -121,6 +122,6 @@ def bad_request(message: str) -> Exception:
     from mlflow.exceptions import MlflowException
 
     exception: Exception = MlflowException.invalid_parameter_value(message)
-    # by default the server puts the whole input before the message
+    # else the server puts the whole input before the message
     exception.json_kwargs = {"message": message}  # type: ignore[attr-defined]
     return exception

@@ -117,7 +117,7 @@ def test_a_disk_that_turns_out_full_when_a_file_is_synced_is_the_same_error(
 @pytest.mark.parametrize(
     ("error", "kind", "line"),
     [
-        (BlockingIOError("unable to lock"), OSError, "a.h5: a different program has it open"),
+        (BlockingIOError("unable to lock"), OSError, "a.h5: another program has this file open"),
         (MemoryError("3 GiB"), MemoryError, "a.h5: 3 GiB"),
         (KeyError("pressure"), UserError, "a.h5: damaged, .*pressure.*; delete it"),
         (UserError("b.h5: too long"), UserError, "^b.h5: too long$"),
