@@ -24,13 +24,13 @@ def call(*words, cwd=ROOT):
 
 
 def refused(result):
-    """The one line of a refused command."""
+    """Return the one line of a refused command."""
     assert result.returncode == 1 and len(result.stderr.splitlines()) == 1, result.stderr
     return result.stderr
 
 
 def glove(folder, *names, number=2, shape=(20, 4, 4)):
-    """A folder of arrays: `number` recordings of each object."""
+    """Return a folder of arrays with `number` recordings of each object."""
     rng = np.random.default_rng(0)
     for path in (folder / name / f"{i}.npy" for name in names for i in range(number)):
         save(path, rng.integers(500, 530, shape, dtype=np.int16))

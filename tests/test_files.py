@@ -198,7 +198,7 @@ def test_a_file_where_a_folder_belongs_costs_no_old_file(tmp_path):
     params=["pipe", "socket", "device", "folder", "elsewhere/file", "nowhere", "/dev/null"]
 )
 def no_file(request, tmp_path, monkeypatch):
-    """A path where something else than a file is; the last three are what a link leads to."""
+    """Return a path at which something other than a file is; the last three are links' targets."""
     monkeypatch.chdir(tmp_path)  # a socket's name has to be short
     write_all(Path(), {"elsewhere/file": "mine"})
     path = Path("there")

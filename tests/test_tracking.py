@@ -1,5 +1,5 @@
-"""Runs in MLflow, as its own client shows them: rows and stages, their content and end, and stores
-that fail.
+"""Runs in MLflow, as its own client shows them: rows and stages, their content and end, and failing
+stores.
 """
 
 import json
@@ -63,7 +63,7 @@ def test_a_stage_is_one_run_that_is_read_while_it_lasts_and_ends_with_its_record
 
 
 def test_a_batch_logs_what_one_call_for_each_tag_parameter_and_step_does(store, client):
-    """Also more metrics than MLflow takes in one call, and some of them at several steps."""
+    """The metrics are more than MLflow takes in one call, and some have several steps."""
     tags = {"stage.ingest": "ab12", "resolved.scale": "150"}
     parameters = {"classes": 4, "weights.head": 7, "share": 0.1}
     metrics = [("error", 0.1 + 0.2, 0), ("seconds", 3.0, 0)]
@@ -107,7 +107,7 @@ def test_a_stage_that_ends_early_leaves_a_run_with_its_traceback(store, client, 
 
 
 def begun():
-    """The id of a stage's run, whose block has run whatever the store did."""
+    """Return the id of a stage's run. The block of the run goes on whatever the store does."""
     ran = False
     with tracking.stage_run(Record("ingest")) as run:
         run.log("log_metrics", {"seconds": 1})
@@ -142,7 +142,7 @@ def test_a_store_that_does_not_open_costs_the_run_and_one_line_without_its_passw
 
 
 def asked(listening) -> int:
-    """How often a socket that accepts nobody was connected to."""
+    """Return how often somebody connected to a socket that accepts nobody."""
     times = 0
     listening.setblocking(False)
     with suppress(BlockingIOError):

@@ -1,4 +1,4 @@
-"""The table of live answers, of a stream that says what its frames hold."""
+"""Tests the table of live answers with a stream that says what its frames hold."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ PEN = {level: [2, level] for level in (50, 60, 90)}
 
 
 class Stream:
-    """Reads the object and its probability in per cent from each frame (1, 2); 0: an open hand."""
+    """Reads object and probability in per cent from each frame (1, 2); 0 is an open hand."""
 
     def __init__(self):
         self.frame = -1
@@ -63,7 +63,7 @@ class Stream:
 
 
 def recordings_at(path, frames, *, grasp=None, step=0.2):
-    """Recordings of these frames, numbered from 0, at 5 frames a second, or without times."""
+    """Return recordings of these frames, numbered from 0, at 5 frames a second or without times."""
     number = np.repeat(np.arange(len(frames)), list(map(len, frames)))
     frame = np.concatenate([np.arange(len(one)) for one in frames])
     columns = {"recording": number, "frame": frame, "time": frame * step}
@@ -181,7 +181,7 @@ def test_numbered_grasps_that_the_stream_joins_count_once_and_never_with_frames_
 
 
 class LateStream(Stream):
-    """Closes a grasp after three successive frames of the open hand, as a real one after five."""
+    """Closes a grasp after three successive frames of the open hand; a real stream needs five."""
 
     def __init__(self):
         super().__init__()
@@ -223,7 +223,7 @@ def test_contact_in_the_last_frame_belongs_to_the_grasp_of_that_frame(tmp_path):
 
 
 class Untouched(Stream):
-    """Finds a grasp that reads too little for an answer."""
+    """Finds a grasp whose readings are too weak for an answer."""
 
     def close(self):
         if not self.frames:

@@ -1,4 +1,4 @@
-"""Differences of two runs, beside ones that were computed by hand."""
+"""Differences of two runs, compared with differences that were computed by hand."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ RECORDINGS = np.array([f"{number}-{CLASSES[label]}" for number, label in enumera
 
 
 def run(wrong, *, chosen=slice(None), classes=CLASSES, protocols=(WHOLE,)):
-    """Answers to twelve recordings, of which the numbers in `wrong` are taken for the next object.
+    """Return answers to twelve recordings; the recordings in `wrong` are taken for the next object.
 
     Args:
         wrong: numbers of recordings.
@@ -110,7 +110,7 @@ def test_the_objects_that_changed_most_come_first():
 
 
 def finished(answers, *, folds=3, md5="ab", chosen=slice(None), **changed):
-    """A finished run of these answers, with parameters that differ from the commit."""
+    """Return a finished run with these answers, and with parameters that differ from the commit."""
     params = {"values": {"split.folds": folds, "views": 8} | changed, "changed": changed}
     ingest = Record("ingest", inputs={"source": {"path": "glove", "md5": md5}})
     commit = {"mlflow.source.git.commit": "1234567890"}
@@ -125,7 +125,7 @@ def finished(answers, *, folds=3, md5="ab", chosen=slice(None), **changed):
 
 @pytest.fixture
 def head(monkeypatch):
-    """What the workspace's commit has: five wrong answers to twelve recordings."""
+    """Return the run of the workspace's commit, with five wrong answers to twelve recordings."""
     made = finished([0, 1, 2, 4, 5])
     monkeypatch.setattr(versus, "read_run", lambda name, fetch: made)
     return made

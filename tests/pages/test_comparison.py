@@ -13,7 +13,7 @@ SECONDS = {"pretrain": 10.0, "evaluate": 2.0, "total": 12.0}
 
 
 def run(name, answers, *, md5="ab", **changes):
-    """A finished run of that name.
+    """Return a finished run of that name.
 
     Args:
         name: of the run.

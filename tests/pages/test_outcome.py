@@ -1,4 +1,4 @@
-"""The worth of a run's answers, and the next steps, of runs with chosen answers."""
+"""The verdict on a run's answers, and the next steps, for runs with chosen answers."""
 
 from dataclasses import replace
 
@@ -32,13 +32,13 @@ PREDICT = "tactile-viewgcn predict models/classifier.pt NEW_RECORDINGS"
 
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path, monkeypatch):
-    """A folder without params.yaml, in which each test runs."""
+    """Change to a folder without params.yaml, in which each test runs."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 def finished(answers, *, notes=(), **changes):
-    """A run of three objects with as many test recordings each as `answers` has columns.
+    """Return a run of three objects; each has as many test recordings as `answers` has columns.
 
     Args:
         answers: of each object, the answer to each of its recordings.
@@ -74,7 +74,7 @@ def finished(answers, *, notes=(), **changes):
 
 
 def advice(run):
-    """The verdict, what to do, and the commands."""
+    """Return the verdict, what to do, and the commands."""
     steps = next_steps(run)
     return verdict(run), [what for what, _ in steps], "\n".join(command for _, command in steps)
 
