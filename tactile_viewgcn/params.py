@@ -360,7 +360,7 @@ def load(path: str | Path, changes: tuple[str, ...] = (), name: str = "") -> Par
 
 
 def unlike_the_file(values: dict[str, Any], path: str = "params.yaml") -> dict[str, Any]:
-    """Return those of the values for which a file of parameters has another value.
+    """Return the values that differ from the values in a file of parameters.
 
     Args:
         values: by dotted key.

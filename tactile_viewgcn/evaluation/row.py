@@ -148,7 +148,7 @@ def description(run: FinishedRun, name: str) -> str:
     error = run.score["error"]
     interval = percent_interval(error["mean"], error["low"], error["high"])
     seconds = run.timing["seconds"]["total"]
-    text = f"**{name}**: {interval} % of whole recordings wrong, {seconds:,.0f} s"
+    text = f"**{name}**: {interval} % of whole recordings are wrong, {seconds:,.0f} s"
     return f"{text}.\n\n`tactile-viewgcn report {run.records[ROW].run_id}`"
 
 

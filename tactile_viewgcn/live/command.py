@@ -193,7 +193,7 @@ class LiveCommand:
         self._is_open_hand_missed = True
         frames = several(self._frames, "frame")
         text = f"no open hand in {frames}, so no answer: open your hand and hold it still; "
-        self._say(line, text + "if it is open, its readings are unlike the training's: try --tare")
+        self._say(line, text + "if it is open, it does not read as in the training: try --tare")
 
     def _end(self, source: LineSource) -> None:
         """Show the last answer, and say how many frames there were and what was left out."""

@@ -308,7 +308,7 @@ class OpenHand(Hand):
             self._fallen += 1
             if not follower.fallen:
                 self._fallen = 0
-            # the hand was not open where the baseline began, or the sensors have drifted
+            # the hand was not open when the baseline began, or the sensors have drifted
             if self._fallen >= MIN_FRAMES or self._unclear >= MOST_UNCLEAR:
                 self.begin_anew()
             return []

@@ -179,7 +179,7 @@ class LiveStream:
         always_fits = array.dtype == self._dtype and self._dtype.kind == "i"
         if not always_fits:
             self._require_fit(array)
-        return array.astype(self._dtype)  # a copy, since the caller may reuse the array
+        return array.astype(self._dtype)  # a copy, since the caller can reuse the array
 
     def _require_fit(self, array: np.ndarray) -> None:
         """Raise a UserError if a reading (n, H, W) does not fit into the type of the plan."""

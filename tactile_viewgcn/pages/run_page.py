@@ -148,7 +148,7 @@ def each_fold(source: str) -> str:
 
 
 def each_fold_changes(values: dict[str, Any]) -> dict[str, Any]:
-    """Return the parameters that this command names: all except the ones that the study sets."""
+    """Return the parameters that this command names, without the parameters the study sets."""
     return {
         key: value
         for key, value in values.items()
@@ -235,7 +235,7 @@ def _versus(run: FinishedRun) -> Note | None:
 
 
 def page_path(name: str) -> Path:
-    """Return the path of a run's page where the user names none.
+    """Return the path of a run's page if the user does not name a path.
 
     Args:
         name: as the user named the run, such as `brave-mug`, `HEAD~1` or a folder; empty for the

@@ -82,7 +82,7 @@ class GrowingRecording:
         return self._probabilities, ""
 
     def _fault(self) -> tuple[str, bool]:
-        """Return what is wrong with the readings, or "", and whether more frames can mend it."""
+        """Return what is wrong with the readings, or "", and whether more frames can help."""
         plan = self._content.plan
         counts = self._counts.array
         excess = self._excess.array

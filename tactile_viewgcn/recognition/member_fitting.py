@@ -35,7 +35,7 @@ UNWEIGHED = ["kernel", "pooled_kernel"]  # the members for an array if nothing c
 TOPIC = "recogniser"
 KEY = "model.members"
 ONLY_NETWORK = (
-    f"its error may be lower: `dvc exp run $(tactile-viewgcn preset {NETWORK})` "
+    f"its error can be lower: `dvc exp run $(tactile-viewgcn preset {NETWORK})` "
     "trains it as the only classifier"
 )
 
@@ -165,7 +165,7 @@ def _wants_network(out_of_fold: OutOfFold, *, allowed: bool) -> tuple[bool, list
         allowed: whether the caller allows a network.
     """
     if not allowed:
-        text = f"a network may have a lower error: TactileClassifier(system={NETWORK!r}) trains one"
+        text = f"a network can have a lower error: TactileClassifier(system={NETWORK!r}) trains one"
         return False, [Note(text, topic=TOPIC)]
     if not out_of_fold.folds:
         return False, []
@@ -228,20 +228,20 @@ def _weigh(out_of_fold: OutOfFold, names: list[str]) -> tuple[dict[str, float], 
     """
     if not out_of_fold.folds:
         names = [name for name in names if name in UNWEIGHED] or names
-        text = "no object has two groups to train on, so that none can be held out: "
-        text += "taken without a comparison"
+        text = "no object has two groups to train on, so no group can be held out, "
+        text += "and the members were not compared"
         return dict.fromkeys(names, 1.0), [Note(text, "choice", TOPIC, KEY, names)]
     weights = out_of_fold.member_weights(names)
     held_out_groups = np.unique(out_of_fold.groups[out_of_fold.held_out])
     groups = several(len(held_out_groups), "training group")
-    text = f"their log-probabilities have weights, fitted on {groups}, "
-    text += "each held out of the fits that answer it"
+    text = f"the weights of their log-probabilities were fitted to {groups}; "
+    text += "each group was held out of the fits that answered it"
     notes = [Note(text, "choice", TOPIC, KEY, list(weights))]
     for name in sorted(names, key=lambda name: -weights.get(name, 0)):
         weight = weights.get(name, 0)
         error = float(out_of_fold.group_errors({name: 1}).mean())
-        text = f"{name}: weight {weight:.2g}; as the only member "
-        text += f"{100 * error:.1f} % of whole recordings wrong"
+        text = f"{name}: weight {weight:.2g}; as the only member it answers "
+        text += f"{100 * error:.1f} % of whole recordings wrongly"
         value = {"member": name, "weight": weight, "error": error}
         notes.append(Note(text, topic="members", key=KEY, value=value))
     return weights, notes

@@ -85,9 +85,9 @@ class Content:
         set_answers: (R, S - 1, classes) class probabilities of view sets of one frame, of two and
             so on up to V. None for a network, which has no further weights for view sets, and in a
             file of an earlier version.
-        clusters: how a network clusters a whole recording, which is as in its training. None if it
-            does not cluster, and in a file of an earlier version. The networks of such a file were
-            given sets that are spread over the recording.
+        clusters: how a network clusters a whole recording, the same way as in its training. None if
+            it does not cluster, and in a file of an earlier version. The networks of such a file
+            were given sets that are spread over the recording.
         format: number of the file's layout, see `model_format`.
         version: the version of this package that wrote the file.
     """

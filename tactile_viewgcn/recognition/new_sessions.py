@@ -42,6 +42,6 @@ def new_session_note(out_of_fold: OutOfFold, weights: Mapping[str, float]) -> No
     interval = proportion_interval(errors, np.arange(len(errors)), stream(0, "new session"))
     low, high = interval or (None, None)
     mean = float(errors.mean())
-    text = f"{percent_interval(mean, low, high)} % of whole recordings of {NEW_SESSION} wrong; "
-    text += f"{len(errors)} training sessions, each held out of the fits that answer it"
+    text = f"{percent_interval(mean, low, high)} % of whole recordings of {NEW_SESSION} are wrong; "
+    text += f"each of {len(errors)} training sessions was held out of the fits that answered it"
     return Note(text, topic=TOPIC, value={"mean": mean, "low": low, "high": high})

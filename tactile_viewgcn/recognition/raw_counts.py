@@ -11,11 +11,11 @@ from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.plan import Plan
 from tactile_viewgcn.tables.recordings import Recordings
 
-# factor by which readings may be weaker or stronger than in every training recording
+# factor by which readings can be weaker or stronger than in every training recording
 SCALE_TIMES = 4.0
-# factor by which the frames of an untouched hand may differ less than in every training recording
+# factor by which the frames of an untouched hand can differ less than in every training recording
 STILL_TIMES = 16.0
-RATE_TIMES = 1.1  # factor by which frame rates may be lower or higher
+RATE_TIMES = 1.1  # factor by which frame rates can be lower or higher
 # (H, W) of a frame; names of the sensors, row after row, empty if they have none
 Layout = tuple[tuple[int, ...], list[str]]
 
@@ -205,6 +205,6 @@ def rate_notes(plan: Plan, recordings: Recordings) -> list[Note]:
         return []
     text = (
         f"{len(unlike)} of {several(len(rates), 'recording')}: {listed(unlike)}; "
-        f"expected {low:.3g} to {high:.3g} Hz, near the training's: resample or record anew"
+        f"expected {low:.3g} to {high:.3g} Hz, as in the training: resample them or record again"
     )
     return [Note(text, "warning", "frame rate")]
