@@ -86,7 +86,7 @@ class Difference:
         if self.high < 0:
             return f"{name} has the lower error"
         points = np.ceil(1000 * self.detects) / 10
-        text = "they cannot be told apart; this test set shows differences of "
+        text = "undecided; this test set shows differences of "
         return text + f"{points:.1f} points or more"
 
 
