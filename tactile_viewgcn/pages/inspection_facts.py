@@ -48,7 +48,7 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
     error = "is a first estimate of the error on a new recording, by one quick classifier"
     session_error = f"is the same classifier's estimate for {NEW_SESSION}"
     leak = (
-        "is the error of another quick classifier, which sees only frames without contact: "
+        "is the error of another quick classifier, which sees only frames without contact; "
         "the nearer to chance, the better"
     )
     rows += _error_fact(overview.error, error)
@@ -95,9 +95,9 @@ def _error_fact(error: QuickError | None, text: str) -> list[tuple[str, str]]:
     """Return a pair for `facts`, or nothing if the error was not measured."""
     if not error:
         return []
-    interval = f"{100 * error.low:.1f} to {100 * error.high:.1f}"
-    chance = f"{100 * error.chance:.1f}"
-    return [(f"{100 * error.error:.1f} %", f"{text} ({interval}; chance: {chance})")]
+    interval = f"95 % interval {100 * error.low:.1f} to {100 * error.high:.1f}"
+    chance = f"chance {100 * error.chance:.1f}"
+    return [(f"{100 * error.error:.1f} %", f"{text} ({interval}; {chance})")]
 
 
 def tables(overview: Overview) -> dict[str, pd.DataFrame]:
