@@ -257,6 +257,6 @@ def test_channels_and_arrays_are_weighed_and_the_test_side_changes_nothing():
     one_group = frames.with_columns(group=frames.label.astype(np.int64))
     alone = fitted(one_group, "model.members=auto")
     assert alone.model.members == UNWEIGHED and set(alone.classifier.weights.values()) == {1.0}
-    assert alone.temperature is None and "without a comparison" in alone.notes[0].text
+    assert alone.temperature is None and "not compared" in alone.notes[0].text
     asked = fitted(frames, "model.members=[svm, kernel]", ask_network=False)
     assert asked.classifier.weights == {"svm": 1.0, "kernel": 1.0}
