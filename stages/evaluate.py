@@ -3,10 +3,7 @@
 Writes error rates with their intervals, run times, and which objects are taken for which.
 """
 
-import shlex
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from stages.command import run
 from stages.job import Job
@@ -14,12 +11,10 @@ from tactile_viewgcn.evaluation import earlier_stages, results
 from tactile_viewgcn.evaluation.evaluate import evaluate_table, evaluated_frames, latency
 from tactile_viewgcn.evaluation.finished_run import FinishedRun
 from tactile_viewgcn.evaluation.live import answer_live
-from tactile_viewgcn.evaluation.row import description, figures_of, model_metadata, row_of
-from tactile_viewgcn.evaluation.trials import WHOLE
-from tactile_viewgcn.evaluation.versus import VERSUS, VersusHead, versus_head
-from tactile_viewgcn.messages import Note
+from tactile_viewgcn.evaluation.row import log_row
+from tactile_viewgcn.evaluation.versus import next_line, versus_head
 from tactile_viewgcn.pages.run_page import run_page
-from tactile_viewgcn.provenance import ROW, Record, peak_mb
+from tactile_viewgcn.provenance import ROW, peak_mb
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.tables.frames import Frames, load_table
 from tactile_viewgcn.tables.recordings import Recordings
@@ -31,94 +26,33 @@ def evaluate(
     """Evaluate the classifier, and return the lines to print."""
     table = load_table(frames, Frames)
     recogniser = Recogniser(classifier)
-    model = recogniser.classifier
     earlier = earlier_stages.read_records(records)
-    predictions, metrics = evaluate_table(model, table, job.params, job.compute())
+    for stage in earlier:
+        job.record.inputs[stage] = {"path": str(records / f"{stage}.json")}
+        job.md5(stage)  # by which `report` sees that a stage ran again
+    predictions, metrics = evaluate_table(recogniser.classifier, table, job.params, job.compute())
     metrics |= earlier_stages.new_session(earlier)
-    inputs = evaluated_frames(model, table, job.params)
-    whole = predictions.trials[WHOLE]
-    latency_ms = latency(model, inputs, table.live, whole.frames)
+    inputs = evaluated_frames(recogniser.classifier, table, job.params)
+    latency_ms = latency(recogniser.classifier, inputs, table.live, predictions.whole.frames)
     raw = Recordings.read(recordings)
-    live, notes = answer_live(recogniser.stream, raw, table, whole, job.params)
-    for note in notes:
-        job.note(note)
-    stages = earlier_stages.simulation(earlier) | earlier
-    timing = earlier_stages.costs(latency_ms, stages, job.seconds, peak_mb())
+    live, notes = answer_live(recogniser.stream, raw, table, predictions.whole, job.params)
+    timing = earlier_stages.costs(latency_ms, earlier, job.seconds, peak_mb())
     finished = FinishedRun("", metrics, timing, predictions, earlier | {ROW: job.record}, live)
     versus = versus_head(finished)
     numbers = results.summary(metrics, timing)
     if versus:
         numbers |= versus.numbers
-        job.note(Note(versus.text, topic=VERSUS))
+        notes.append(versus.note)
+    for note in notes:
+        job.note(note)
     results.write_results(out, predictions, metrics, timing, numbers, live)
-    for stage in earlier:
-        job.record.inputs[stage] = {"path": str(records / f"{stage}.json")}
-        job.md5(stage)  # by which `report` sees that a stage ran again
-    if "ingest" in earlier:
-        source = earlier["ingest"].inputs["source"]
-        job.run.dataset(source["path"], source["md5"][:8])
-    address = ""
-    if job.run.id:
-        address = _log(job, finished, numbers, versus, classifier, table) or ""
-        job.run.log("log_artifacts", str(out))
-        job.run.log("log_artifacts", str(records))
+    for folder in (out, records):
+        job.run.log("log_artifacts", str(folder))
     lines = results.summary_lines(metrics, timing, live)
-    if address:
-        lines.append(f"  in a program: mlflow.pyfunc.load_model({address!r})")
-    if job.run.table:
-        lines.append(f"  beside other runs: {job.run.table}")
+    lines += log_row(
+        job.run, finished, numbers, versus, model=classifier, table=table, page=run_page
+    )
     return "\n".join([*lines, f"  next: {next_line(job.record, versus)}"])
-
-
-def _log(
-    job: Job,
-    finished: FinishedRun,
-    numbers: dict[str, float],
-    versus: VersusHead | None,
-    classifier: Path,
-    table: Frames,
-) -> str | None:
-    """Log the pipeline's row to MLflow: model, numbers, figures and the report's page.
-
-    Args:
-        job: of this run.
-        finished: its results.
-        numbers: content of summary.json.
-        versus: the run beside that of its commit.
-        classifier: file of the model.
-        table: frames that it was trained and tested on.
-
-    Returns:
-        The model's address for `mlflow.pyfunc.load_model`; None where the store has failed.
-    """
-    name = job.record.name or job.record.stage
-    metadata = model_metadata(table, finished.metrics["views"])
-    address = job.run.model(name, classifier, metadata)
-    row = row_of(finished, numbers, versus)
-    job.run.batch(row.tags, row.parameters, row.metrics, model=address)
-
-    def log_pages(mlflow: Any) -> None:
-        for file, figure in figures_of(finished.predictions, finished.live).items():
-            mlflow.log_figure(figure, file)
-        page = run_page(replace(finished, name=job.run.id or ""))
-        mlflow.log_text(page, "report.html")
-
-    job.run.attempt(log_pages)
-    job.run.description = description(finished, name)
-    return address
-
-
-def next_line(record: Record, versus: VersusHead | None) -> str:
-    """Return what to type after a run.
-
-    Args:
-        record: of the run.
-        versus: the run beside that of its commit; None where they cannot be compared.
-    """
-    if versus:
-        name = shlex.quote(record.origin.get("dvc.experiment", ""))
-        return f"tactile-viewgcn compare {name}".removesuffix(" ''")
-    return "tactile-viewgcn report"
 
 
 if __name__ == "__main__":

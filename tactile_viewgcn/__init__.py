@@ -1,4 +1,4 @@
-"""Recognition of the object in a hand from several frames of a tactile glove."""
+"""Recognises the object in a hand from several frames of a tactile glove."""
 
 from typing import Any
 
@@ -6,9 +6,9 @@ __all__ = ["TactileClassifier"]
 
 
 def __getattr__(name: str) -> Any:
-    """Return `TactileClassifier`, imported at its first use.
+    """Return `TactileClassifier`, which is imported at its first use.
 
-    Commands without it do not load scikit-learn.
+    Hence commands that do without it do not load scikit-learn.
     """
     if name == "TactileClassifier":
         from tactile_viewgcn.recognition.estimator import TactileClassifier

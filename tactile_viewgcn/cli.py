@@ -1,4 +1,4 @@
-"""The command `tactile-viewgcn`: inspect recordings, print presets, predict, report."""
+"""The command `tactile-viewgcn`: inspect recordings, print presets, predict, live, report."""
 
 import io
 import os
@@ -25,9 +25,9 @@ _SET_DATA = click.option(
     "changes",
     multiple=True,
     metavar="data.KEY=VALUE",
-    help="How to read SOURCE, as data in params.yaml.",
+    help="How to read the recordings: a value for a key of the section data in params.yaml.",
 )
-INTERRUPTED = 130  # exit code after Ctrl-C, as of a shell's commands
+INTERRUPTED = 130  # exit code after Ctrl-C, the same as of commands in a shell
 SIDE = click.IntRange(1, MAX_SIDE)  # rows or columns of a frame
 
 
@@ -35,7 +35,7 @@ SIDE = click.IntRange(1, MAX_SIDE)  # rows or columns of a frame
 @click.version_option(package_name="tactile-viewgcn")
 @click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
 def cli() -> None:
-    """Recognise held objects from tactile frames. The pipeline itself is run by `dvc repro`."""
+    """Recognise held objects from tactile frames. To run the pipeline, type `dvc repro`."""
 
 
 @cli.command()
@@ -50,12 +50,13 @@ def cli() -> None:
     "--shape",
     type=(SIDE, SIDE),
     metavar="ROWS COLUMNS",
-    help="Shape of a frame of arrays, see data.shape.",
+    help="Shape of a frame in arrays or tables, see data.shape in params.yaml.",
 )
 @click.option(
     "--catalogue",
     type=click.Path(path_type=Path),
-    help="Write a table with a line for each recording to this .csv, to be corrected and read.",
+    help="Write a table with a line for each recording to this .csv. You can correct the table and "
+    "read it as SOURCE.",
 )
 @_SET_DATA
 def inspect(
@@ -67,9 +68,14 @@ def inspect(
 ) -> None:
     """Describe the recordings SOURCE and recommend parameters for them, with reasons.
 
-    SOURCE is a STAG metadata.mat, a STAG folder, HDF5 recordings, a folder of arrays (OBJECT/*.npy,
-    .npz or .csv), one table of all recordings with a column `object`, or a catalogue. Every mistake
-    in it is listed.
+    SOURCE is a folder with a file for each recording, one file with all recordings, STAG's
+    metadata.mat or STAG's folder, or a catalogue as `--catalogue` writes it.
+
+    A file of recordings is an array (.npy, .npz or .mat), HDF5 (.h5 or .hdf5) or a table (.csv,
+    .tsv, .csv.gz or .txt).
+
+    The objects are named by the folders or files, as in OBJECT/1.npy, by a column `object` of the
+    table, or by a labels.csv that lists the files. All mistakes in SOURCE are listed.
     """
     from tactile_viewgcn.pages.html import write
     from tactile_viewgcn.pages.inspection import inspection_lines, inspection_page
@@ -90,7 +96,7 @@ def inspect(
             words += ["--shape", *map(str, shape)]
         for change in changes:
             words += ["--set", change]
-        _say(f"{catalogue}: {count}; correct it, and read it:", f"  {shlex.join(words)}")
+        _say(f"{catalogue}: {count}; correct this file, then read it:", f"  {shlex.join(words)}")
     if page:
         _say(write(page, inspection_page(inspection)))
 
@@ -102,7 +108,7 @@ def preset(name: str) -> None:
     try:
         _say(" ".join(f"-S {change}" for change in preset_changes(name)))
     except UserError:
-        # DVC refuses this; without any option it would run the default
+        # DVC refuses this option; without any option it would run the default
         _say(f"-S no-such-preset={name}")
         raise
 
@@ -115,11 +121,10 @@ def preset(name: str) -> None:
 )
 @_SET_DATA
 def predict(changes: tuple[str, ...], **options: Any) -> None:
-    """Recognise with MODEL the objects that are held in the recordings SOURCE, labelled or not.
+    """Recognise with MODEL the objects that are held in the recordings SOURCE.
 
     MODEL is models/classifier.pt, the id of an MLflow run, runs:/ID, models:/NAME/VERSION or
-    models:/NAME@ALIAS. SOURCE is anything that `inspect` reads; HDF5 recordings and arrays need no
-    object here.
+    models:/NAME@ALIAS. SOURCE is anything that `inspect` reads. Its recordings need no object here.
     """
     from tactile_viewgcn.recognition import prediction
 
@@ -139,26 +144,26 @@ def predict(changes: tuple[str, ...], **options: Any) -> None:
     "--every",
     type=click.IntRange(1),
     metavar="N",
-    help="Answer every N frames in contact, however fast they come. Without it answers are skipped "
-    "while frames wait in the pipe.",
+    help="Answer every N frames in contact, however fast they come. Without this option, answers "
+    "are skipped while frames wait in the pipe.",
 )
 @click.option(
     "--longest",
     type=click.IntRange(1),
     metavar="N",
-    help="Close a grasp after N frames in contact; 2000 without it.",
+    help="Close a grasp after N frames in contact. The default is 2000.",
 )
 @click.option(
     "--tare",
     is_flag=True,
-    help="Take the first steady frames for the open hand, whatever the training's open hand read.",
+    help="Take the first steady frames as the open hand, whatever the open hand read in training.",
 )
 def live(model: str, as_json: bool, every: int | None, **options: Any) -> None:
-    """Say with MODEL what the hand holds, while it holds it.
+    """Say with MODEL which object the hand holds, while it still holds the object.
 
-    Frames are lines of numbers on standard input, a column for each sensor, separated by commas,
-    semicolons, tabs or blanks. A line above them may name the columns; one called `time` is the
-    time. Begin with an open hand. MODEL is as for `predict`.
+    Each frame is a line of numbers on standard input, with a column for each sensor. Commas,
+    semicolons, tabs or blanks separate the columns. A line above the numbers can name the columns;
+    a column called `time` holds the time. Begin with an open hand. MODEL is as for `predict`.
     """
     with _interrupted():
         code = _live(model, as_json=as_json, every=every, **options)
@@ -167,7 +172,7 @@ def live(model: str, as_json: bool, every: int | None, **options: Any) -> None:
 
 
 def _live(model: str, *, as_json: bool, every: int | None, **options: Any) -> int:
-    """Return the exit code of `live`, see there."""
+    """Run the command `live`, and return its exit code."""
     from tactile_viewgcn.live.command import EVERY_FRAME, LiveCommand
     from tactile_viewgcn.live.lines import FrameLines
     from tactile_viewgcn.live.source import LineSource
@@ -180,15 +185,15 @@ def _live(model: str, *, as_json: bool, every: int | None, **options: Any) -> in
     if sys.stdin.isatty():
         raise UserError(f"standard input is a terminal; {remedy}")
     descriptor = sys.stdin.fileno()
-    is_file = stat.S_ISREG(os.fstat(descriptor).st_mode)  # its lines wait however fast they are
+    is_file = stat.S_ISREG(os.fstat(descriptor).st_mode)  # the lines of a file can wait
     source = LineSource(lambda size: os.read(descriptor, size))
-    click.echo(shown(f"loading {model}"), err=True)  # it takes seconds
+    click.echo(shown(f"loading {model}"), err=True)  # since it takes seconds
     recogniser = load_model(model)
-    given = {name: value for name, value in options.items() if value is not None}
-    stream = recogniser.stream(every=every or 1, **given)
+    set_options = {name: value for name, value in options.items() if value is not None}
+    stream = recogniser.stream(every=every or 1, **set_options)
     view = view_of(stream.classes, as_json=as_json)
     view.say(first_line(recogniser))
-    if "sure" in given and not recogniser.calibrated:
+    if "sure" in set_options and not recogniser.calibrated:
         view.say("warning: --sure: probabilities that are not calibrated are usually too high")
     if not recogniser.separates_grasps:
         view.say(EVERY_FRAME)
@@ -205,15 +210,15 @@ def _live(model: str, *, as_json: bool, every: int | None, **options: Any) -> in
     type=click.FloatRange(0),
     default=1.0,
     show_default=True,
-    help="2 is twice as fast as it was recorded, 0 as fast as possible.",
+    help="2 is twice as fast as the recording, 0 is as fast as possible.",
 )
-@click.option("--name", metavar="NAME", help="Which recording, where RECORDING holds several.")
+@click.option("--name", metavar="NAME", help="The recording to print, if there are several.")
 @_SET_DATA
 def replay(recording: str, speed: float, name: str | None, changes: tuple[str, ...]) -> None:
-    """Print the frames of RECORDING at their own rate, a line of numbers each, as for `live`.
+    """Print the frames of RECORDING as lines of numbers for `live`, at the recorded rate.
 
-    RECORDING is anything that `inspect` reads; it needs no object. The first line names the
-    sensors, if they have names.
+    RECORDING is anything that `inspect` reads; it needs no object. If the sensors have names, the
+    first line has the names.
     """
     from tactile_viewgcn.live import replay as live_replay
 
@@ -226,19 +231,24 @@ def replay(recording: str, speed: float, name: str | None, changes: tuple[str, .
 
 @cli.command()
 @click.argument("run", default="")
-@click.option("--out", type=click.Path(path_type=Path), default="report.html", show_default=True)
-def report(run: str, out: Path) -> None:
-    """Write one HTML page of the workspace's last run, or of RUN.
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="File of the page. By default it is report.html, or report-RUN.html if you name a RUN.",
+)
+def report(run: str, out: Path | None) -> None:
+    """Write an HTML page on the workspace's last run, or on RUN.
 
-    RUN is the name of a DVC experiment, or the id of an MLflow run.
+    RUN is the name of a DVC experiment or revision, the id of an MLflow run, a folder with the
+    `runs` and `results` of a run, or `workspace`.
     """
     from tactile_viewgcn.evaluation.finished_run import read_run
     from tactile_viewgcn.pages.html import write
-    from tactile_viewgcn.pages.run_page import report_lines, run_page
+    from tactile_viewgcn.pages.run_page import page_path, report_lines, run_page
 
     with readable(f"{run or 'the workspace'}: a file of runs/ or results/"):
         finished = read_run(run)
-    _say(*report_lines(finished, write(out, run_page(finished))))
+    _say(*report_lines(finished, write(out or page_path(finished.name), run_page(finished))))
 
 
 @cli.command()
@@ -247,8 +257,8 @@ def compare(names: tuple[str, ...]) -> None:
     """Say whether the results of run B differ from those of run A.
 
     A and B are names of DVC experiments or revisions, ids of MLflow runs, folders with the `runs`
-    and `results` of a run, or `workspace`. B is by default the workspace. A is by default what the
-    workspace's commit has, or the workspace where its results are not here.
+    and `results` of a run, or `workspace`. B is by default the workspace. A is by default the run
+    of the workspace's commit, or the workspace if the results of the commit are not here.
     """
     from tactile_viewgcn.pages.comparison import comparison_lines, read_both
 
@@ -259,9 +269,9 @@ def compare(names: tuple[str, ...]) -> None:
 
 @contextmanager
 def _interrupted() -> Iterator[None]:
-    """Let Ctrl-C end a command with its exit code, without a word.
+    """Let Ctrl-C end a command with its exit code and without a message.
 
-    It ends all programs of a pipe, and the line below is not ours.
+    Ctrl-C ends all programs of a pipe, and another program may be writing to the terminal.
     """
     try:
         yield
@@ -270,15 +280,15 @@ def _interrupted() -> Iterator[None]:
 
 
 def _form(changes: tuple[str, ...], *other: str) -> tuple["Form", PreprocessSection]:
-    """Return the form of a source, and settings of `preprocess`, that `--set` gives.
+    """Return the form of a source and the settings of `preprocess` that `--set` gives.
 
     Args:
         changes: `key=value` texts.
-        *other: sections of params.yaml that may be changed, besides `data`.
+        *other: sections of params.yaml that can be changed, besides `data`.
     """
     from tactile_viewgcn.readers.source import Form
 
-    # first: a misspelt key is no key of `dvc exp run` either
+    # comes first, since a misspelt key is no key of `dvc exp run` either
     params = default_params(changes, "--set")
     sections = ("data", *other)
     for change in changes:
@@ -286,7 +296,8 @@ def _form(changes: tuple[str, ...], *other: str) -> tuple["Form", PreprocessSect
         if section not in sections:
             expected = " or ".join(f"{name}.KEY=VALUE" for name in sections)
             raise UserError(
-                f"--set {change}: expected {expected}; all else is for `dvc exp run -S {change}`"
+                f"--set {change}: expected {expected}; use other keys with "
+                f"`dvc exp run -S {change}`"
             )
     form = Form(params.data.shape, params.data.layout, params.data.columns)
     return form, params.preprocess

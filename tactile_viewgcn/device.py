@@ -1,4 +1,4 @@
-"""The device and precision of the computation, chosen by what the hardware can, not by timing."""
+"""Chooses device and precision of the computation by what the hardware can, not by timing."""
 
 import os
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ from torch import Tensor
 
 from tactile_viewgcn.messages import UserError
 
-MAX_MEMORY_SHARE = 0.5  # of the GPU's free memory, which frames may take
-IDLE_SECONDS = 0.3  # for which the load of the cores is measured
+MAX_MEMORY_SHARE = 0.5  # share of the GPU's free memory that frames can take
+IDLE_SECONDS = 0.3  # time for which the load of the cores is measured
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def select_device(device: str = "auto", precision: str = "auto") -> Compute:
             natively).
 
     Raises:
-        UserError: `cuda` without a CUDA device.
+        UserError: `device` is `cuda`, and there is no CUDA device.
     """
     has_cuda = torch.cuda.is_available()
     if device == "auto" and has_cuda:
@@ -73,7 +73,7 @@ def select_device(device: str = "auto", precision: str = "auto") -> Compute:
             "device is cuda and torch sees no CUDA device; expected device: cpu or auto"
         )
     if device == "cuda":
-        # convolutions in float32 then are exact, as matrix products are
+        # then convolutions in float32 are exact, as matrix products are
         torch.backends.cudnn.allow_tf32 = False
     if precision == "auto" and _multiplies_bfloat16(device):
         precision = "bfloat16"
@@ -93,13 +93,13 @@ def _multiplies_bfloat16(device: str) -> bool:
 
 
 def set_threads() -> int:
-    """Take as many threads as there are idle cores, at least one, and return their number.
+    """Use as many threads as there are idle cores, at least one, and return their number.
 
-    OMP_NUM_THREADS fixes the number, if it is set. A step of a small network splits hundreds of
-    products among the threads, and each product waits for the last one. Where a busy program uses
-    the core of one thread, all others wait. The idle share is measured for a moment, since the load
-    average would still count the stage before. The number holds for the whole process: call this
-    from a program, not a library.
+    If OMP_NUM_THREADS is set, it fixes the number. A step of a small network splits hundreds of
+    products among the threads, and each product waits for its slowest thread. If a busy program
+    uses the core of one thread, all other threads wait. The idle share is measured for a moment,
+    since the load average would still count the previous stage. The number holds for the whole
+    process, so call this from a program and not from a library.
     """
     import psutil  # comes with DVC, which runs the stages
     from joblib import cpu_count  # respects a container's limit

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and files that are read: their names and md5."""
+"""Writes files whole or not at all, lists the files of a folder, and computes their md5."""
 
 import errno
 import hashlib
@@ -13,13 +13,14 @@ from tempfile import TemporaryDirectory
 
 from tactile_viewgcn.messages import UserError
 
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # on the disk, for this user, or in one file
+# errors for no room on the disk, for this user, or in one file
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 PART = ".unfinished"  # beginning of the name of a hidden folder in which files are written
-CLONE_FILES = ("dvc.yaml", "params.yaml")  # at the root of a clone
-LOCK = "lock"  # file in that folder, locked by the process that writes
-MOST_READ = 100_000_000  # bytes of a page or a table of ours
+CLONE_FILES = ("dvc.yaml", "params.yaml")  # files at the root of a clone
+LOCK = "lock"  # file in the hidden folder, locked by the process that writes
+MOST_READ = 100_000_000  # bytes; a page or a table that this program wrote is smaller
 _md5 = partial(hashlib.md5, usedforsecurity=False)
-# by programs that look into a folder or pack it
+# files that other programs leave when they look into a folder or pack it
 LEFT_BEHIND = ("__MACOSX", "Thumbs.db", "desktop.ini")
 VIDEO_SUFFIX = ".jpg"  # STAG's folders hold gigabytes of video frames too, which no reader reads
 
@@ -27,17 +28,17 @@ VIDEO_SUFFIX = ".jpg"  # STAG's folders hold gigabytes of video frames too, whic
 def root() -> Path:
     """Return the root of the repository in which `dvc` was called.
 
-    It is that root also inside the temporary workspaces of DVC's experiments.
+    The temporary workspaces of DVC's experiments have the same root.
     """
     return Path(os.environ.get("DVC_ROOT") or Path.cwd()).resolve()
 
 
 def way_to_the_clone() -> tuple[str, str]:
-    """Return what to do first where `dvc exp run` cannot work.
+    """Return what to do first if `dvc exp run` cannot work in this folder.
 
     Returns:
-        A sentence and, where a clone is near, the command `cd`. Both are empty at the root of a
-        clone.
+        A sentence, and the command `cd` if this folder lies in a clone. Both are empty at the root
+        of a clone.
     """
     if _is_clone(Path()):
         return "", ""
@@ -59,11 +60,11 @@ def home_path(path: str | Path) -> str:
     """Return a path whose ~ is written out as the home folder.
 
     Args:
-        path: returned as it is where there is no such home folder.
+        path: is returned unchanged if there is no such home folder.
     """
     try:
         return str(Path(path).expanduser())
-    except RuntimeError:  # ~ of nobody
+    except RuntimeError:  # ~ of a user that does not exist
         return str(path)
 
 
@@ -74,12 +75,13 @@ def write_file(
 
     Args:
         path: of the file.
-        content: a text is written as UTF-8.
-        is_own: says whether a file with a text may be replaced; without it any plain file may.
+        content: bytes, or a text that is written as UTF-8.
+        is_own: tells by a file's text whether the file can be replaced. Without it any plain file
+            is replaced.
 
     Raises:
         UserError: at `path` is something that must not be replaced.
-        OSError: there is no room, or the folder is none.
+        OSError: there is no room, or the folder is no folder.
     """
     path = Path(path)
     _check_place(path)
@@ -92,13 +94,13 @@ def write_file(
 
 
 def _check_own(path: Path, is_own: Callable[[str], bool]) -> None:
-    """Raise a UserError unless a file is empty, or of a size and text that this command writes."""
+    """Raise a UserError unless a file is empty or was written by this command."""
     size = path.stat().st_size
     if size == 0:
         return
     if size > MOST_READ or not is_own(path.read_text("utf-8", errors="replace")):
         raise UserError(
-            f"{path}: a file that this command has not written; remove it or name another"
+            f"{path}: this command did not write this file; remove it or name another file"
         )
 
 
@@ -106,12 +108,12 @@ def _check_own(path: Path, is_own: Callable[[str], bool]) -> None:
 def new_files(folder: str | Path, name: str = "") -> Iterator[Path]:
     """Give an empty folder whose files take their places in `folder` at the end of the block.
 
-    After an error none of them does. Otherwise as in `new_outputs`. A library that hides a full
-    disk's error, as torch.save does, has to write into memory.
+    After an error no file takes its place. All else is as in `new_outputs`. A library that hides
+    the error of a full disk, like torch.save, has to write into memory first.
 
     Args:
-        folder: where the files belong.
-        name: of the only file, which takes the old one's place at once.
+        folder: the folder of the files.
+        name: name of the file, if there is only one; it replaces the old file in one step.
 
     Yields:
         The empty folder.
@@ -131,12 +133,12 @@ def new_files(folder: str | Path, name: str = "") -> Iterator[Path]:
 def new_outputs(*places: Path) -> Iterator[list[Path]]:
     """Give a path for each place, at which to write the file or folder that belongs there.
 
-    All are put in their places together at the end of the block; after an error none is. What is
-    written beside one of the paths belongs beside its place.
+    At the end of the block all of them are put in their places together; after an error none is. A
+    file that is written next to one of the paths is put next to its place.
 
-    The files are synced first. All old files of the same names go before the first new file comes,
-    so that files of two runs never lie side by side; others stay. A killed run leaves a hidden
-    folder, `.unfinished...`, which the next run that writes there removes.
+    The files are synced first. All old files of the same names are removed before the first new
+    file comes, so that files of two runs never lie side by side. Other files stay. A killed run
+    leaves a hidden folder, `.unfinished...`. The next run that writes there removes it.
 
     Args:
         *places: paths of the files or folders.
@@ -145,8 +147,8 @@ def new_outputs(*places: Path) -> Iterator[list[Path]]:
         The paths to write at.
 
     Raises:
-        UserError: where a file belongs is a link, folder, named pipe, socket or device.
-        OSError: there is no room, or a folder is none.
+        UserError: the place of a file holds a link, folder, named pipe, socket or device.
+        OSError: there is no room, or a folder is no folder.
     """
     made: list[Path] = []
     with ExitStack() as stack:
@@ -173,10 +175,10 @@ def new_outputs(*places: Path) -> Iterator[list[Path]]:
 def _hidden_folder(parent: Path) -> Iterator[Path]:
     """Give an empty folder in a hidden folder of `parent`.
 
-    The hidden folder is locked as long as it is used, and then removed. The hidden folders that
-    killed runs have left in `parent` are removed too: nobody holds their locks.
+    The hidden folder is locked as long as it is used, and then removed. Hidden folders that killed
+    runs left in `parent` are removed too, since nobody holds their locks.
     """
-    from filelock import FileLock  # here, since all that checks parameters imports this file
+    from filelock import FileLock  # here, since every check of parameters imports this file
 
     parent.mkdir(parents=True, exist_ok=True)
     for path in parent.iterdir():
@@ -184,10 +186,10 @@ def _hidden_folder(parent: Path) -> Iterator[Path]:
             _remove_if_abandoned(path)
     with TemporaryDirectory(prefix=PART, dir=parent) as hidden:
         lock = FileLock(Path(hidden, "locking"))
-        # a file system without locks; the folder is then never taken for abandoned
+        # on a file system without locks the folder never counts as abandoned
         with suppress(NotImplementedError):
             lock.acquire()
-            Path(lock.lock_file).rename(Path(hidden, LOCK))  # appears locked
+            Path(lock.lock_file).rename(Path(hidden, LOCK))  # so the lock appears already locked
         try:
             new = Path(hidden, "new")
             new.mkdir()
@@ -197,11 +199,11 @@ def _hidden_folder(parent: Path) -> Iterator[Path]:
 
 
 def _remove_if_abandoned(hidden: Path) -> None:
-    """Remove the hidden folder of a run that was killed; the folder of a running one stays."""
+    """Remove the hidden folder of a killed run; the folder of a run under way stays."""
     from filelock import FileLock
 
     lock = FileLock(hidden / LOCK)
-    # locked, another user's, or on a file system without locks
+    # it stays if it is locked, another user's, or on a file system without locks
     with suppress(OSError, NotImplementedError):
         if (hidden / LOCK).is_file():
             lock.acquire(timeout=0)
@@ -210,9 +212,9 @@ def _remove_if_abandoned(hidden: Path) -> None:
 
 
 def _moves(written: Path, place: Path) -> list[tuple[Path, Path]]:
-    """Return what was written at a path and beside it, each with its place.
+    """Return pairs of what was written, at a path or next to it, and its place.
 
-    A folder is moved as one where there is none before, else file by file.
+    A folder is moved as a whole if its place is free, else file by file.
     """
     moves: list[tuple[Path, Path]] = []
     for path in sorted(written.parent.iterdir()):
@@ -231,7 +233,7 @@ def _files_below(folder: Path) -> list[Path]:
 
 
 def _take_places(moves: list[tuple[Path, Path]]) -> None:
-    """Move each file or folder to its place, or none where one of them cannot be moved."""
+    """Move each file or folder to its place, or none if one of them cannot be moved."""
     for path, _ in moves:
         files = [path]
         if path.is_dir():
@@ -243,7 +245,7 @@ def _take_places(moves: list[tuple[Path, Path]]) -> None:
         place.parent.mkdir(parents=True, exist_ok=True)
         if path.is_file():
             _check_place(place)
-    if len(moves) > 1:  # a single file takes the old one's place at once
+    if len(moves) > 1:  # a single file replaces the old file in one step
         for path, place in moves:
             if path.is_file():
                 place.unlink(missing_ok=True)
@@ -255,7 +257,7 @@ def _place_of(name: str | None, made: list[Path], places: tuple[Path, ...]) -> s
     """Return the place of a file that could not be written; without a name the first place."""
     if name is None:
         return str(places[0])
-    # fewer are made where the first had no room
+    # if there was no room for one of the folders, fewer were made than places
     for written, place in zip(made, places, strict=False):
         if Path(name).is_relative_to(written.parent):
             return str(place)
@@ -266,7 +268,7 @@ def _check_place(place: Path) -> None:
     """Refuse to replace anything but a plain file."""
     if place.is_symlink():
         raise UserError(
-            f"{place}: a link; name another file, or if DVC has made it: dvc unprotect {place}"
+            f"{place}: this is a link; name another file, or if DVC made it: dvc unprotect {place}"
         )
     check_is_file(place)
 
@@ -277,27 +279,28 @@ def readable(
     fault: str = "damaged, or not written by this version",
     remedy: str = "delete it and repeat the command",
 ) -> Iterator[None]:
-    """Give the context of a library's call that reads a file, by default of an earlier stage.
+    """Give a context in which a library reads a file, by default the file of an earlier stage.
 
-    Code of ours belongs outside: its faults would be blamed on the file.
+    Keep this project's own code outside, since its faults would be blamed on the file.
 
     Args:
         path: names the file in messages.
-        fault: what is wrong with the file, if the call fails.
+        fault: what is wrong with the file if the call fails.
         remedy: what the user can do then.
 
     Raises:
-        UserError: one line with `fault` and `remedy`, for any exception of a library that reads it.
-        MemoryError: names the path.
-        OSError: a different program holds a lock on the file.
+        UserError: the library raised an exception; the message is one line with `fault` and
+            `remedy`.
+        MemoryError: memory does not suffice; the message names the path.
+        OSError: another program holds a lock on the file.
     """
     try:
         yield
-    except (UserError, ImportError, NameError):  # no content of a file lacks a name of our code
+    except (UserError, ImportError, NameError):  # a file's content is never the cause of these
         raise
     except BlockingIOError as error:  # HDF5 locks a file in which it writes
         raise OSError(
-            f"{path}: a different program has it open; close it there and try again"
+            f"{path}: another program has this file open; close it there and try again"
         ) from error
     except MemoryError as error:
         raise MemoryError(f"{path}: {error}") from error
@@ -310,8 +313,8 @@ def readable(
 def all_below(path: Path) -> list[Path]:
     """Return all files below a folder, in the order of their paths.
 
-    Hidden files are not among them, nor what programs leave behind. Links to folders are followed,
-    each folder once.
+    Hidden files, and files that other programs leave behind, are not among them. Links to folders
+    are followed, and each folder is read once.
 
     Args:
         path: of the folder.
@@ -323,7 +326,7 @@ def all_below(path: Path) -> list[Path]:
     known = {path.resolve()}
     for place, folders, names in os.walk(path, onerror=_fail, followlinks=True):
         files += [Path(place, name) for name in names if _is_content(name)]
-        # of two names of one folder the first is taken
+        # if one folder has two names, the first is taken
         by_folder = dict[Path, str]()
         for name in sorted(filter(_is_content, folders), reverse=True):
             by_folder[Path(place, name).resolve()] = name
@@ -341,15 +344,15 @@ def _is_content(name: str) -> bool:
 
 
 def check_is_file(path: Path) -> None:
-    """Raise a UserError where a path is something else than a file.
+    """Raise a UserError if there is something other than a file at a path.
 
-    Reading a named pipe, a socket or a device may never end.
+    Reading a named pipe, a socket or a device might never end.
 
     Args:
-        path: may be of nothing.
+        path: there can be nothing at this path.
 
     Raises:
-        UserError: a folder, named pipe, socket or device.
+        UserError: at the path is a folder, named pipe, socket or device.
     """
     if path.exists() and not path.is_file():
         raise UserError(f"{path}: a folder, named pipe, socket or device; expected a file")
@@ -359,12 +362,12 @@ def md5(path: str | Path) -> str:
     """Return the md5 of a file or a folder.
 
     Args:
-        path: of the file or folder. The md5 of a folder is made of the sorted paths and md5s of
-            `all_below` it, without video frames.
+        path: of the file or folder. The md5 of a folder is computed from the sorted paths and md5s
+            of all files below it, see `all_below`, without video frames.
 
     Raises:
-        UserError: the path is of something else.
-        OSError: there is nothing, or it cannot be read.
+        UserError: at the path is something else.
+        OSError: there is nothing at the path, or it cannot be read.
     """
     path = Path(path)
     if path.is_dir():

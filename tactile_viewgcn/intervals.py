@@ -1,11 +1,11 @@
-"""Intervals of errors; they resample split groups, whose frames resemble each other."""
+"""Computes intervals of errors by resampling split groups, since frames of a group are alike."""
 
 import numpy as np
 
 RESAMPLES = 2000
 OUTSIDE = 0.05  # share of the resampled means outside an interval
-FEW = 10  # groups: an interval of fewer says little
-DRAWN_AT_ONCE = 2_000_000  # groups of the resamples that are in memory
+FEW = 10  # groups; an interval of fewer groups says little
+DRAWN_AT_ONCE = 2_000_000  # groups of all resamples that are in memory together
 
 
 def group_interval(
@@ -17,14 +17,14 @@ def group_interval(
     methods and their application" (1997), section 3.8, the strategy that resamples only groups.
 
     Args:
-        values: (A,) a value of each anchor's view set, such as the share of the trials in which it
-            is wrong.
+        values: (A,) a value for each anchor's view set, such as the share of trials in which it is
+            answered wrongly.
         groups: (A,) the anchor's split group.
         rng: draws the groups.
 
     Returns:
         The 2.5th and the 97.5th percentile of 2,000 resampled means. None with fewer than two
-        groups, from which their differences are unknown.
+        groups, which do not show how groups differ.
     """
     from scipy.stats import bootstrap  # here, since it loads slowly
 
@@ -54,13 +54,13 @@ def _weighted_mean(sums: np.ndarray, sizes: np.ndarray, axis: int) -> np.ndarray
 def proportion_interval(
     values: np.ndarray, groups: np.ndarray, rng: np.random.Generator
 ) -> tuple[float, float] | None:
-    """Return the 95 % interval of a share, which G groups without a mistake do not make too narrow.
+    """Return the 95 % interval of a share, wide enough even if all G groups are without a mistake.
 
-    It is `group_interval`, extended down to 0.025^(1/G) and up to 1 - 0.025^(1/G). Resampling G
-    groups shows no mistake that none of them made. The ends are from Clopper and Pearson (1934):
-    for G trials that are all right, and for G that are all wrong. So one wrong view set never
-    raises the low end. The interval may still be narrow, for instance around a share of one half in
-    every group.
+    Resampling G groups cannot show a mistake that no group made. Hence the result of
+    `group_interval` is extended up to 1 - 0.025^(1/G) at least, and down to 0.025^(1/G) at least.
+    These ends are from Clopper and Pearson (1934), for G trials that are all right, and for G
+    trials that are all wrong. Hence one wrong view set never raises the lower end. The interval can
+    still be narrow, for instance if the share is one half in every group.
 
     Args:
         values: (A,) see `group_interval`.
@@ -74,7 +74,7 @@ def proportion_interval(
     if not interval:
         return None
     low, high = interval
-    # largest share of mistakes that groups may not show
+    # the largest share of mistakes that all groups together can fail to show
     unseen = 1 - (OUTSIDE / 2) ** (1 / len(np.unique(groups)))
     return min(low, 1 - unseen), max(high, unseen)
 
@@ -84,8 +84,8 @@ def percent_interval(value: float, low: float | None, high: float | None) -> str
 
     Args:
         value: the fraction.
-        low: lower end of its interval; None where there is no interval.
-        high: upper end.
+        low: lower end of its interval; None if there is no interval.
+        high: upper end of its interval.
     """
     text = f"{100 * value:.1f}"
     if low is None or high is None:

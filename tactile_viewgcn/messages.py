@@ -1,6 +1,6 @@
 """Texts for people: harmless names, the exception for a user's mistakes, notes on results.
 
-Names of objects, recordings, sessions and paths may come from anybody. Tables and model files keep
+Names of objects, recordings, sessions and paths can come from anybody. Tables and model files keep
 them unchanged.
 """
 
@@ -19,14 +19,14 @@ from typing import Any, Literal
 EMPTY_HAND = "empty_hand"  # STAG's name of the class that holds nothing
 NEW_SESSION = "a new session (a person, a day, a new fitting)"
 MAX_LISTED = 10  # mistakes or names in one message
-CPU_MEMORY = "DefaultCPUAllocator: can't allocate memory"  # of torch's RuntimeError
-FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")  # beginnings of a formula, after OWASP
+CPU_MEMORY = "DefaultCPUAllocator: can't allocate memory"  # text of torch's RuntimeError
+FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")  # beginnings of a formula, from OWASP
 
 
 def shown(text: object) -> str:
     r"""Return a text for a terminal, a picture or a page, without control characters.
 
-    Control and formatting characters are escaped, as \x1b, \n or \u202e.
+    Control and formatting characters are escaped: for example \x1b, \n or \u202e.
 
     Args:
         text: anything that `str` takes.
@@ -39,7 +39,7 @@ def shown(text: object) -> str:
 
 def _shown(letter: str) -> str:
     is_joiner = letter in "\u200c\u200d"  # used in Persian and Hindi
-    is_space = unicodedata.category(letter) == "Zs"  # as the one in 47.3 %
+    is_space = unicodedata.category(letter) == "Zs"  # such as the space in 47.3 %
     is_harmless = is_joiner or is_space
     if letter.isprintable() or is_harmless:
         return letter
@@ -50,7 +50,8 @@ def csv_text(rows: Iterable[Iterable[Any]]) -> str:
     """Return rows as CSV, in which a spreadsheet runs no text as a formula.
 
     Args:
-        rows: cells by row; a text is `shown`, after an apostrophe where it begins like a formula.
+        rows: cells by row. A text is `shown`; if it begins like a formula, an apostrophe comes
+            first.
     """
     file = StringIO(newline="")
     writer = csv.writer(file)
@@ -68,10 +69,10 @@ def _cell(value: Any) -> Any:
 
 
 class UserError(ValueError):
-    """Wrong data, parameters or surroundings, which the user can correct.
+    """A mistake in data, parameters or surroundings that the user can correct.
 
-    The message names what was found, what is expected and the remedy. Commands print it in one line
-    and exit with 1; any other exception is a fault of the program and keeps its traceback. Control
+    The message says what was found, what is expected, and what to do. Commands print it in one line
+    and exit with 1. Any other exception is a fault of the program and keeps its traceback. Control
     characters in the message are escaped, see `shown`.
     """
 
@@ -86,7 +87,7 @@ def user_message(error: Exception) -> str | None:
         error: any exception.
 
     Returns:
-        The line; None for a fault of the program, which keeps its traceback.
+        The line; None if the error is a fault of the program, which keeps its traceback.
     """
     text = shown(" ".join(str(error).split()))
     if isinstance(error, UserError | OSError):
@@ -110,22 +111,22 @@ def _is_missing_extra(error: Exception) -> bool:
 
 
 def _is_out_of_memory(error: Exception) -> bool:
-    """Return whether an exception of Python or torch says that memory does not suffice."""
+    """Return whether an exception of Python or torch says that there is not enough memory."""
     if isinstance(error, MemoryError) or CPU_MEMORY in str(error):
         return True
-    torch = sys.modules.get("torch")  # a program without torch does not meet its errors
+    torch = sys.modules.get("torch")  # a program that did not load torch gets no error of torch
     return torch is not None and isinstance(error, torch.OutOfMemoryError)
 
 
 @contextmanager
 def program(*, debug: bool = False) -> Iterator[None]:
-    """Run a whole program, of which an error that the user can correct is one line.
+    """Run a whole program, and print an error that the user can correct in one line.
 
-    Such an error ends it with exit code 1. SIGTERM, which `dvc queue kill` sends, ends it with code
-    143, as an exception, so that temporary files are removed.
+    Such an error ends the program with exit code 1. SIGTERM, which `dvc queue kill` sends, ends it
+    with exit code 143; it does so by an exception, so that temporary files are removed.
 
     Args:
-        debug: such an error keeps its traceback too.
+        debug: whether such an error keeps its traceback.
 
     Raises:
         SystemExit: after an error that the user can correct.
@@ -137,7 +138,7 @@ def program(*, debug: bool = False) -> Iterator[None]:
         message = user_message(error)
         if debug or message is None:
             raise
-        # the process ends already, and has to print why
+        # the process is ending, and has to print the reason first
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         print(f"Error: {message}", file=sys.stderr)
         raise SystemExit(1) from None
@@ -151,8 +152,8 @@ class Note:
         text: a sentence for people; no program parses it.
         level: `info`, a `choice` that `auto` made, or a `warning`.
         topic: the subject in a word or two, such as `baseline`, `filter`, `split`, `leak check`.
-        key, value: a key of params.yaml, and its chosen value or the value that is the remedy of a
-            warning; the key is empty where the note is about none.
+        key, value: a key of params.yaml, and the value that was chosen or that a warning
+            recommends. The key is empty if the note is about no parameter.
         stage: the stage that made the note; empty outside the stages.
     """
 
@@ -164,7 +165,7 @@ class Note:
     stage: str = ""
 
     def __str__(self) -> str:
-        """Return the line for a terminal; the line of a choice begins with key and value."""
+        """Return the line for a terminal; a choice begins with its key and its value."""
         if self.level == "choice":
             return shown(f"{self.key} {self._value_in_words()}: {self.text}")
         text = self.text
@@ -186,12 +187,12 @@ def warnings_of(notes: list[Note]) -> list[Note]:
 
 
 def several(count: int, thing: str, things: str = "") -> str:
-    """Return a number of things in words: `1 frame`, `1,701 frames`.
+    """Return a number of things in words, such as `1 frame` or `1,701 frames`.
 
     Args:
         count: the number.
-        thing: the word for one of them.
-        things: the plural, where it is not `thing` with an s.
+        thing: the singular.
+        things: the plural, if it is not the singular with an s.
     """
     if count == 1:
         return f"{count:,} {thing}"
@@ -199,10 +200,10 @@ def several(count: int, thing: str, things: str = "") -> str:
 
 
 def once_each(texts: Iterable[tuple[Path, str]]) -> list[str]:
-    """Return texts on files, in which alike texts stand once.
+    """Return texts on files, where similar texts are given only once.
 
-    Texts are alike if they differ only in the file's path and in numbers. The first text is the
-    example, and the names of the other files follow it.
+    Texts are similar if they differ only in the file's path and in numbers. The first of them is
+    given, and the names of the other files follow it.
 
     Args:
         texts: pairs of a file and a text on it.
@@ -222,11 +223,11 @@ def once_each(texts: Iterable[tuple[Path, str]]) -> list[str]:
 
 
 def listed(texts: list[str], mark: str = ", ") -> str:
-    """Return the first ten texts in one text, and the number of the others.
+    """Return the first ten texts in one text, and the number of the other texts.
 
     Args:
         texts: the texts.
-        mark: what stands between two of them.
+        mark: separates two texts.
     """
     shortened = texts[:MAX_LISTED]
     if len(texts) > MAX_LISTED:

@@ -1,6 +1,7 @@
-"""The parameters, their types and defaults, and the presets: frozen sections, checked first.
+"""The parameters with their types and defaults, and the presets.
 
-The root's params.yaml lists the same values, with whose choice each is.
+The sections are frozen, and all values are checked before any work. The params.yaml of the root
+lists the same values, and says who chose each of them.
 """
 
 from dataclasses import field
@@ -20,22 +21,22 @@ from tactile_viewgcn.schema import SECTION, Unique, as_change, build, flatten, n
 PRESETS = Path(str(files("tactile_viewgcn"))) / "presets"
 VIRTUAL = "data/virtual/recordings"  # the `data.source` that the virtual glove writes
 CONTACT_SIGMAS = 5.0  # a pressed sensor reads more than five standard deviations above its baseline
-# it and its inverse are far inside the range of single precision, in which networks are trained
+# this number and its inverse lie well within single precision, in which networks are trained
 MAX_NUMBER = 1e30
 MAX_SIDE = 256  # rows and columns of a frame; pressure mats have up to 160 x 64
 MOST = 1_000_000  # upper limit of counts
 COLUMN = "^(pressure|time|object|recording|session|leave_out):.+$"
-# auto; or OBJECT, SESSION, SPLIT, PART and FILE, or some of these, and text without capitals
-# between them
+# auto; or one or more of OBJECT, SESSION, SPLIT, PART and FILE, with text without capitals between
+# them
 LAYOUT = (
     "^(auto|[^A-Z]*(OBJECT|SESSION|SPLIT|PART|FILE)([^A-Z]+(OBJECT|SESSION|SPLIT|PART|FILE))*)$"
 )
 CORNERS = 8  # viewpoints of the cube
-LEVELS = 3  # of the view-graph, of V, V // 2 and V // 4 nodes; a level of one node is left out
+LEVELS = 3  # levels of the view-graph, with V, V // 2 and V // 4 nodes; none has only one node
 SIDES = ("train", "validation", "test")  # sets of a split, by code
-TRAIN, VALIDATION, TEST = range(len(SIDES))  # codes of these sets, of a published split too
+TRAIN, VALIDATION, TEST = range(len(SIDES))  # codes of these sets, also of a published split
 
-System = Literal[  # all but sensors are networks on the pretrained backbone
+System = Literal[  # all except sensors are networks on the pretrained backbone
     "view_gcn",
     "stag",
     "cnn_lstm",
@@ -48,7 +49,7 @@ System = Literal[  # all but sensors are networks on the pretrained backbone
     "vote",
     "sensors",
 ]
-# of sensors
+# members of the system sensors
 SensorMember = Literal["trees", "svm", "convolutions", "kernel", "pooled_kernel"]
 Member = Literal[SensorMember, "network"]
 Count = Annotated[StrictInt, Interval(ge=1, le=MOST)]
@@ -82,7 +83,8 @@ def everywhere(path: Path) -> Path:
         path: of the source.
 
     Returns:
-        The absolute path; the path itself where DVC tracks the source and copies it there.
+        The absolute path. If DVC tracks the source, the path itself, since DVC copies the source to
+            its temporary workspaces.
     """
     is_tracked = path.absolute().with_name(f"{path.name}.dvc").exists()
     if is_tracked or path == Path(VIRTUAL):
@@ -93,14 +95,14 @@ def everywhere(path: Path) -> Path:
 def _each_word_once(layout: str) -> str:
     for word in ("OBJECT", "SPLIT", "PART", "FILE"):
         if layout.count(word) > 1:
-            raise ValueError(f"{word} stands twice")
+            raise ValueError(f"{word} appears twice")
     return layout
 
 
 def _written_out(path: str) -> str:
-    """Return the path of the source; a ValueError where it begins with ~.
+    """Return the path of the source; raise a ValueError if it begins with ~.
 
-    Only a shell expands ~, and not after `=`.
+    Only a shell expands ~, and it does not expand ~ after `=`.
     """
     if path.startswith("~"):
         raise ValueError(f"~ is not expanded here; write data.source={home_path(path)}")
@@ -108,7 +110,7 @@ def _written_out(path: str) -> str:
 
 
 def on_sensors(name: str) -> bool:
-    """Return whether a system reads the sensors, so that no backbone is pretrained for it."""
+    """Return whether a system reads the sensors and so needs no pretrained backbone."""
     return name == "sensors"
 
 
@@ -233,7 +235,7 @@ class Glove:
 
     sessions: Annotated[StrictInt, Interval(ge=2, le=MOST)] = 5
     grasps: Count = 10
-    # more than the nine that are not steady
+    # more than the nine frames in which a grasp is not steady
     grasp_frames: Annotated[StrictInt, Interval(ge=10, le=MOST)] = 10
     objects: Literal["all"] | Annotated[list[Grasped], Strict(), MinLen(1), Unique] = "all"
     seed: Seed = 0
@@ -261,7 +263,7 @@ class Params:
 
     @model_validator(mode="after")
     def _goes_together(self) -> Self:
-        """Refuse values that contradict each other, though each is allowed by itself."""
+        """Refuse values that contradict each other, even if each value is allowed by itself."""
         mistakes = [
             *_split_mistakes(self),
             *_system_mistakes(self),
@@ -274,7 +276,7 @@ class Params:
 
 
 def _split_mistakes(params: Params) -> list[str]:
-    """Return how the split contradicts itself, or what is tested."""
+    """Return how the split contradicts itself, the tested set or the system."""
     split = params.split
     tests_validation = params.evaluate.side == "validation"
     mistakes = list[str]()
@@ -341,28 +343,28 @@ def _preprocess_mistakes(params: Params) -> list[str]:
 
 
 def load(path: str | Path, changes: tuple[str, ...] = (), name: str = "") -> Params:
-    """Return the parameters of a file with changes on top, all checked.
+    """Return the parameters of a file, with changes applied, after checking all of them.
 
     Args:
         path: of the YAML file; a key that it lacks has its default.
         changes: `key=value` texts.
-        name: first word of an error, instead of the path.
+        name: the first word of an error, in place of the path.
 
     Raises:
-        UserError: lists every mistake, each with its key, its value and the allowed ones, or the
-            nearest known key.
-        FileNotFoundError: no such file.
+        UserError: there are mistakes. The message lists each of them with its key, its value and
+            the allowed values, or with the nearest known key.
+        FileNotFoundError: there is no such file.
     """
     params: Params = build(Params, read_yaml(Path(path)), str(name or path), changes)
     return params
 
 
 def unlike_the_file(values: dict[str, Any], path: str = "params.yaml") -> dict[str, Any]:
-    """Return the values that a file of parameters has otherwise.
+    """Return the values that differ from the values in a file of parameters.
 
     Args:
         values: by dotted key.
-        path: of the file; without a readable file of parameters there, no value is returned.
+        path: of the file. If there is no readable file of parameters, no value is returned.
     """
     try:
         file_values = flatten(load(path))
@@ -372,11 +374,11 @@ def unlike_the_file(values: dict[str, Any], path: str = "params.yaml") -> dict[s
 
 
 def default_params(changes: tuple[str, ...] = (), name: str = "parameters") -> Params:
-    """Return the defaults with `key=value` changes on top.
+    """Return the defaults, with `key=value` changes applied.
 
     Args:
         changes: as in `load`.
-        name: first word of an error.
+        name: the first word of an error.
 
     Raises:
         UserError: as in `load`.
@@ -393,13 +395,13 @@ def presets() -> list[str]:
 def preset_changes(name: str) -> list[str]:
     """Return a preset as `key=value` changes to params.yaml.
 
-    Each is without a space, so that a shell takes it as one word.
+    No change has a space, so a shell takes each as one word.
 
     Args:
         name: of the preset.
 
     Raises:
-        UserError: there is no preset of that name; the message has the nearest name, or all.
+        UserError: there is no preset of that name. The message has all names, and the nearest.
     """
     names = presets()
     if name not in names:

@@ -1,4 +1,4 @@
-"""Pictures of runs, as Matplotlib figures."""
+"""Draws pictures of runs as Matplotlib figures."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ def confusion(counts: np.ndarray, classes: list[str]) -> Figure:
     """Return a picture of the answers, as shares of each row.
 
     Args:
-        counts: (C, C) numbers of answers, true class by predicted class.
+        counts: (C, C) numbers of answers, a row for each true class, a column for each answer.
         classes: names of the C classes.
     """
     names = [shown(name) for name in classes]
@@ -34,9 +34,9 @@ def errors_by_frames(errors: dict[str, list[tuple[int, dict[str, Any]]]], chance
     """Return a picture of errors by the number of frames, with their intervals.
 
     Args:
-        errors: a line for each name: pairs of a number of frames and its error, `mean`, `low` and
-            `high` as fractions. The last two may be None.
-        chance: the error of chance, a fraction.
+        errors: by name of a line, pairs of a number of frames and its error. An error has `mean`,
+            `low` and `high` as fractions; the last two can be None.
+        chance: the error of chance, as a fraction.
     """
     figure = Figure(figsize=(5.4, 3.2), layout="constrained")
     axes = figure.add_subplot()
@@ -64,8 +64,8 @@ def live_errors(rows: list[dict[str, Any]], chance: float) -> Figure:
     """Return a picture of the errors of a stream by the time of contact, with their intervals.
 
     Args:
-        rows: of live.csv, see `evaluation/live.py`.
-        chance: the error of chance, a fraction.
+        rows: rows of live.csv, see `evaluation/live.py`.
+        chance: the error of chance, as a fraction.
     """
     so_far = [row for row in rows if row["answer"] == "so far"]
     (final,) = [row for row in rows if row["answer"] == "final"]
@@ -84,7 +84,7 @@ def live_errors(rows: list[dict[str, Any]], chance: float) -> Figure:
     if sure:
         contact = [max(row["contact"], levels[0]) for row in sure]
         axes.plot(contact, _per_cent(sure, "error"), "D", color=of_others, label="sure answers")
-        # apart from each other where the points are near
+        # the offsets keep the labels of near points apart
         for place, row, below in zip(contact, sure, (-3, 4, -11), strict=False):
             text = f"{100 * row['level']:g} %"
             position = (place, 100 * row["error"])

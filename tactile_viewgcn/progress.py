@@ -1,7 +1,7 @@
-"""How far a long step has come: a bar on a terminal, and elsewhere a line every ten seconds or so.
+"""Shows the progress of a long step: a bar on a terminal, elsewhere a line about every 10 s.
 
-Commands show it, inside the context `shown`. A Python program that uses the package sees nothing
-unless it does the same.
+Commands show progress, since they enter the context `shown`. A Python program that uses the package
+sees nothing unless it enters this context too.
 """
 
 import sys
@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from tqdm import tqdm
 
-EVERY = 10.0  # seconds between two lines at least, and before the first one
+EVERY = 10.0  # least seconds between two lines, and before the first line
 clock = time.monotonic
 Item = TypeVar("Item")
 _is_shown = ContextVar("is_shown", default=False)
@@ -21,7 +21,7 @@ _is_shown = ContextVar("is_shown", default=False)
 
 @contextmanager
 def shown(is_shown: bool = True) -> Iterator[None]:
-    """Enter a context in which all of this file shows something, or does not."""
+    """Enter a context in which progress is shown, or is not shown."""
     token = _is_shown.set(is_shown)
     try:
         yield
@@ -30,7 +30,7 @@ def shown(is_shown: bool = True) -> Iterator[None]:
 
 
 def is_shown() -> bool:
-    """Return whether anything is shown here, which a process that is started here must be told."""
+    """Return whether progress is shown here; a process that is started here has to be told."""
     return _is_shown.get()
 
 
@@ -38,7 +38,7 @@ def steps(items: Iterable[Item], step: str, units: str) -> Iterator[Item]:
     """Yield the items, and show the progress through them.
 
     Args:
-        items: what the step goes through; its length is the total, if it has one.
+        items: the items of the step; their number is the total, if they have a length.
         step: see `progress`.
         units: see `progress`.
     """
@@ -57,8 +57,8 @@ def progress(step: str, units: str = "", total: int | None = None, done: int = 0
     Args:
         step: the words before the numbers.
         units: the things that are counted, such as frames.
-        total: their number; None where it is not known, and only the seconds are shown.
-        done: units before the first update.
+        total: number of units; if it is None, only the seconds are shown.
+        done: number of units before the first update.
     """
     settings: dict[str, Any] = {
         "desc": step,
@@ -76,9 +76,9 @@ def progress(step: str, units: str = "", total: int | None = None, done: int = 0
 
 @contextmanager
 def working(step: str) -> Iterator[None]:
-    """Enter a step that says every ten seconds or so that it goes on.
+    """Enter a step that says about every ten seconds that it goes on.
 
-    On a terminal it says nothing, since bars show it.
+    On a terminal it says nothing, since bars show the progress.
     """
     if sys.stderr.isatty():
         yield
@@ -88,7 +88,7 @@ def working(step: str) -> Iterator[None]:
 
 
 def say(text: str) -> None:
-    """Print a line on the standard error at once, above a bar."""
+    """Print a line on standard error at once, above a bar."""
     if not _is_shown.get():
         return
     if sys.stderr.isatty():
@@ -99,17 +99,17 @@ def say(text: str) -> None:
 
 
 class _Lines(tqdm):  # type: ignore[type-arg]  # tqdm cannot be indexed when the program runs
-    """Progress as lines. One line names all steps that are under way, the outer ones first.
+    """Progress as lines; a line names all steps that are under way, the outer steps first.
 
-    tqdm's monitor calls `display` too, where nothing is counted for long.
+    tqdm's monitor also calls `display` if nothing was counted for a long time.
     """
 
     monitor_interval = EVERY / 2  # type: ignore[assignment]  # tqdm's types have an integer
-    under_way: "list[_Lines]" = []  # noqa: RUF012  # of this process
+    under_way: "list[_Lines]" = []  # noqa: RUF012  # shared in this process
     last = 0.0  # when the last line was printed
 
     def __init__(self, **settings: Any):
-        # the delay: nothing is printed here
+        # with the delay nothing is printed here
         super().__init__(delay=EVERY, maxinterval=EVERY, **settings)
         self.begin = clock()
         if not self.under_way:
@@ -125,12 +125,12 @@ class _Lines(tqdm):  # type: ignore[type-arg]  # tqdm cannot be indexed when the
 
     def close(self) -> None:
         """End the step."""
-        # bars are equal by their place
+        # tqdm compares bars by their position, so `is` is needed
         _Lines.under_way = [bar for bar in self.under_way if bar is not self]
         super().close()
 
     def display(self, msg: str | None = None, pos: int | None = None) -> None:
-        """Print the line, if this is the innermost step and the last line is long enough ago."""
+        """Print the line if this is the innermost step and the last line is old enough."""
         self._look_after()
         is_innermost = bool(self.under_way) and self.under_way[-1] is self
         if msg == "" or not is_innermost:
@@ -140,15 +140,15 @@ class _Lines(tqdm):  # type: ignore[type-arg]  # tqdm cannot be indexed when the
             _Lines.last = clock()
 
     def _look_after(self) -> None:
-        """Have tqdm's monitor call `display` after `maxinterval`.
+        """Make tqdm's monitor call `display` after `maxinterval`.
 
-        The monitor does so for a bar with `miniters` above 1.
+        The monitor does this for a bar with `miniters` above 1.
         """
         self.miniters = 2
         self.last_print_t = time.time()
 
     def text(self) -> str:
-        """Return the step, how many of its units are done, and about how long the others take."""
+        """Return the step, how many units are done, and about how long the other units take."""
         seconds = clock() - self.begin
         text = self.desc.removesuffix(": ")
         if not self.total:

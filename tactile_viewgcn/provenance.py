@@ -20,13 +20,13 @@ from tactile_viewgcn.params import VIRTUAL, presets, read_preset
 from tactile_viewgcn.schema import as_change, flatten, parse
 
 ROW = "evaluate"  # the stage whose run is the pipeline's row in MLflow
-# the stages whose records it reads
+# the stages whose records `evaluate` reads
 EARLIER = ("ingest", "preprocess", "cluster", "pretrain", "finetune")
-# no change of the code: a record has its parameters
+# files whose changes are no change of the code, since a record has all parameters
 WRITTEN = ("params.yaml", "dvc.lock", "results/summary.json")
-SEPARATOR = " · "  # of the parts of a run's name
-ANY_NAME = ("metadata", "recordings", "data")  # names of files that say nothing of the data
-PACKAGES = ("torch", "scikit-learn", "numpy")  # a record has their versions
+SEPARATOR = " · "  # between the parts of a run's name
+ANY_NAME = ("metadata", "recordings", "data")  # names of files that say nothing about the data
+PACKAGES = ("torch", "scikit-learn", "numpy")  # packages whose versions a record has
 
 
 @dataclass
@@ -35,18 +35,18 @@ class Record:
 
     Attributes:
         stage: name of the stage.
-        name: of the stage's run in MLflow; None where it has none.
-        run_id: of the stage's run in MLflow; None where it has none.
-        seconds: of the process, and of the training run before an interruption.
+        name: name of the stage's run in MLflow; None if it has no run.
+        run_id: id of the stage's run in MLflow; None if it has no run.
+        seconds: duration of the process, and of the training run before an interruption.
         peak_mb: see the function `peak_mb`.
-        inputs: `path` of each input, by its name, and its `md5` where the stage needs it.
+        inputs: by name of the input, its `path`, and its `md5` if the stage needs it.
         counts: single values, by name.
         curves: a value for each epoch, by name.
-        params: `values`, the parameters that the stage reads, and `changed`, those that differ from
-            git; by dotted key.
+        params: by dotted key, `values`, the parameters that the stage reads, and `changed`, the
+            parameters that differ from git.
         notes: what the stage tells the user.
-        origin: see the function `origin`; and `device` and `precision` of a stage that computes
-            with torch.
+        origin: see the function `origin`. A stage that computes with torch adds `device` and
+            `precision`.
     """
 
     stage: str
@@ -63,7 +63,7 @@ class Record:
 
     @property
     def text(self) -> str:
-        """The record as JSON."""
+        """Return the record as JSON."""
         return json.dumps(asdict(self), indent=2) + "\n"
 
     @classmethod
@@ -71,7 +71,7 @@ class Record:
         """Return the record that a file holds as `text`.
 
         Raises:
-            Exception: of any kind, where the text is damaged.
+            Exception: the text is damaged; any exception is possible.
         """
         content = json.loads(text)
         notes = [Note(**note) for note in content["notes"]]
@@ -79,9 +79,9 @@ class Record:
 
 
 def git_revision() -> dict[str, str]:
-    """Return the commit of the code, and whether a file differs from it.
+    """Return the commit of the code, and whether a file differs from the commit.
 
-    Files that are `WRITTEN` by a run do not count. Outside git the result is empty.
+    Files that a run writes, see `WRITTEN`, do not count. Outside git the result is empty.
     """
     commit = _git("rev-parse", "HEAD").strip()
     if not commit:
@@ -92,7 +92,7 @@ def git_revision() -> dict[str, str]:
 
 
 def changed_params(values: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Return the values that differ from the same params.yaml in git's HEAD; none outside git.
+    """Return the values that differ from params.yaml in git's HEAD; outside git there are none.
 
     Args:
         values: parameters by dotted key.
@@ -105,7 +105,7 @@ def changed_params(values: dict[str, Any], path: Path) -> dict[str, Any]:
 
 
 def committed_params(path: Path) -> dict[str, Any]:
-    """Return the values of that params.yaml in git's HEAD, by dotted key; none outside git."""
+    """Return the values of params.yaml in git's HEAD, by dotted key; outside git there are none."""
     tree = parse(_git("show", f"HEAD:./{path.name}", folder=path.parent), path)
     if not isinstance(tree, dict):
         return {}
@@ -115,13 +115,13 @@ def committed_params(path: Path) -> dict[str, Any]:
 def run_name(stage: str, values: dict[str, Any], changed: dict[str, Any]) -> str:
     """Return the name of a run for people, such as `flex_glove · best · by session · views=12`.
 
-    Data, system or preset, and what is held out come first, then all other changes, the shortest
-    first. The run of a stage begins with the stage.
+    The data, the system or preset, and the split come first. All other changes follow, the shortest
+    first. The name of a stage's run begins with the stage.
 
     Args:
-        stage: name of the stage; that of `ROW` stands for the whole pipeline.
+        stage: name of the stage; the stage `ROW` stands for the whole pipeline.
         values: the parameters that the stage reads, by dotted key.
-        changed: those of them that differ from the committed ones.
+        changed: the parameters among them that differ from the committed ones.
     """
     parts = []
     if stage != ROW:
@@ -144,7 +144,7 @@ def run_name(stage: str, values: dict[str, Any], changed: dict[str, Any]) -> str
 
 
 def data_name(source: str) -> str:
-    """Return what a data source is called in names of runs and folders."""
+    """Return the name of a data source in the names of runs and folders."""
     if source == VIRTUAL:
         return "simulated"
     path = Path(source)
@@ -154,9 +154,9 @@ def data_name(source: str) -> str:
 
 
 def _method(values: dict[str, Any]) -> tuple[str, set[str]]:
-    """Return the preset that all values agree with, else the system; and the keys that it sets.
+    """Return the preset that agrees with all values, or else the system; and the keys it sets.
 
-    Of several presets the one with most keys is named.
+    If several presets agree, the preset with the most keys is returned.
     """
     fitting = []
     for name in presets():
@@ -180,12 +180,12 @@ def _held_out(values: dict[str, Any]) -> str:
 
 
 def origin(stage: str) -> dict[str, str]:
-    """Return stage, DVC's experiment, commit, time, machine and versions of a record.
+    """Return the stage, DVC's experiment, the commit, the time, the machine and the versions.
 
     Args:
         stage: name of the stage.
     """
-    # respects a container's limit; here, since a logged model does without joblib
+    # joblib respects a container's limit; imported here, since a logged model does without it
     from joblib import cpu_count
 
     tags = {"stage": stage}
@@ -215,9 +215,9 @@ def processor() -> str:
 
 
 def peak_mb() -> float:
-    """Return the peak memory of this process or of a child process that has ended, in 10^6 bytes.
+    """Return the peak memory in 10^6 bytes, of this process or of a child that has ended.
 
-    It is the larger one of the two.
+    The larger of the two is returned.
     """
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
@@ -228,7 +228,7 @@ def peak_mb() -> float:
 
 
 def _git(*words: str, folder: Path = Path()) -> str:
-    """Return the output of git; empty where there is no git, no repository, or git refuses."""
+    """Return the output of git; empty if there is no git or no repository, or git refuses."""
     try:
         output = subprocess.run(["git", *words], cwd=folder, capture_output=True, check=True).stdout
     except (OSError, subprocess.CalledProcessError):

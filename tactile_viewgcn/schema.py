@@ -1,4 +1,4 @@
-"""Typed objects from YAML, with every mistake in pydantic's words, and `key=value` changes."""
+"""Makes typed objects from YAML and `key=value` changes, and lists every mistake in them."""
 
 import json
 import re
@@ -21,7 +21,7 @@ MOST_SHOWN = 200  # letters of a wrong value or of a parser's message
 
 def _unique(items: list[Any]) -> list[Any]:
     if len(set(map(str, items))) < len(items):
-        raise ValueError("an item stands twice")
+        raise ValueError("an item appears twice")
     return items
 
 
@@ -42,7 +42,7 @@ def parse(text: str | bytes, name: object) -> Any:
 
     Args:
         text: the YAML.
-        name: first word of an error.
+        name: the first word of an error.
 
     Raises:
         UserError: the text is no YAML.
@@ -51,7 +51,7 @@ def parse(text: str | bytes, name: object) -> Any:
         return yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())[:MOST_SHOWN]
-        raise UserError(f"{name}: no YAML: {reason}") from None
+        raise UserError(f"{name}: this is no YAML: {reason}") from None
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -61,7 +61,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         path: of the file.
 
     Raises:
-        UserError: the file holds anything else.
+        UserError: the file holds something else.
         OSError: the file cannot be read.
     """
     check_is_file(path)
@@ -80,12 +80,13 @@ def build(kind: Any, tree: dict[str, Any], name: str, changes: tuple[str, ...] =
     Args:
         kind: the dataclass.
         tree: its values, as a mapping of mappings.
-        name: first word of an error.
-        changes: `key=value` texts that are put on top.
+        name: the first word of an error.
+        changes: `key=value` texts that replace values.
 
     Raises:
-        UserError: begins with `name` and lists every mistake, each with its key, pydantic's message
-            and the value; of a misspelt key or choice the nearest known one.
+        UserError: there are mistakes. The message begins with `name` and lists each mistake with
+            its key, pydantic's message and the value. For a misspelt key or choice it has the
+            nearest known one.
     """
     mistakes = list[str]()
     for change in changes:
@@ -104,12 +105,12 @@ def build(kind: Any, tree: dict[str, Any], name: str, changes: tuple[str, ...] =
 
 
 def _mistake(keys: list[str], error: ErrorDetails) -> str:
-    """Return one of pydantic's errors with the key it is about, one of `keys`, and the value."""
+    """Return one of pydantic's errors in words, with its value and its key, one of `keys`."""
     key = ".".join(map(str, error["loc"]))
     text = error["msg"].removeprefix("Value error, ")
     if error["type"] == "unexpected_keyword_argument":
         return f"unknown key {key}{nearest(key, keys)}"
-    while key and key not in keys:  # pydantic goes on into a list or to a branch of a union
+    while key and key not in keys:  # pydantic's place can lie in a list or a branch of a union
         key = key.rpartition(".")[0]
     if not key:
         return text
@@ -119,14 +120,14 @@ def _mistake(keys: list[str], error: ErrorDetails) -> str:
 
 
 def nearest(word: Any, words: Iterable[str]) -> str:
-    """Return `; did you mean ...?` with the known word that is most like a word.
+    """Return `; did you mean ...?` with the known word that is most similar to a word.
 
     Args:
-        word: what a user has written.
+        word: the word that a user wrote.
         words: the known words.
 
     Returns:
-        The question; empty if no known word is like this one.
+        The question; empty if no known word is similar.
     """
     near = get_close_matches(str(word), words, n=1)
     if not near:
@@ -147,7 +148,7 @@ def flatten(section: Any, prefix: str = "") -> dict[str, Any]:
 
     Args:
         section: an object with sections as attributes, or a mapping of mappings.
-        prefix: what stands before every key.
+        prefix: the beginning of every key.
     """
     if isinstance(section, dict):
         parts = section
@@ -169,7 +170,7 @@ def set_value(tree: dict[str, Any], change: str) -> None:
         change: the text; its value is read as YAML.
 
     Raises:
-        UserError: the text is no such change.
+        UserError: the text is no `key=value`.
     """
     key, equals, text = change.partition("=")
     if not equals:
@@ -177,7 +178,7 @@ def set_value(tree: dict[str, Any], change: str) -> None:
     *sections, name = key.split(".")
     for section in sections:
         if not isinstance(tree.get(section), dict):
-            tree[section] = {}  # refused by its type, if it is no section
+            tree[section] = {}  # its type is refused later, if it is no section
         tree = tree[section]
     tree[name] = parse(text, f"--set {change[:MOST_SHOWN]!r}")
 
@@ -187,7 +188,7 @@ def as_change(key: str, value: Any) -> str:
 
     Args:
         key: the dotted key.
-        value: written as in [3,3,2], true, 0.001, a_word or "two words".
+        value: the value, which is written like [3,3,2], true, 0.001, a_word or "two words".
     """
     if isinstance(value, str) and _is_plain_word(value, key):
         return f"{key}={value}"
@@ -196,6 +197,6 @@ def as_change(key: str, value: Any) -> str:
 
 
 def _is_plain_word(value: str, key: str) -> bool:
-    """Return whether a text needs no quotes for a shell, and is a text in YAML too."""
+    """Return whether a text needs no quotes in a shell and is also read as a text in YAML."""
     is_word = re.fullmatch(r"[\w/.-]+", value, re.ASCII) is not None
     return is_word and isinstance(parse(value, key), str)

@@ -1,9 +1,9 @@
-"""Whether a glove's sensors are an array, or channels: few sensors of any kind."""
+"""Tells a glove with an array of sensors from a glove with channels, few sensors of any kind."""
 
 import numpy as np
 
-LEAST_SIDE = 4  # rows, and columns, of an array
-LEAST_SENSORS = 64  # live sensors of an array
+LEAST_SIDE = 4  # an array has at least this number of rows, and of columns
+LEAST_SENSORS = 64  # an array has at least this number of live sensors
 
 
 def is_array(live: np.ndarray) -> bool:

@@ -1,18 +1,17 @@
-"""The one module that knows MLflow; only functions import it, since it loads slowly.
+"""Runs in MLflow: one run for each stage, with what the stage was given, did and found.
 
-The run of `evaluate` is the pipeline's row in the experiment `tactile-viewgcn`; the runs of the
-other stages are in `tactile-viewgcn/stages`. A run begins and ends with its stage, but for the row,
-which begins so much earlier as the stages before took. The store is `mlflow.db` at the root of the
-repository, with `mlruns/` in the same folder; MLflow's own variables override it, and a relative
-`sqlite:///my.db` counts from the same root. With MLFLOW_TRACKING_URI=disabled nothing is logged. If
-the store fails, that costs the run, with one warning, never the stage.
+The run of `evaluate` is the pipeline's row in the experiment `tactile-viewgcn`. The runs of the
+other stages are in the experiment `tactile-viewgcn/stages`. A run begins and ends with its stage.
+Only the row begins earlier, by the seconds that the stages before it took.
+
+With MLFLOW_TRACKING_URI=disabled nothing is logged. If the store fails, the run is lost and one
+warning is printed; the stage itself goes on. Only functions import MLflow, since it loads slowly.
 """
 
 import json
 import os
 import re
 import sys
-import tempfile
 import time
 import traceback
 import warnings
@@ -26,25 +25,21 @@ from typing import Any
 import numpy as np
 from filelock import FileLock
 
-from tactile_viewgcn.files import root
-from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.mlflow_store import DISABLED, SQLITE, database_file, error_line, store_address
 from tactile_viewgcn.provenance import ROW, Record
 
 EXPERIMENT = "tactile-viewgcn"
-DISABLED = "disabled"
-SQLITE = "sqlite:///"
 # packages that a logged model needs
 NEEDS = ("torch", "numpy", "scipy", "h5py", "pyyaml", "filelock", "pydantic", "tqdm")
-# seconds to wait for other processes that make tables: a minute each on a busy machine
+# seconds to wait for other processes that make tables; each takes a minute on a busy machine
 LOCKED = 300
-SHOWN = 400  # letters of a warning, since a server may answer with a whole page
-FORBIDDEN = r"""[/:.%"']"""  # letters in the name of a model
+FORBIDDEN = r"""[/:.%"']"""  # letters that MLflow forbids in the name of a model
 LONGEST = 5000  # letters of a tag
 MOST_METRICS = 1000  # values in one call of MLflow's `log_batch`
-# MLflow's pages then show training runs, not chats
+# with this tag MLflow's pages show training runs, not chats
 KIND = {"mlflow.experimentKind": "custom_model_development"}
 NOTE = "mlflow.note.content"  # tag with the description of a run or an experiment
-VIEW = "results"  # name of the saved view, which the address of the table ends with
+VIEW = "results"  # name of the saved view; the address of the table ends with it
 VIEW_TAG = f"mlflow.sharedViewState.{VIEW}"
 # columns of the saved view, and their widths
 COLUMNS = {
@@ -57,30 +52,21 @@ COLUMNS = {
 }
 ABOUT_ROWS = (
     "A row is an experiment: the whole pipeline from recordings to errors. `error.whole` is the "
-    "share of whole test recordings that were answered wrongly, `low` and `high` are its 95 % "
-    "interval, and `versus.head.error.whole` is the difference from the run of the commit."
+    "share of whole test recordings that were answered wrongly; `low` and `high` are the ends of "
+    "its 95 % interval. `versus.head.error.whole` is the difference from the run of the commit."
 )
-ABOUT_STAGES = "A run is a stage. The rows of `{rows}` name the runs of their stages."
+ABOUT_STAGES = "Each run is a stage. The rows of `{rows}` name the runs of their stages."
 LOCAL = "http://127.0.0.1:5000"  # address of `mlflow ui`
-SETTINGS = {  # MLflow reads them when it is imported
-    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",  # by default MLflow tries a dead server for minutes
-    "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",  # seconds
-    "MLFLOW_DISABLE_TELEMETRY": "true",
-    "MLFLOW_LOGGING_LEVEL": "CRITICAL",  # it logs an error with its traceback before it raises it
-    "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",
-    "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
-    "GIT_PYTHON_REFRESH": "quiet",
-}
 
 
 class Run:
     """A run in MLflow.
 
-    Without a run, or after the store has failed, `id` is None and every method does nothing.
+    If there is no run, or the store has failed, `id` is None and every method does nothing.
 
     Attributes:
         id: MLflow's id of the run, or None.
-        description: what its page says first, before the notes.
+        description: the beginning of the run's page in MLflow; the notes follow it.
     """
 
     def __init__(self, mlflow: Any = None, run_id: str | None = None, experiment: str = ""):
@@ -91,11 +77,11 @@ class Run:
 
     @property
     def table(self) -> str:
-        """Return where MLflow shows the experiment's table; empty where that is unknown."""
+        """Return where MLflow shows the experiment's table; empty if this is not known."""
         if not self.id:
             return ""
         place = f"/#/experiments/{self._experiment}/runs?viewStateShareKey={VIEW}"
-        store = _address()
+        store = store_address()
         if store.startswith(SQLITE):
             return f"mlflow ui, then {LOCAL}{place}"
         if store.startswith(("http://", "https://")):
@@ -110,7 +96,7 @@ class Run:
             values: its arguments.
 
         Returns:
-            None without a run.
+            None if there is no run.
         """
         return self.attempt(lambda mlflow: getattr(mlflow, function)(*values))
 
@@ -118,7 +104,7 @@ class Run:
         """Call `log` with the module MLflow, and return what it returns.
 
         Returns:
-            None without a run, and after an error, which is printed as a warning.
+            None if there is no run, or after an error, which is printed as a warning.
         """
         if not self.id:
             return None
@@ -141,8 +127,8 @@ class Run:
         Args:
             tags: texts by name.
             parameters: values by name.
-            metrics: name, value and step of each.
-            model: address of the logged model that has the metrics of step 0.
+            metrics: name, value and step of each metric.
+            model: address of the logged model, which gets the metrics of step 0 too.
         """
 
         def log(mlflow: Any) -> None:
@@ -169,7 +155,7 @@ class Run:
         self.attempt(log)
 
     def dataset(self, source: str, digest: str) -> None:
-        """Log path and digest of the data set, which MLflow shows in its column of datasets."""
+        """Log the path and the digest of the data set, for MLflow's column of datasets."""
 
         def log(mlflow: Any) -> None:
             dataset = mlflow.entities.Dataset(source, digest, "local", source)
@@ -180,25 +166,26 @@ class Run:
     def model(self, name: str, checkpoint: Path, metadata: dict[str, Any]) -> str | None:
         """Log the classifier as an MLflow model.
 
-        It takes recordings of raw counts, and answers with a column for each class.
+        The model takes recordings of raw counts, and answers with a column for each class.
 
         Args:
-            name: of the run, which the model has too but for letters that MLflow forbids.
+            name: name of the run. The model gets the same name, with `-` for the letters that
+                MLflow forbids.
             checkpoint: file of the classifier.
             metadata: stored with the model; its `classes` name the columns.
 
         Returns:
-            The model's address for `mlflow.pyfunc.load_model`; None where nothing is logged.
+            The model's address for `mlflow.pyfunc.load_model`; None if nothing is logged.
         """
 
         def log(mlflow: Any) -> str:
             from mlflow.types import ColSpec, Schema, TensorSpec
 
-            # recordings of any length; no fraction is cut off
+            # the type `object` allows recordings of any length, and cuts off no fractions
             inputs = Schema([TensorSpec(np.dtype(object), (-1,), "recordings")])
             answers = Schema([ColSpec("float", name) for name in metadata["classes"]])
             with warnings.catch_warnings():
-                # an example would copy frames of the data set
+                # no example is given, since it would copy frames of the data set
                 warnings.filterwarnings("ignore", message=".*input example")
                 logged = mlflow.pyfunc.log_model(
                     name=re.sub(FORBIDDEN, "-", name),
@@ -216,10 +203,10 @@ class Run:
         return address
 
     def record(self, record: Record) -> None:
-        """Log what a stage did.
+        """Log what a stage did, by its record.
 
-        These are its counts and costs, the md5 of its inputs, its notes as the run's description,
-        and the record itself.
+        Logged are the counts and the costs, the md5 of the inputs, the notes as the run's
+        description, and the record itself.
         """
         chosen: dict[str, Any] = {}
         numbers: dict[str, Any] = {}
@@ -243,7 +230,7 @@ class Run:
         self.log("log_text", record.text, f"{record.stage}.json")
 
     def end(self, status: str) -> None:
-        """End the run with a status, or FAILED after the store has failed: content is missing."""
+        """End the run with a status; with FAILED if the store failed, since content is missing."""
         if not self._mlflow:
             return
         if not self.id:
@@ -253,7 +240,7 @@ class Run:
 
 
 def _public_version(package: str) -> str:
-    """Return the version of an installed package, without the name of its build."""
+    """Return the version of an installed package, without the name of the build."""
     return version(package).partition("+")[0]
 
 
@@ -261,13 +248,13 @@ def _public_version(package: str) -> str:
 def stage_run(record: Record, before: float = 0.0) -> Iterator[Run]:
     """Yield the run of a stage.
 
-    It begins with the record's name, parameters and origin, and ends with all of the record. Its
-    status is FINISHED when the block ends well, else FAILED or KILLED, with the traceback as
-    artifact.
+    At the beginning the run gets the record's name, parameters and origin, and at the end the whole
+    record. Its status becomes FINISHED if the block ends well. Otherwise the status is FAILED or
+    KILLED, and the traceback becomes an artifact.
 
     Args:
         record: the stage's record, which gets the id of the run.
-        before: seconds that other stages took, which MLflow counts to this run.
+        before: seconds that earlier stages took; MLflow counts them as time of this run.
     """
     run = _begin(record, before)
     record.run_id = run.id
@@ -284,11 +271,12 @@ def stage_run(record: Record, before: float = 0.0) -> Iterator[Run]:
 
 
 def _begin(record: Record, before: float) -> Run:
-    """Return a new run in the experiment of rows or of stages, which are made if needed.
+    """Return a new run in the experiment of rows or of stages.
 
-    If the store fails, a warning is printed, and the run is none.
+    Experiments that are missing are made. If the store fails, a warning is printed, and the
+    returned run does nothing.
     """
-    uri = _address()
+    uri = store_address()
     if uri == DISABLED:
         return Run()
     rows = os.environ.get("MLFLOW_EXPERIMENT_NAME", EXPERIMENT)
@@ -298,7 +286,7 @@ def _begin(record: Record, before: float) -> Run:
 
         mlflow.set_tracking_uri(uri)
         descriptions = {rows: ABOUT_ROWS, stages: ABOUT_STAGES.format(rows=rows)}
-        _make_experiments(mlflow, descriptions, _database(uri))
+        _make_experiments(mlflow, descriptions, database_file(uri))
         experiment = mlflow.set_experiment(rows if record.stage == ROW else stages).experiment_id
         created = mlflow.MlflowClient().create_run(
             experiment,
@@ -314,7 +302,7 @@ def _begin(record: Record, before: float) -> Run:
 
 
 def _user() -> str:
-    """Return the name of the user; empty where it has none, as in some containers."""
+    """Return the name of the user; empty if the user has no name, as in some containers."""
     try:
         return getuser()
     except (KeyError, OSError):
@@ -324,7 +312,8 @@ def _user() -> str:
 def _make_experiments(mlflow: Any, descriptions: dict[str, str], database: Path | None) -> None:
     """Make the experiments that the store lacks; one process of this machine makes the tables.
 
-    Each has its description, and the saved view of its table: without it MLflow shows no metric.
+    Each experiment has a description, and a saved view of its table, without which MLflow shows no
+    metric.
 
     Args:
         mlflow: the module.
@@ -341,10 +330,10 @@ def _make_experiments(mlflow: Any, descriptions: dict[str, str], database: Path 
         for name, description in descriptions.items():
             tags = {**KIND, NOTE: description, VIEW_TAG: _view()}
             experiment = client.get_experiment_by_name(name)
-            with suppress(Exception):  # a process on another machine may be faster
+            with suppress(Exception):  # a process on another machine can be faster
                 if not experiment:
                     client.create_experiment(name, artifacts, tags)
-                elif VIEW_TAG not in experiment.tags:  # of an earlier version
+                elif VIEW_TAG not in experiment.tags:  # made by an earlier version
                     for tag in (NOTE, VIEW_TAG):
                         client.set_experiment_tag(experiment.experiment_id, tag, tags[tag])
 
@@ -362,104 +351,7 @@ def _view() -> str:
     return json.dumps(state)
 
 
-def _address() -> str:
-    """Return the store's address.
-
-    The path of a file is absolute, since DVC deletes the temporary workspaces of experiments.
-    """
-    for name, value in SETTINGS.items():
-        os.environ.setdefault(name, value)
-    uri = os.environ.get("MLFLOW_TRACKING_URI") or f"{SQLITE}mlflow.db"
-    if uri.startswith(SQLITE):
-        return f"{SQLITE}{root() / uri.removeprefix(SQLITE)}"
-    return uri
-
-
-def _database(uri: str) -> Path | None:
-    """Return the file of an SQLite store; None for a server."""
-    if not uri.startswith(SQLITE):
-        return None
-    return Path(uri.removeprefix(SQLITE).partition("?")[0])
-
-
 def _warn(error: Exception) -> None:
-    print(f"warning: {_reason(error)}; the stage goes on without it", file=sys.stderr, flush=True)
-
-
-def _reason(error: Exception) -> str:
-    """Return the store and its error in one line.
-
-    Of an error that might repeat a password only the kind is named.
-    """
-    address, passwords = re.subn("://.*@", "://", _address())
-    text = str(error).partition("\n[SQL:")[0]
-    if passwords:
-        text = type(error).__name__
-    return " ".join(f"MLflow store {address}: {text}".split())[:SHOWN]
-
-
-def read_artifact(run_id: str, name: str) -> bytes:
-    """Return the content of an artifact of a run.
-
-    Raises:
-        UserError: as in `download_model`.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        return _download(f"runs:/{run_id}/{name}", Path(folder)).read_bytes()
-
-
-def download_model(name: str, folder: Path) -> Path:
-    """Return the classifier's file of a model in MLflow, after downloading it into a folder.
-
-    Args:
-        name: `runs:/ID` or `models:/NAME/VERSION`.
-        folder: the place of the file.
-
-    Raises:
-        UserError: there is no store, or it has no such model, or does not answer; or tracking is
-            disabled.
-    """
-    for file in _download(name, folder).rglob("*.pt"):
-        return file
-    raise UserError(f"{name}: a model of another kind; expected one that this project has logged")
-
-
-def _download(name: str, folder: Path) -> Path:
-    """Return the path of an artifact, downloaded into a folder; errors as in `download_model`."""
-    uri = _address()
-    database = _database(uri)
-    if uri == DISABLED or (database and not database.exists()):
-        raise UserError(
-            f"{name}: no MLflow store: {uri}; set MLFLOW_TRACKING_URI to the store that has it"
-        )
-    import mlflow
-
-    try:
-        mlflow.set_tracking_uri(uri)
-        whole_run = re.fullmatch("runs:/([0-9a-f]{32})(/classifier)?", name)
-        if whole_run:
-            name = _model_of(mlflow, whole_run[1]) or name
-        return Path(mlflow.artifacts.download_artifacts(name, dst_path=str(folder)))
-    except Exception as error:
-        raise UserError(f"{name}: {_reason(error)}; is MLFLOW_TRACKING_URI right?") from None
-
-
-def _model_of(mlflow: Any, run_id: str) -> str | None:
-    """Return the address of the model that a run has logged; None where it has logged none."""
-    outputs = mlflow.MlflowClient().get_run(run_id).outputs
-    for model in outputs.model_outputs if outputs else []:
-        return f"models:/{model.model_id}"
-    return None
-
-
-def bad_request(message: str) -> Exception:
-    """Return MLflow's exception for a mistake of the user.
-
-    The server answers with 400 and the message, without a traceback.
-    """
-    from mlflow.exceptions import MlflowException
-
-    exception: Exception = MlflowException.invalid_parameter_value(message)
-    # by default the server puts the whole input before the message
-    exception.json_kwargs = {"message": message}  # type: ignore[attr-defined]
-    return exception
+    print(
+        f"warning: {error_line(error)}; the stage goes on without it", file=sys.stderr, flush=True
+    )

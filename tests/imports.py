@@ -1,4 +1,4 @@
-"""What the project's files import of each other, read from their text."""
+"""Reads what the project's files import of each other from their text."""
 
 import ast
 from collections.abc import Iterable

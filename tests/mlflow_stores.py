@@ -1,6 +1,4 @@
-"""Fresh MLflow stores, whose tables, which MLflow takes seconds to make, are made once a session;
-runs in them.
-"""
+"""Fresh MLflow stores; their tables take seconds to make and are made once a session."""
 
 import tempfile
 from functools import cache
@@ -10,14 +8,14 @@ from tactile_viewgcn.tracking import EXPERIMENT
 
 
 def fresh_store(path: Path) -> str:
-    """The address of a new store at `path`, without experiments of ours."""
+    """Return the address of a new store at `path`, without experiments of this project."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(_tables())
     return f"sqlite:///{path}"
 
 
 def runs_of(client, name=f"{EXPERIMENT}/stages") -> list:
-    """The runs of an experiment."""
+    """Return the runs of an experiment."""
     return client.search_runs([client.get_experiment_by_name(name).experiment_id])
 
 

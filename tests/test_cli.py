@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.params import preset_changes, presets
+from tactile_viewgcn.readers.formats import ARRAYS, HDF5, STAG_METADATA, TEXTS
 from tests.readers.files import save
 
 ROOT = Path(__file__).parents[1]
@@ -23,13 +24,13 @@ def call(*words, cwd=ROOT):
 
 
 def refused(result):
-    """The one line of a refused command."""
+    """Return the one line of a refused command."""
     assert result.returncode == 1 and len(result.stderr.splitlines()) == 1, result.stderr
     return result.stderr
 
 
 def glove(folder, *names, number=2, shape=(20, 4, 4)):
-    """A folder of arrays: `number` recordings of each object."""
+    """Return a folder of arrays with `number` recordings of each object."""
     rng = np.random.default_rng(0)
     for path in (folder / name / f"{i}.npy" for name in names for i in range(number)):
         save(path, rng.integers(500, 530, shape, dtype=np.int16))
@@ -48,6 +49,13 @@ def test_inspect_takes_the_folder_that_it_is_called_in_and_hands_the_layout_on_t
     assert "`dvc exp run -S split.folds=2`" in refused(
         call("inspect", source, "--set", "split.folds=2")
     )
+
+
+def test_inspect_help_names_every_format_that_is_read():
+    words = call("inspect", "--help").stdout.replace("(", " ").replace(")", " ").replace(",", " ")
+    words = {word.strip(".,") for word in words.split()}
+    assert {ending.strip(".") for ending in TEXTS + HDF5 + ARRAYS} <= words
+    assert {STAG_METADATA, "labels.csv", "catalogue"} <= words
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ CPU, CUDA = torch.device("cpu"), torch.device("cuda")
 
 @pytest.fixture
 def machine(monkeypatch):
-    """Makes torch believe in a machine with these abilities, and with `free` bytes on its card."""
+    """Makes torch believe that the machine has these abilities, and `free` bytes on its GPU."""
 
     def pretend(*, cuda=False, cuda_bfloat16=False, avx512_bf16=False, amx=False, free=0):
         def supported(including_emulation=True):

@@ -29,7 +29,7 @@ def params(*changes):
 
 
 def refusal(*changes, path=FILE):
-    """What `load` says is wrong: one line, in at most one second of the processor."""
+    """Return what `load` says is wrong: one line, within one second of the processor."""
     begin = time.process_time()
     with pytest.raises(UserError, match=rf"{path.name}: ") as caught:
         load(path, changes)
@@ -247,7 +247,7 @@ def test_a_change_is_read_back_the_same_by_params_yaml_and_by_dvc_s_own_parser(v
     assert change == f"key={text}"
 
     def unquoted(value):
-        """A value of Hydra's parser as plain values."""
+        """Return a value of Hydra's parser as plain values."""
         if isinstance(value, list):
             return list(map(unquoted, value))
         return getattr(value, "text", value)

@@ -1,4 +1,4 @@
-"""Progress where there is no terminal: lines, by a clock of the test's own."""
+"""Progress without a terminal: lines, by a clock of the test's own."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from tactile_viewgcn.progress import say, shown, steps, working
 
 @pytest.fixture
 def now(monkeypatch):
-    """A list whose only item is the time."""
+    """Return a list whose only item is the time."""
     time = [0.0]
     monkeypatch.setattr(progress, "clock", lambda: time[0])
     # tqdm's thread looks at the real clock

@@ -1,5 +1,5 @@
-"""Runs in MLflow, as its own client shows them: rows and stages, their content and end, and stores
-that fail.
+"""Runs in MLflow, as its own client shows them: rows and stages, their content and end, and failing
+stores.
 """
 
 import json
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tactile_viewgcn import tracking
+from tactile_viewgcn import mlflow_store, tracking
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.provenance import ROW, Record, origin
 from tests.mlflow_stores import fresh_store, runs_of
@@ -50,7 +50,7 @@ def test_a_stage_is_one_run_that_is_read_while_it_lasts_and_ends_with_its_record
     assert entry.data.params == {"pretrain.lr": "0.01", "resolved.scale": "150"}
     assert entry.data.metrics == {"loss": 3.0, "weights": 7, "seconds": 9, "peak_mb": 0}
     assert entry.info.artifact_uri.startswith((store / "mlruns").as_uri())
-    assert Record.read(tracking.read_artifact(entry.info.run_id, "pretrain.json")) == record
+    assert Record.read(mlflow_store.read_artifact(entry.info.run_id, "pretrain.json")) == record
     # as the manual's link says
     assert client.get_experiment_by_name(tracking.EXPERIMENT).experiment_id == "1"
     assert runs_of(client, tracking.EXPERIMENT) == []
@@ -63,7 +63,7 @@ def test_a_stage_is_one_run_that_is_read_while_it_lasts_and_ends_with_its_record
 
 
 def test_a_batch_logs_what_one_call_for_each_tag_parameter_and_step_does(store, client):
-    """Also more metrics than MLflow takes in one call, and some of them at several steps."""
+    """The metrics are more than MLflow takes in one call, and some have several steps."""
     tags = {"stage.ingest": "ab12", "resolved.scale": "150"}
     parameters = {"classes": 4, "weights.head": 7, "share": 0.1}
     metrics = [("error", 0.1 + 0.2, 0), ("seconds", 3.0, 0)]
@@ -102,12 +102,12 @@ def test_a_stage_that_ends_early_leaves_a_run_with_its_traceback(store, client, 
     assert ended.info.status == status
     assert (
         f"{type(error).__name__}: {error}"
-        in tracking.read_artifact(ended.info.run_id, "traceback.txt").decode()
+        in mlflow_store.read_artifact(ended.info.run_id, "traceback.txt").decode()
     )
 
 
 def begun():
-    """The id of a stage's run, whose block has run whatever the store did."""
+    """Return the id of a stage's run. The block of the run goes on whatever the store does."""
     ran = False
     with tracking.stage_run(Record("ingest")) as run:
         run.log("log_metrics", {"seconds": 1})
@@ -133,7 +133,7 @@ def test_a_store_that_does_not_open_costs_the_run_and_one_line_without_its_passw
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
     assert begun() is None
     with pytest.raises(UserError) as read:
-        tracking.read_artifact("0" * 32, "evaluate.json")
+        mlflow_store.read_artifact("0" * 32, "evaluate.json")
     warned = capsys.readouterr().err.strip()
     for line in (warned, str(read.value), "".join(traceback.format_exception(read.value))[-1000:]):
         assert uri.rpartition("@")[2].partition(":")[2] in line
@@ -142,7 +142,7 @@ def test_a_store_that_does_not_open_costs_the_run_and_one_line_without_its_passw
 
 
 def asked(listening) -> int:
-    """How often a socket that accepts nobody was connected to."""
+    """Return how often somebody connected to a socket that accepts nobody."""
     times = 0
     listening.setblocking(False)
     with suppress(BlockingIOError):
@@ -159,7 +159,7 @@ def test_a_server_that_never_answers_is_tried_for_a_short_time_by_all_that_asks_
         "MLFLOW_HTTP_REQUEST_TIMEOUT": "1",
         "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0",
     }.items():
-        assert 0 < int(tracking.SETTINGS[name]) <= 10
+        assert 0 < int(mlflow_store.SETTINGS[name]) <= 10
         monkeypatch.setenv(name, value)
     pytest.importorskip("mlflow")  # takes longer than all the rest
     with socket.socket() as listening:
@@ -168,9 +168,9 @@ def test_a_server_that_never_answers_is_tried_for_a_short_time_by_all_that_asks_
         monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://127.0.0.1:{listening.getsockname()[1]}")
         assert begun() is None and "127.0.0.1" in capsys.readouterr().err
         with pytest.raises(UserError, match=r"127\.0\.0\.1"):
-            tracking.read_artifact("0" * 32, "evaluate.json")
+            mlflow_store.read_artifact("0" * 32, "evaluate.json")
         with pytest.raises(UserError, match=r"127\.0\.0\.1"):
-            tracking.download_model("models:/glove@best", store)
+            mlflow_store.download_model("models:/glove@best", store)
         assert 3 <= asked(listening) <= 6  # each waits for one timeout
 
 

@@ -1,4 +1,4 @@
-"""What the records of the earlier stages say: their costs, and the error for a new session."""
+"""Reads the records of the earlier stages: their costs, and the error for a new session."""
 
 from pathlib import Path
 from typing import Any
@@ -7,14 +7,14 @@ from tactile_viewgcn.files import readable
 from tactile_viewgcn.params import VIRTUAL
 from tactile_viewgcn.provenance import EARLIER, ROW, Record
 
-Records = dict[str, Record]  # of the earlier stages, by stage
+Records = dict[str, Record]  # the records of the earlier stages, by stage
 
 
 def read_records(folder: Path) -> Records:
     """Return the records that a folder holds, by stage.
 
     Raises:
-        UserError: names a record that is damaged, or of another version.
+        UserError: a record is damaged or was written by another version; the message names it.
     """
     records = {}
     for stage in EARLIER:
@@ -26,7 +26,7 @@ def read_records(folder: Path) -> Records:
 
 
 def simulation(records: Records) -> Records:
-    """Return the record of the virtual glove, where its recordings were read; else none."""
+    """Return the record of the virtual glove if its recordings were read; else an empty dict."""
     path = Path(f"{VIRTUAL}.json")
     if "ingest" not in records or not path.exists():
         return {}
@@ -42,14 +42,16 @@ def costs(
 
     Args:
         latency_ms: see `evaluate.latency`.
-        records: of the stages whose costs count.
-        seconds: of the stage `evaluate`.
+        records: of the stages before `evaluate`. If the virtual glove's recordings were read, its
+            costs are added.
+        seconds: duration of the stage `evaluate`.
         peak_mb: peak memory of the stage `evaluate`, in MB.
 
     Returns:
-        `seconds` of each stage and in total, `latency_ms` per answer, and `peak_mb`, the peak
-            memory of the stage that needed most.
+        `seconds` of each stage and in total; `latency_ms` per answer; and `peak_mb`, the peak
+            memory of the stage that needed the most.
     """
+    records = simulation(records) | records
     seconds_of = {stage: record.seconds for stage, record in records.items()}
     seconds_of[ROW] = seconds
     seconds_of["total"] = sum(seconds_of.values())
@@ -62,7 +64,7 @@ def costs(
 
 
 def new_session(records: Records) -> dict[str, Any]:
-    """Return the score `new_session` of metrics.json, if `finetune` has measured it; else none."""
+    """Return the score `new_session` of metrics.json; an empty dict if it was not measured."""
     for record in records.values():
         for note in record.notes:
             if note.topic == "new session" and note.value:

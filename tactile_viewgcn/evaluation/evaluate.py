@@ -1,6 +1,6 @@
-"""The evaluation of a classifier: its answers, their scores and their cost.
+"""Evaluates a classifier: its answers, their scores and their cost.
 
-In evaluation mode a frame's feature does not depend on the other frames of its batch, so each
+In evaluation mode a frame's feature does not depend on the other frames of its batch. Hence each
 distinct frame passes the backbone once, and all answers gather features.
 """
 
@@ -34,15 +34,12 @@ BATCH = 64  # view sets
 
 
 def evaluated_frames(classifier: Classifier, table: Frames, params: Params) -> Gathered:
-    """Return what the classifier reads of the evaluated set, computed when it is indexed.
+    """Return the network input (n, H, W) of the evaluated set, computed when it is indexed.
 
     Args:
         classifier: its transform is applied to the frames.
         table: the kept frames.
-        params: its `evaluate.side` is the evaluated set.
-
-    Returns:
-        network input (n, H, W).
+        params: `evaluate.side`, which names the evaluated set.
     """
 
     def inputs(index: np.ndarray) -> np.ndarray:
@@ -56,17 +53,17 @@ def evaluate_table(
 ) -> tuple[Predictions, dict[str, Any]]:
     """Classify view sets and recordings of the evaluated set.
 
-    There is a view set for each anchor, trial and protocol; each recording is classified once.
+    There is a view set for each anchor, trial and protocol. Each recording is classified once.
 
     Args:
         classifier: is prepared for answers here.
         table: the kept frames.
-        params: of the sections `evaluate` and `cluster`, and the seed.
+        params: the sections `evaluate` and `cluster`, and the seed.
         compute: device and precision.
 
     Returns:
-        All answers; and metrics: sizes, whether no session of the evaluated set is in the training
-            set, and `scores_of` each of `trials.TITLES`. They are equal on every run with one seed.
+        All answers, and the metrics: sizes, whether all sessions of the evaluated set are new, and
+            `scores_of` each of `trials.TITLES`. The metrics are equal on every run with one seed.
     """
     side = params.evaluate.side
     train = table.on(TRAIN)
@@ -111,15 +108,15 @@ def error_of(
 ) -> dict[str, float | None]:
     """Return the mean error rate over trials, and its 95 % interval, as fractions.
 
-    The interval resamples split groups, and does not cover how training runs differ.
+    The interval resamples split groups. It does not cover differences between training runs.
 
     Args:
         correct: bool (T, A), whether each answer is right.
         groups: (A,) split groups of the anchors.
-        rng: of the resampling.
+        rng: draws the resampled groups.
 
     Returns:
-        `mean`, `low` and `high`; the last two are None where there is one group.
+        `mean`, `low` and `high`; the last two are None if there is only one group.
     """
     wrong = 1 - correct.mean(axis=0)
     low, high = proportion_interval(wrong, groups, rng) or (None, None)
@@ -131,14 +128,14 @@ def scores_of(trials: Trials, rng: np.random.Generator, classes: int) -> dict[st
 
     Args:
         trials: the answers.
-        rng: of the intervals.
-        classes: their number.
+        rng: draws the resampled groups of the intervals.
+        classes: number of classes.
 
     Returns:
-        `error`, see `error_of`, with its standard deviation `std` over trials, which differ in
-            their clustering only; `top3_error` of four classes or more; `by_views`, the error by
-            the number of frames: of view sets up to V, or for whole recordings the median number
-            only.
+        `error`, see `error_of`, with its standard deviation `std` over trials, which differ only in
+            their clustering and draws; `top3_error` if there are four classes or more; `by_views`,
+            the error by the number of frames. The number is of view sets up to V; for whole
+            recordings it is their median number only.
     """
     error: dict[str, float | None] = error_of(trials.correct, trials.groups, rng)
     by_views = {
@@ -162,15 +159,16 @@ def latency(
     """Return milliseconds per answer from network input to logits.
 
     Args:
-        classifier: prepared for answers.
-        inputs: (n, H, W); the timed answers repeat them, n may be below V.
+        classifier: is prepared for answers.
+        inputs: (n, H, W) network input. The timed answers repeat it, so n can be below V.
         live: bool (H, W) sensors.
-        whole: frames of the recording that is timed.
-        seconds: for each measurement.
+        whole: number of frames of the recording that is timed.
+        seconds: duration of each measurement.
 
     Returns:
-        {"single": {"median", "p95"}, "batch": {"median"}, "whole": {"median"}}: of one view set, of
-            64 at once, and of a whole recording; the 95th percentile is interpolated.
+        {"single": {"median", "p95"}, "batch": {"median"}, "whole": {"median"}}: for one view set,
+            for 64 view sets at once, and for a whole recording. The 95th percentile is
+            interpolated.
     """
     views = classifier.views
     single_set = np.arange(views).reshape(1, views)
@@ -202,14 +200,14 @@ def _milliseconds(
     answer: Callable[[Any, np.ndarray], None],
     seconds: float,
 ) -> np.ndarray:
-    """Return the milliseconds of each repeat of an answer, one at least, until the time is spent.
+    """Return the milliseconds of each repeat of an answer until the time is spent.
 
-    One more repeat warms up before them, and is not returned.
+    At least one repeat is returned. Another repeat warms up before it, and is not returned.
 
     Args:
-        classifier: prepared for answers.
-        inputs: (n, H, W).
-        count: frames of the answer; `inputs` are repeated where they are fewer.
+        classifier: is prepared for answers.
+        inputs: (n, H, W) network input.
+        count: number of frames of the answer; `inputs` are repeated if they are fewer.
         answer: function of the classifier's values of these frames, and of the frames.
         seconds: time for all repeats.
     """

@@ -1,4 +1,4 @@
-"""A finished run by its files: those of the workspace, of a DVC experiment or of an MLflow run."""
+"""Reads a finished run from its files, in the workspace, a DVC experiment or an MLflow run."""
 
 import json
 import re
@@ -20,43 +20,43 @@ from tactile_viewgcn.params import everywhere, unlike_the_file
 from tactile_viewgcn.provenance import EARLIER, ROW, Record
 
 REMEDY = (
-    "run the line that `tactile-viewgcn inspect` prints, or name an experiment of DVC or a run of "
-    "MLflow"
+    "run the line that `tactile-viewgcn inspect` prints, or name a DVC experiment or an MLflow run"
 )
+WORKSPACE = "workspace"  # the workspace's name, as DVC's
 MLFLOW_ID = re.compile(r"[0-9a-f]{32}")
-WIDE = 0.25  # of an interval
+WIDE = 0.25  # width of an interval above which an error is uncertain
 ROUNDING = 1e-9  # of a share
 
 
 @dataclass
 class FinishedRun:
-    """An evaluated pipeline, by its files, and its result on whole recordings.
+    """An evaluated pipeline, read from its files, and its result on whole recordings.
 
     Args:
-        name: as the user named it; empty for the workspace.
-        metrics, timing: results/metrics.json and timing.json.
-        predictions: of every trial.
+        name: the name that the user gave; empty for the workspace.
+        metrics, timing: content of results/metrics.json and results/timing.json.
+        predictions: the answers of every trial.
         records: by stage.
-        live: rows of results/live.csv; none of a run of an earlier version.
+        live: rows of results/live.csv; a run of an earlier version has none.
 
     Attributes:
         params: every parameter, by dotted key.
-        changed: the parameters that differ from the committed ones, by dotted key.
-        score: numbers of whole recordings in metrics.json.
-        ends: of the error's 95 % interval; None with one split group.
-        counts: int64 (C, C), row the true class, column the answer.
-        chance: error of always naming the object that most recordings are of.
-        at_chance: whether the interval reaches that error.
+        changed: the parameters that differ from the committed parameters, by dotted key.
+        score: the numbers of whole recordings in metrics.json.
+        ends: both ends of the error's 95 % interval; None with one split group.
+        counts: int64 (C, C), a row for each true class and a column for each answer.
+        chance: error rate of always naming the object with the most recordings.
+        at_chance: whether the interval reaches the error rate of chance.
         uncertain: whether the test is too small for a reliable error.
         tested_set: `test` or `validation`.
-        groups: number of split groups of that set.
-        objects: a row of each tested object, the highest error first: its name, its number of
-            recordings, its share of wrong answers, and what it is most often taken for.
-        tested: their recordings, in words.
-        weights: weight and error of each member, where `model.members` is auto; the largest weight
-            first.
-        members: of `sensors`, as set or as chosen.
-        warnings: notes of the stages.
+        groups: number of split groups of the tested set.
+        objects: a row for each tested object, the highest error first: its name, its number of
+            recordings, its share of wrong answers, and the object that it is most often taken for.
+        tested: the tested recordings, in words.
+        weights: weight and error of each member, the largest weight first, if `model.members` is
+            auto.
+        members: the members of `sensors`, as set or as chosen.
+        warnings: the stages' notes that are warnings.
     """
 
     name: str
@@ -75,7 +75,7 @@ class FinishedRun:
         self.ends: tuple[float, float] | None = None
         if error["low"] is not None:
             self.ends = (error["low"], error["high"])
-        whole = self.predictions.trials[WHOLE]
+        whole = self.predictions.whole
         self.counts = whole.confusion(len(self.predictions.classes))
         self.chance = whole.chance
         ((self.tested_set, self.groups),) = self.metrics["groups"].items()
@@ -91,7 +91,7 @@ class FinishedRun:
         self.warnings = self.notes("warning")
 
     def _is_uncertain(self) -> bool:
-        """See `uncertain`."""
+        """Return the attribute `uncertain`."""
         if not self.ends or self.groups < FEW:
             return True
         low, high = self.ends
@@ -99,9 +99,10 @@ class FinishedRun:
 
     @property
     def repeated(self) -> dict[str, Any]:
-        """Return the parameters of a line that repeats the run, by dotted key.
+        """Return the parameters of a command that repeats the run, by dotted key.
 
-        They are those that differ from the committed ones or from params.yaml here, and the source.
+        They are the source, and all parameters that differ from the committed ones or from the
+        params.yaml of this folder.
         """
         source = str(everywhere(Path(self.params["data.source"])))
         return self.changed | unlike_the_file(self.params) | {"data.source": source}
@@ -114,7 +115,7 @@ class FinishedRun:
         return notes
 
     def _object(self, label: int) -> tuple[str, int, float, str]:
-        """See `objects`."""
+        """Return the row of `objects` of a class."""
         classes = self.predictions.classes
         wrong = self.counts[label].copy()
         recordings = int(wrong.sum())
@@ -127,7 +128,7 @@ class FinishedRun:
 
 
 def _recordings_in_words(recordings: list[int]) -> str:
-    """Return the numbers of recordings of the tested objects in words."""
+    """Return in words how many recordings the tested objects have."""
     fewest = min(recordings)
     most = max(recordings)
     of_each = str(fewest)
@@ -137,17 +138,22 @@ def _recordings_in_words(recordings: list[int]) -> str:
 
 
 def read_run(name: str = "", *, fetch: bool = True) -> FinishedRun:
-    """Return the run of a name, from its files.
+    """Return the run of a name, read from its files.
 
     Args:
-        name: of a DVC experiment, or another revision that DVC knows; the id of an MLflow run of
-            `evaluate`; a folder with the `runs` and `results` of a run; empty for the workspace.
-        fetch: whether files that are not in DVC's cache are taken from its remote, if there is one.
+        name: the name of a DVC experiment, or another revision that DVC knows; the id of an MLflow
+            run of `evaluate`; or a folder with the `runs` and `results` of a run. `workspace` and
+            an empty name stand for the workspace.
+        fetch: whether files that are missing in DVC's cache are fetched from its remote, if there
+            is one.
 
     Raises:
-        UserError: no such run; its files are missing, or do not belong together.
-        Exception: any, of a file that is damaged or of an earlier version.
+        UserError: there is no such run, its files are missing, or they do not belong together.
+        Exception: a file is damaged or was written by an earlier version; any exception is
+            possible.
     """
+    if name == WORKSPACE:
+        name = ""
     read = _reader(name, fetch=fetch)
     contents = {stage: _content(read, f"runs/{stage}.json", name) for stage in EARLIER}
     contents[ROW] = _content(read, f"results/{ROW}.json", name)
@@ -163,8 +169,8 @@ def read_run(name: str = "", *, fetch: bool = True) -> FinishedRun:
         )
         if is_other:
             raise UserError(
-                f"{_where(name)}: `{stage}` ran again after `evaluate`: results are of an earlier "
-                f"run; {REMEDY}"
+                f"{_where(name)}: `{stage}` ran again after `evaluate`, so the results are of an "
+                f"earlier run; {REMEDY}"
             )
     return FinishedRun(
         name,
@@ -177,7 +183,7 @@ def read_run(name: str = "", *, fetch: bool = True) -> FinishedRun:
 
 
 def _live_rows(read: Callable[[str], bytes]) -> list[dict[str, Any]]:
-    """Return the rows of a run's live.csv, with None in empty cells; none if there is no file."""
+    """Return the rows of a run's live.csv, with None in empty cells; no rows without the file."""
     try:
         content = read("results/live.csv")
     except FileNotFoundError:
@@ -188,7 +194,7 @@ def _live_rows(read: Callable[[str], bytes]) -> list[dict[str, Any]]:
 
 
 def _content(read: Callable[[str], bytes], path: str, name: str) -> bytes:
-    """Return the content of a run's file; a UserError where there is none."""
+    """Return the content of a run's file; raise a UserError if there is no such file."""
     try:
         return read(path)
     except FileNotFoundError:
@@ -212,14 +218,14 @@ def _read_from_workspace(path: str) -> bytes:
 def _reader(name: str, *, fetch: bool) -> Callable[[str], bytes]:
     """Return a function that reads a file of a run by its path in the workspace.
 
-    The function raises FileNotFoundError where the run has no such file.
+    The function raises FileNotFoundError if the run has no such file.
     """
     if not name:
         return _read_from_workspace
     if Path(name).is_dir():
         return lambda path: (Path(name) / path).read_bytes()
     if MLFLOW_ID.fullmatch(name):
-        from tactile_viewgcn.tracking import read_artifact
+        from tactile_viewgcn.mlflow_store import read_artifact
 
         return lambda path: read_artifact(name, Path(path).name)
     from dvc.api import DVCFileSystem
@@ -228,8 +234,9 @@ def _reader(name: str, *, fetch: bool) -> Callable[[str], bytes]:
     files = DVCFileSystem(rev=name, config=config)
     if not files.exists("dvc.yaml"):
         raise UserError(
-            f"{name}: no experiment of DVC here, and no id of an MLflow run, which has 32 digits; "
-            "`dvc exp list` and `mlflow ui` name them"
+            f"{name}: no such run. Name a DVC experiment or revision (see `dvc exp list`), the id "
+            "of an MLflow run, which has 32 digits (see `mlflow ui`), a folder with `runs` and "
+            f"`results`, or `{WORKSPACE}`"
         )
     read: Callable[[str], bytes] = files.cat_file
     return read

@@ -1,8 +1,8 @@
-"""The test recordings answered as a live stream: how soon is the answer right?
+"""Answers the test recordings as a live stream: how soon is the answer right?
 
 Each recording is pushed frame by frame into a new stream. The stream knows neither the source's
-flags nor the session's empty hand, and sees no frame before its time. `predict` knows all of them,
-and answers all grasps of a recording together.
+flags nor the session's empty hand, and it sees no frame before its time. `predict` knows all of
+these, and answers all grasps of a recording together.
 """
 
 from collections.abc import Callable, Iterator
@@ -24,18 +24,20 @@ from tactile_viewgcn.tables.frames import SIDES, Frames
 from tactile_viewgcn.tables.recordings import Recordings
 
 SECONDS = (0.25, 0.5, 1.0, 2.0, 4.0)  # of contact, after which the error is measured
-FRAMES = (1, 2, 4, 8, 16)  # the same for recordings without times
+FRAMES = (1, 2, 4, 8, 16)  # of contact, in place of seconds, for recordings without times
 SURE = (0.8, 0.9, 0.95)  # probabilities that close a grasp early
 ANSWERS_A_SECOND = 20  # at most
-# of all recordings together; with more, only some recordings are taken
+# limits for all recordings together; if there is more, only some recordings are taken
 MOST_ANSWERS = 3000
 MOST_FRAMES = 200_000
 ROUNDING = 1e-6  # of times, in seconds
 #: Columns of live.csv; a cell without a value is empty.
-#: - answer: `so far`, after `level` seconds or frames of contact; `final`, when the hand opens;
-#:   `sure`, the first answer with a probability of `level` or more; `predict`, of whole recordings
-#: - error, low, high: of all grasps, of those with a sure answer, or of recordings for `predict`
-#: - share: of all grasps: those still held at the level, or with a sure answer
+#: - answer: `so far` is the answer after `level` seconds or frames of contact, `final` the answer
+#:   when the hand opens. `sure` is the first answer with a probability of `level` or more, and
+#:   `predict` the answer to whole recordings.
+#: - error, low, high: error rate of all grasps, with its interval; for `sure` of the grasps that
+#:   have a sure answer, and for `predict` of recordings
+#: - share: share of all grasps that are still held at the level, or that have a sure answer
 #: - contact: median seconds or frames of contact that the answers rest on
 #: - unit: of `contact`, and of the levels of `so far`
 COLUMNS = ("answer", "level", "error", "low", "high", "share", "contact", "unit")
@@ -55,9 +57,9 @@ class Found(NamedTuple):
     """A grasp that a stream finds in a recording.
 
     Attributes:
-        first: number of the frame with which it begins.
-        last: number of its last frame in contact.
-        updates: the answers to it, the final one last.
+        first: number of the frame with which the grasp begins.
+        last: number of the grasp's last frame in contact.
+        updates: the answers to the grasp; the final answer is the last.
     """
 
     first: int
@@ -69,9 +71,9 @@ class Grasps(NamedTuple):
     """The grasps in recordings, and a stream's answers to them.
 
     Attributes:
-        grasps: a row for each grasp, with columns `group`, `contact`, its length, and
-            `right_unanswered`, whether no answer is the right one, as for an empty hand. The
-            length is NaN where the stream has not found the grasp.
+        grasps: a row for each grasp. Its columns are `group`; `contact`, the grasp's length, which
+            is NaN if the stream did not find the grasp; and `right_unanswered`, whether it is right
+            to give no answer, as for an empty hand.
         answers: a row for each answer, in order, with columns `grasp`, `contact` so far,
             `probability`, `right`, and `is_final`.
         unit: of contact, `s` or `frames`.
@@ -89,16 +91,16 @@ def answer_live(
     whole: Trials,
     params: Params,
 ) -> tuple[list[Row], list[Note]]:
-    """Return the rows of live.csv, and notes on what they are of.
+    """Return the rows of live.csv, and notes on the recordings and grasps that they rest on.
 
-    There are none where no grasp is tested as a whole.
+    There are no rows if no grasp is tested as a whole.
 
     Args:
         new_stream: returns a stream of the classifier.
         recordings: raw counts of all sets.
         table: the kept frames.
         whole: the answers to whole recordings of the evaluated set.
-        params: its `evaluate.side` is the evaluated set; the seed.
+        params: `evaluate.side`, which names the evaluated set, and the seed.
     """
     seed = params.seed
     numbered = numbered_grasps(table, SIDES.index(params.evaluate.side))
@@ -107,34 +109,35 @@ def answer_live(
     numbered = numbered[numbered["recording"].isin(taken)]
     answered = stream_grasps(new_stream, recordings, numbered, table.classes)
     if answered.grasps.empty:
-        return [], [Note("no grasp of the stream is tested as a whole", topic="live")]
+        text = "no grasp lies in the tested set as a whole, so no live answers were measured"
+        return [], [Note(text, topic="live")]
     rows = live_rows(answered, seed)
     names = [recordings.recordings[number] for number in taken]
     rows.append(_predict_row(whole, np.isin(whole.recordings, names), seed))
     notes = list[Note]()
     if len(taken) < len(numbers):
         text = f"{len(taken)} of {several(len(numbers), 'recording')}, evenly chosen, "
-        text += "were answered as a stream"
+        text += "were answered as a live stream"
         notes.append(Note(text, topic="live"))
     tested = int(numbered["is_tested"].sum())
-    found = int(answered.grasps["contact"].notna().sum())
-    if "grasp" in recordings.columns and found != tested:
-        text = f"the recordings number {several(tested, 'tested grasp')}, the stream finds {found}:"
-        text += " it joins grasps between which the hand hardly opens, and misses light ones"
+    count = int(answered.grasps["contact"].notna().sum())
+    if "grasp" in recordings.columns and count != tested:
+        text = f"the recordings have {several(tested, 'tested grasp')}, the stream finds {count}:"
+        text += " it joins grasps between which the hand hardly opens, and misses light grasps"
         notes.append(Note(text, topic="live"))
     return rows, notes
 
 
 def numbered_grasps(table: Frames, side: int) -> pd.DataFrame:
-    """Return the grasps as the source numbers them; without numbers a recording is one.
+    """Return the grasps as the source numbers them; without numbers each recording is a grasp.
 
     Args:
         table: the kept frames.
         side: the evaluated set.
 
     Returns:
-        A row for each grasp, with columns `recording`, `grasp`, `label`, `group`, and `is_tested`,
-            whether all its kept frames are in the evaluated set.
+        A row for each grasp, with columns `recording`, `grasp`, `label`, `group` and `is_tested`. A
+            grasp is tested if all its kept frames are in the evaluated set.
     """
     frames = table.columns.groupby(["recording", "grasp"])
     grasps = frames.agg(
@@ -148,14 +151,14 @@ def numbered_grasps(table: Frames, side: int) -> pd.DataFrame:
 
 
 def affordable(recordings: Recordings, numbers: np.ndarray) -> np.ndarray:
-    """Return the numbers of the recordings that are taken, evenly chosen among `numbers` (n,)."""
+    """Return as many of the recordings `numbers` (n,), evenly chosen, as the limits allow."""
     if not len(numbers):
         return numbers
     columns = pd.DataFrame({name: recordings.columns[name] for name in ("recording", "time")})
     of_recording = columns[columns["recording"].isin(numbers)].groupby("recording")["time"]
     frames = of_recording.size()
     longest = ANSWERS_A_SECOND * (of_recording.max() - of_recording.min())
-    answers = np.fmin(frames, longest)  # without times the frames
+    answers = np.fmin(frames, longest)  # without times `longest` is NaN, and frames are taken
     share = min(1.0, MOST_FRAMES / frames.sum(), MOST_ANSWERS / max(answers.sum(), 1))
     return evenly(numbers, max(1, int(share * len(numbers))))
 
@@ -168,12 +171,12 @@ def stream_grasps(
 ) -> Grasps:
     """Return the grasps that a stream finds in recordings, and its answers to them.
 
-    Several numbered grasps are one grasp of the stream, if the hand hardly opens between them. It
+    If the hand hardly opens between several numbered grasps, the stream sees them as one grasp. It
     counts if all of them are tested. A split group in which the stream finds no grasp counts as one
-    without an answer.
+    grasp without an answer.
 
     Args:
-        new_stream: returns a stream.
+        new_stream: returns a new stream.
         recordings: raw counts.
         numbered: the grasps of the recordings to answer, see `numbered_grasps`.
         classes: names of the labels.
@@ -210,7 +213,7 @@ def stream_grasps(
 def _tested(
     found: list[Found], number_of: np.ndarray, known: pd.DataFrame
 ) -> list[tuple[pd.Series, list[Update]]]:
-    """Return the grasps of a recording that count, each as its numbered grasp and its answers.
+    """Return the grasps of a recording that count: pairs of a numbered grasp and its answers.
 
     Args:
         found: the grasps that the stream found.
@@ -224,7 +227,7 @@ def _tested(
     for first, last, updates in found:
         numbers = known.index.intersection(number_of[first : last + 1])
         if numbers.empty and len(tested) == len(known):
-            numbers = tested.index[:1]  # contact in frames that are not kept
+            numbers = tested.index[:1]  # the contact is in frames that were not kept
         met.update(known.loc[numbers, "group"])
         if len(numbers) and numbers.isin(tested.index).all():
             pairs.append((tested.loc[numbers[0]], updates))
@@ -236,7 +239,7 @@ def _tested(
 def _answer_row(grasp: int, update: Update, name: str, unit: str) -> Row:
     """Return a row of `Grasps.answers`.
 
-    A grasp that reads as a hand that touches nothing is the empty hand, as for `predict`.
+    As in `predict`, a grasp is the empty hand if it reads like a hand that touches nothing.
     """
     answer = update.object
     if answer is None and update.note == TOO_WEAK:
@@ -257,9 +260,9 @@ def _found(stream: LiveStream, counts: np.ndarray, times: np.ndarray | None) -> 
     """Yield the grasps that a stream finds in a recording.
 
     Args:
-        stream: a new one.
+        stream: a new stream.
         counts: (n, H, W) of a recording.
-        times: (n,) in seconds; None without times.
+        times: (n,) in seconds; None if the recording has no times.
     """
     first = 0
     last = 0
@@ -281,7 +284,7 @@ def _found(stream: LiveStream, counts: np.ndarray, times: np.ndarray | None) -> 
 
 
 def _updates(stream: LiveStream, counts: np.ndarray, times: np.ndarray | None) -> Iterator[Update]:
-    """Yield what each frame changes; with times, answers come at most `ANSWERS_A_SECOND`."""
+    """Yield what each frame changes; with times, there are at most `ANSWERS_A_SECOND` answers."""
     if times is None:
         for frame in counts:
             yield from stream.push(frame)
@@ -292,8 +295,8 @@ def _updates(stream: LiveStream, counts: np.ndarray, times: np.ndarray | None) -
         for update in stream.push(frame, time, answer=time >= due - ROUNDING):
             if update.state == "answer" and update.seconds is not None:
                 begin = time - update.seconds
-                given = np.floor(update.seconds * ANSWERS_A_SECOND + ROUNDING)
-                due = begin + (given + 1) / ANSWERS_A_SECOND
+                answers_so_far = np.floor(update.seconds * ANSWERS_A_SECOND + ROUNDING)
+                due = begin + (answers_so_far + 1) / ANSWERS_A_SECOND
             elif update.state == "final":
                 due = -np.inf
             yield update
@@ -301,9 +304,9 @@ def _updates(stream: LiveStream, counts: np.ndarray, times: np.ndarray | None) -
 
 
 def live_rows(answered: Grasps, seed: int) -> list[Row]:
-    """Return the rows of answers so far, of final answers and of sure ones, see `COLUMNS`.
+    """Return the rows of answers so far, of final answers and of sure answers, see `COLUMNS`.
 
-    A grasp that has ended keeps its final answer. A grasp without an answer yet counts as wrong.
+    A grasp that has ended keeps its final answer. A grasp that has no answer yet counts as wrong.
 
     Args:
         answered: the grasps, at least one.
@@ -347,8 +350,8 @@ def _error_of(grasps: pd.DataFrame, answers: pd.DataFrame, seed: int) -> Row:
     """Return error, interval and median contact of grasps.
 
     Args:
-        grasps: those that count.
-        answers: one answer of each grasp that has one, by grasp.
+        grasps: the grasps that count.
+        answers: by grasp, one answer to each grasp that has an answer.
         seed: of the interval.
     """
     if grasps.empty:
@@ -370,7 +373,7 @@ def _interval(wrong: np.ndarray, groups: np.ndarray, seed: int) -> Row:
 
 
 def _predict_row(whole: Trials, taken: np.ndarray, seed: int) -> Row:
-    """Return the row of `predict`, on the recordings that were answered as a stream too."""
+    """Return the row of `predict`, of the recordings that were also answered as a stream."""
     wrong = 1.0 - whole.correct[0][taken]
     row = {"answer": "predict", "level": None, "share": None, "contact": None, "unit": None}
     return row | _interval(wrong, whole.groups[taken], seed)

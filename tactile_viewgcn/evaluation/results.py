@@ -1,4 +1,4 @@
-"""The results of `evaluate`: metrics, tables, the numbers of `dvc exp show`, and lines of text."""
+"""Writes the results of `evaluate`: metrics, tables, the summary for DVC, and lines of text."""
 
 import json
 from pathlib import Path
@@ -16,8 +16,8 @@ from tactile_viewgcn.files import new_files
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import NEW_SESSION, csv_text, several
 
-# titles of the scores by name in metrics.json; pages list them in this order, the terminal in the
-# reverse one; only `new_session` may be missing there
+# Titles of the scores by their names in metrics.json, where only `new_session` can be missing.
+# Pages list the scores in this order, the terminal in reverse order.
 SCORED = {
     WHOLE: TITLES[WHOLE],
     "new_session": NEW_SESSION,
@@ -34,7 +34,8 @@ def summary(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]
         timing: content of timing.json.
 
     Returns:
-        error rates as fractions, the seconds of all stages, and ms per answer, by name.
+        By name: error rates as fractions, the seconds of all stages together, and the milliseconds
+            per answer.
     """
     names = [name for name in SCORED if name in metrics]
     numbers = {f"error.{name}": metrics[name]["error"]["mean"] for name in names}
@@ -48,9 +49,9 @@ def summary(metrics: dict[str, Any], timing: dict[str, Any]) -> dict[str, float]
 
 
 def errors_by_frames(metrics: dict[str, Any]) -> dict[str, list[tuple[int, dict[str, Any]]]]:
-    """Return numbers of frames with their errors, by protocol.
+    """Return pairs of a number of frames and its error, by protocol.
 
-    The last entry of `recording` is of whole recordings: their median number of frames.
+    The last pair of `recording` stands for whole recordings, with their median number of frames.
 
     Args:
         metrics: content of metrics.json.
@@ -72,13 +73,13 @@ def write_results(
     numbers: dict[str, float],
     live: list[Row],
 ) -> None:
-    """Write all files of the results but for the record.
+    """Write all files of the results except the record.
 
-    All but the costs are equal on every run with one seed. DVC shows summary.json, which has some
-    of both.
+    On every run with one seed all numbers are equal, except the costs. DVC shows summary.json,
+    which has errors and costs.
 
     Args:
-        folder: the place of the files.
+        folder: the folder of the files.
         predictions: all answers, for predictions.npz and the tables.
         metrics: content of metrics.json.
         timing: content of timing.json.
@@ -120,7 +121,7 @@ def _views_table(metrics: dict[str, Any]) -> list[list[Any]]:
 
 
 def _confusion_table(predictions: Predictions) -> list[list[Any]]:
-    """Return how often each class was answered for each class, over all trials."""
+    """Return how often each class was answered for each true class, over all trials."""
     rows: list[list[Any]] = [["protocol", "object", "predicted", "count"]]
     classes = predictions.classes.tolist()
     for protocol, trials in predictions.trials.items():
@@ -145,7 +146,7 @@ def _classes_table(predictions: Predictions) -> list[list[Any]]:
 
 
 def summary_lines(metrics: dict[str, Any], timing: dict[str, Any], live: list[Row]) -> list[str]:
-    """Return the lines that the stage prints: what was tested, errors with intervals, and costs.
+    """Return the lines that the stage prints: the tested sets, errors with intervals, and costs.
 
     Args:
         metrics: content of metrics.json.
@@ -160,7 +161,7 @@ def summary_lines(metrics: dict[str, Any], timing: dict[str, Any], live: list[Ro
 
 
 def _tested_line(metrics: dict[str, Any]) -> str:
-    """Return a line with the sizes of what was tested."""
+    """Return a line with the sizes of the tested set."""
     (side,) = metrics["groups"]
     sizes = [
         f"{several(metrics['frames'][side], 'view set')} of {metrics['views']}",
@@ -173,7 +174,7 @@ def _tested_line(metrics: dict[str, Any]) -> str:
 
 
 def _score_line(name: str, score: dict[str, Any]) -> str:
-    """Return a line with one of the scores `SCORED`."""
+    """Return a line with one score of `SCORED`."""
     error = score["error"]
     line = (
         f"  {SCORED[name]}: error {percent_interval(error['mean'], error['low'], error['high'])} %"

@@ -1,39 +1,95 @@
-"""The pipeline's row in MLflow: what it has besides params.yaml."""
+"""The pipeline's row in MLflow: its content besides params.yaml, and how it is logged."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactile_viewgcn.evaluation import live
 from tactile_viewgcn.evaluation.finished_run import FinishedRun
 from tactile_viewgcn.evaluation.results import SCORED, errors_by_frames
-from tactile_viewgcn.evaluation.trials import WHOLE, Predictions
+from tactile_viewgcn.evaluation.trials import Predictions
 from tactile_viewgcn.evaluation.versus import VersusHead
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.provenance import EARLIER, ROW
 from tactile_viewgcn.schema import flatten
 from tactile_viewgcn.tables.frames import Frames
+from tactile_viewgcn.tracking import Run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DIGITS = 4  # of the numbers that MLflow's table shows
-SIZES = ("classes", "frames", "recordings", "groups")  # of metrics.json
+DIGITS = 4  # decimals of the numbers that MLflow's table shows
+SIZES = ("classes", "frames", "recordings", "groups")  # entries of metrics.json
 
 
 @dataclass(frozen=True)
 class Row:
-    """Content of the pipeline's row.
+    """The content of the pipeline's row.
 
     Attributes:
-        tags: the ids of the stages' runs, what `auto` chose, and the run beside that of its commit.
-        parameters: numbers of classes, of frames, recordings and split groups, and of weights.
-        metrics: name, value and step: the summary, the seconds of each stage and the peak memory
-            at step 0; the error of each trial, numbered from 1; the error by number of frames.
+        tags: the ids of the stages' runs, what `auto` chose, and the comparison with the run of the
+            commit.
+        parameters: the numbers of classes, frames, recordings, split groups and weights.
+        metrics: name, value and step of each number. Step 0 has the summary, the seconds of each
+            stage and the peak memory. The step of a trial's error is the trial, counted from 1. The
+            step of an error by number of frames is this number.
     """
 
     tags: dict[str, str]
     parameters: dict[str, float]
     metrics: list[tuple[str, float, int]]
+
+
+def log_row(
+    run: Run,
+    finished: FinishedRun,
+    numbers: dict[str, float],
+    versus: VersusHead | None,
+    *,
+    model: Path,
+    table: Frames,
+    page: Callable[[FinishedRun], str],
+) -> list[str]:
+    """Log the pipeline's row to MLflow: data set, model, numbers, pictures and report.
+
+    Args:
+        run: the run in MLflow.
+        finished: the finished run, with its results.
+        numbers: content of summary.json.
+        versus: the comparison with the run of the commit; None if they cannot be compared.
+        model: file of the classifier.
+        table: frames that the classifier was trained and tested on.
+        page: function that returns the report's page as HTML.
+
+    Returns:
+        Lines for the terminal: how a program loads the model, and where MLflow shows the row. There
+            are no lines if nothing is logged.
+    """
+    if not run.id:
+        return []
+    if "ingest" in finished.records:
+        source = finished.records["ingest"].inputs["source"]
+        run.dataset(source["path"], source["md5"][:8])
+    name = finished.records[ROW].name or ROW
+    metadata = model_metadata(table, finished.metrics["views"])
+    address = run.model(name, model, metadata)
+    row = row_of(finished, numbers, versus)
+    run.batch(row.tags, row.parameters, row.metrics, model=address)
+
+    def log_pages(mlflow: Any) -> None:
+        for file, figure in figures_of(finished.predictions, finished.live).items():
+            mlflow.log_figure(figure, file)
+        mlflow.log_text(page(replace(finished, name=run.id or "")), "report.html")
+
+    run.attempt(log_pages)
+    run.description = description(finished, name)
+    lines = list[str]()
+    if address:
+        lines.append(f"  in a program: mlflow.pyfunc.load_model({address!r})")
+    if run.table:
+        lines.append(f"  in a table with other runs: {run.table}")
+    return lines
 
 
 def row_of(run: FinishedRun, numbers: dict[str, float], versus: VersusHead | None) -> Row:
@@ -42,7 +98,7 @@ def row_of(run: FinishedRun, numbers: dict[str, float], versus: VersusHead | Non
     Args:
         run: the finished run.
         numbers: content of summary.json.
-        versus: the run beside that of its commit.
+        versus: the comparison with the run of the commit; None if they cannot be compared.
     """
     tags: dict[str, str] = {}
     if versus:
@@ -71,7 +127,7 @@ def _metrics(run: FinishedRun, numbers: dict[str, float]) -> list[tuple[str, flo
         for end in ("low", "high"):
             if error.get(end) is not None:
                 ends[f"error.{name}.{end}"] = error[end]
-    # MLflow's table cuts longer numbers off
+    # MLflow's table cuts off longer numbers
     values = [(name, round(value, DIGITS), 0) for name, value in (numbers | ends | costs).items()]
     for protocol, trials in run.predictions.trials.items():
         for trial, error in enumerate(trials.errors.tolist(), start=1):
@@ -83,7 +139,7 @@ def _metrics(run: FinishedRun, numbers: dict[str, float]) -> list[tuple[str, flo
 
 
 def description(run: FinishedRun, name: str) -> str:
-    """Return what the row's page says first: the run, its error and time, and the report's line.
+    """Return what the row's page says first: the run, its error, its time, and the next command.
 
     Args:
         run: the finished run.
@@ -92,7 +148,7 @@ def description(run: FinishedRun, name: str) -> str:
     error = run.score["error"]
     interval = percent_interval(error["mean"], error["low"], error["high"])
     seconds = run.timing["seconds"]["total"]
-    text = f"**{name}**: {interval} % of whole recordings wrong, {seconds:,.0f} s"
+    text = f"**{name}**: {interval} % of whole recordings are wrong, {seconds:,.0f} s"
     return f"{text}.\n\n`tactile-viewgcn report {run.records[ROW].run_id}`"
 
 
@@ -101,11 +157,11 @@ def figures_of(predictions: Predictions, rows: list[live.Row]) -> dict[str, "Fig
 
     Args:
         predictions: all answers.
-        rows: of live.csv.
+        rows: rows of live.csv, possibly none.
     """
     from tactile_viewgcn import plots  # here, since it loads Matplotlib
 
-    whole = predictions.trials[WHOLE]
+    whole = predictions.whole
     counts = whole.confusion(len(predictions.classes))
     figures = {"confusion.png": plots.confusion(counts, predictions.classes.tolist())}
     if rows:
@@ -114,7 +170,7 @@ def figures_of(predictions: Predictions, rows: list[live.Row]) -> dict[str, "Fig
 
 
 def model_metadata(table: Frames, views: int) -> dict[str, Any]:
-    """Return what MLflow shows of the model: its classes, its views, and frames that it takes."""
+    """Return what MLflow shows of the model: its classes, its views, and the frames it takes."""
     return {
         "classes": table.classes,
         "views": views,

@@ -1,6 +1,6 @@
-"""Answers to the evaluated set, and their file.
+"""Answers to the evaluated set, and the file that holds them.
 
-In each trial one view set around each anchor is answered; each whole recording is answered once.
+In each trial one view set around each anchor is answered. Each whole recording is answered once.
 """
 
 from dataclasses import dataclass, field
@@ -19,10 +19,10 @@ from tactile_viewgcn.views.sampling import ViewSets, anchor_first, powers_of_two
 
 PROTOCOLS = ("object", "recording")
 WHOLE = "whole"
-#: titles of what is answered, by its name in the results, the last one as in use
+#: titles of what is answered, by its name in the results; the last is what a user gets
 TITLES = {"object": "object protocol", "recording": "recording protocol", WHOLE: "whole recordings"}
 MOST_PROBABLE = 3  # classes that an answer keeps
-# attributes of `Trials` that the file has
+# attributes of `Trials` that the file holds
 OF_TRIALS = ("best", "labels", "groups", "recordings", "frames")
 
 
@@ -31,15 +31,15 @@ class Trials:
     """Answers of T trials to A view sets, or of one trial to A whole recordings.
 
     Attributes:
-        best: int16 (T, A, 3) the three most probable classes, the first one first; ties to the
-            lowest.
+        best: int16 (T, A, 3) the three most probable classes, the most probable first. Ties go to
+            the lowest class.
         labels: (A,) true class.
         groups: (A,) split group.
         recordings: (A,) name of the recording.
-        frames: number of frames of an answer: V, or those of the median recording.
-        fewer: bool (T, A), whether the answer is right, by number of views, 1, 2, 4 and so on below
-            V: the anchor and other views of its set at random, each time those before and more.
-            Empty if the classifier takes V views only.
+        frames: number of frames of an answer: V, or the median length of the recordings.
+        fewer: bool (T, A), whether the answer is right, by number of views: 1, 2, 4 and so on below
+            V. The views are the anchor and random other views of its set; a larger number adds
+            views to the smaller one. Empty if the classifier takes V views only.
     """
 
     best: np.ndarray
@@ -51,29 +51,29 @@ class Trials:
 
     @property
     def correct(self) -> np.ndarray:
-        """Whether the most probable class is the true one, bool (T, A)."""
+        """Return whether the most probable class is the true class, bool (T, A)."""
         correct: np.ndarray = self.best[..., 0] == self.labels
         return correct
 
     @property
     def errors(self) -> np.ndarray:
-        """Error rate (T,) of each trial."""
+        """Return the error rate (T,) of each trial."""
         errors: np.ndarray = 1 - self.correct.mean(axis=1)
         return errors
 
     @property
     def chance(self) -> float:
-        """Return the error of always naming the class that most answers are of."""
+        """Return the error rate of always naming the most frequent true class."""
         return float(1 - np.bincount(self.labels).max() / len(self.labels))
 
     def confusion(self, classes: int) -> np.ndarray:
         """Return counts int64 (C, C) over all trials.
 
         Args:
-            classes: their number C.
+            classes: number C of classes.
 
         Returns:
-            A row for each true class, a column for each most probable one.
+            A row for each true class, and a column for each most probable class.
         """
         cells = self.labels.astype(np.int64) * classes + self.best[..., 0]
         return np.bincount(cells.ravel(), minlength=classes**2).reshape(classes, classes)
@@ -87,12 +87,12 @@ def run_trials(
     All classifiers get the same view sets.
 
     Args:
-        classifier: prepared for answers.
-        values: (n, ...) of the evaluated set's frames, see `recognition.model_file`.
+        classifier: is prepared for answers.
+        values: (n, ...) the classifier's values of the evaluated set's frames, see `Classifier`.
         table: the kept frames.
-        params: of the sections `evaluate` and `cluster`, and the seed.
-        protocol: `object`: a view set is of all frames of an object; `recording`: of one recording
-            and split group.
+        params: the sections `evaluate` and `cluster`, and the seed.
+        protocol: `object` draws a view set from all frames of an object, `recording` from one
+            recording and split group.
     """
     index = table.on(SIDES.index(params.evaluate.side))
     views = classifier.views
@@ -101,7 +101,7 @@ def run_trials(
     labels = table.label[index][anchors]
     pool = pool_ids(table, index, protocol)
     points = table.points(index)
-    scores = None  # of the frames, by which k-means clusters them in each trial
+    scores = None  # k-means clusters the frames by their scores in each trial
     if clustering.method == "kmeans" and views > 1:
         scores = pool_scores(points, pool)
     best: list[np.ndarray] = []
@@ -112,7 +112,7 @@ def run_trials(
         rng = stream(params.seed, "trial", PROTOCOLS.index(protocol), trial)
         clusters = cluster_pools(points, pool, views, clustering, rng, scores)
         sets = ViewSets(clusters, pool, views).draw(anchors, rng, clustering.assignment)
-        # a separate generator: no other draw changes
+        # a separate generator, so that no other draw changes
         columns = anchor_first(sets, anchors, rng.spawn(1)[0])
         for size, correct in fewer.items():
             part = np.take_along_axis(sets, columns[:, :size], axis=1)
@@ -128,10 +128,10 @@ def answer_recordings(classifier: Classifier, values: Any, table: Frames, params
     A recording of several split groups is answered once for each of them.
 
     Args:
-        classifier: prepared for answers.
-        values: (n, ...) of the evaluated set's frames, see `recognition.model_file`.
+        classifier: is prepared for answers.
+        values: (n, ...) the classifier's values of the evaluated set's frames, see `Classifier`.
         table: the kept frames.
-        params: its `evaluate.side` is the evaluated set.
+        params: `evaluate.side`, which names the evaluated set.
     """
     index = table.on(SIDES.index(params.evaluate.side))
     pool = pool_ids(table, index, "recording")
@@ -142,10 +142,10 @@ def answer_recordings(classifier: Classifier, values: Any, table: Frames, params
 
 
 def most_probable(logits: np.ndarray) -> np.ndarray:
-    """Return the most probable classes of logits (A, classes), ties to the lowest.
+    """Return the most probable classes of logits (A, classes); ties go to the lowest class.
 
     Returns:
-        int16 (A, 3), or (A, 2) of two classes.
+        int16 (A, 3), or (A, 2) if there are two classes.
     """
     order = np.argsort(-logits, axis=1, kind="stable")
     return order[:, :MOST_PROBABLE].astype(np.int16)
@@ -158,7 +158,7 @@ def _trials(
     frames: int,
     fewer: dict[int, np.ndarray] | None = None,
 ) -> Trials:
-    """Return trials whose labels, groups and recordings are those of the frames `index` (A,)."""
+    """Return trials that have the labels, groups and recordings of the frames `index` (A,)."""
     recordings = np.array(table.recordings)[table.recording[index]]
     return Trials(best, table.label[index], table.group[index], recordings, frames, fewer or {})
 
@@ -169,15 +169,23 @@ class Predictions:
 
     Attributes:
         trials: by the names in `trials.TITLES`.
-        classes: (C,) names.
+        classes: (C,) names of the classes.
     """
 
     trials: dict[str, Trials]
     classes: np.ndarray
 
+    @property
+    def whole(self) -> Trials:
+        """Return the answers to whole recordings."""
+        return self.trials[WHOLE]
+
 
 def write_predictions(path: Path, predictions: Predictions) -> None:
-    """Write as .npz: `classes`, and the attributes of `trials` but `fewer` as `NAME.ATTRIBUTE`."""
+    """Write the predictions as .npz, without the attribute `fewer` of the trials.
+
+    The file holds `classes`, and the attributes of the trials as `NAME.ATTRIBUTE`.
+    """
     arrays: dict[str, Any] = {"classes": predictions.classes}
     for protocol, trials in predictions.trials.items():
         for name in OF_TRIALS:

@@ -1,10 +1,11 @@
-"""Two evaluations of the same recordings: their errors, and the paired difference.
+"""Compares two evaluations of the same recordings: their errors, and the paired difference.
 
-Both runs answered the same recordings, so each recording is its own control. The interval is of the
-mean difference over split groups, see `intervals.group_interval`. It does not cover other training
-runs: each run has one seed.
+Both runs answered the same recordings, so each recording is its own control. The mean
+difference has an interval over split groups, see `intervals.group_interval`. The interval does not
+cover differences between training runs, since each run has only one seed.
 """
 
+import shlex
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,16 +15,16 @@ import pandas as pd
 from tactile_viewgcn.evaluation.finished_run import FinishedRun, read_run
 from tactile_viewgcn.evaluation.trials import TITLES, WHOLE, Predictions, Trials
 from tactile_viewgcn.intervals import group_interval
-from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.provenance import ROW
+from tactile_viewgcn.messages import Note, UserError
+from tactile_viewgcn.provenance import ROW, Record
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.schema import as_change
 
 # parameters that decide which recordings are tested, and how they are held out
 SPLIT = ("split.by", "split.folds", "split.fold", "split.deal", "evaluate.side")
 HEAD = "HEAD"  # the commit of the workspace
-VERSUS = "versus the commit"  # topic of the note on a run beside that of its commit
-ANSWER = ["group", "recording", "object"]  # what names the answers that are paired
+VERSUS = "versus the commit"  # topic of the note that compares a run with the run of its commit
+ANSWER = ["group", "recording", "object"]  # answers with equal values here are paired
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Difference:
         first: error rate of the first run.
         second: error rate of the second run.
         low: lower end of the 95 % interval of `more`; None with one split group.
-        high: upper end.
+        high: upper end of this interval.
         groups: number of common split groups.
         same: whether both runs gave the same answers.
     """
@@ -50,7 +51,7 @@ class Difference:
 
     @property
     def more(self) -> float:
-        """The second error rate minus the first one."""
+        """Return the second error rate minus the first error rate."""
         return self.second - self.first
 
     @property
@@ -63,7 +64,7 @@ class Difference:
 
     @property
     def detects(self) -> float | None:
-        """The smallest difference that this test set shows: half of the interval's width."""
+        """Return the smallest difference that this test set shows: half of the interval's width."""
         if self.low is None or self.high is None:
             return None
         return (self.high - self.low) / 2
@@ -76,34 +77,36 @@ class Difference:
         """
         if self.same:
             return "both give the same answers"
-        if self.low is None or self.high is None:
-            return "one split group was tested, which says nothing about others"
+        if self.low is None or self.high is None or self.detects is None:
+            return "only one split group was tested, which says nothing about other groups"
         if self.low == self.high == 0:
-            return "both are wrong as often on every recording"
+            return "both are wrong equally often on every recording"
         if self.low > 0:
             return f"{name} has the higher error"
         if self.high < 0:
             return f"{name} has the lower error"
-        points = np.ceil(1000 * (self.high - self.low) / 2) / 10
-        text = "cannot be told apart; this test set shows differences of "
+        points = np.ceil(1000 * self.detects) / 10
+        text = "undecided; this test set shows differences of "
         return text + f"{points:.1f} points or more"
 
 
 def differences(first: Predictions, second: Predictions) -> list[Difference]:
     """Return the differences on whole recordings and under both protocols.
 
+    Only recordings that both runs answered count.
+
     Args:
         first: answers of the first run.
-        second: answers of the second run; only recordings that both answered count.
+        second: answers of the second run.
 
     Raises:
-        UserError: there is no common recording.
+        UserError: the runs have no recording in common.
     """
-    found = []
+    by_protocol = []
     for protocol in reversed(TITLES):
         if protocol in first.trials and protocol in second.trials:
-            found.append(_difference(protocol, first, second))
-    return found
+            by_protocol.append(_difference(protocol, first, second))
+    return by_protocol
 
 
 def _difference(protocol: str, first: Predictions, second: Predictions) -> Difference:
@@ -137,8 +140,8 @@ def paired_interval(
 
     Args:
         more: (A,) difference of each answer, or of each group.
-        groups: (A,) its split group.
-        purpose: of the random numbers; equal ones give equal intervals.
+        groups: (A,) split group of each difference.
+        purpose: names the random numbers; the same purpose gives the same interval.
 
     Returns:
         Both ends; None with fewer than two groups.
@@ -147,7 +150,7 @@ def paired_interval(
 
 
 def _wrong(trials: Trials, classes: np.ndarray) -> pd.DataFrame:
-    """Return a row for each group, recording and object: mean of `wrong`, number of `answers`."""
+    """Return the mean of `wrong` and the number of `answers` by group, recording and object."""
     answers = pd.DataFrame(
         {
             "group": trials.groups,
@@ -171,13 +174,14 @@ def _are_same(first: Predictions, second: Predictions, protocol: str) -> bool:
 
 
 def changed_objects(first: Predictions, second: Predictions) -> pd.DataFrame:
-    """Return the objects whose whole recordings are answered otherwise, the most changed first.
+    """Return the objects with another number of wrong recordings, the most changed first.
 
     Returns:
-        columns `object`, `recordings`, and the numbers of wrong ones, `first` and `second`.
+        Columns `object` and `recordings`, and the numbers of wrong recordings, `first` and
+            `second`.
     """
-    rows = _wrong(first.trials[WHOLE], first.classes).merge(
-        _wrong(second.trials[WHOLE], second.classes), on=ANSWER, suffixes=("", " of the second")
+    rows = _wrong(first.whole, first.classes).merge(
+        _wrong(second.whole, second.classes), on=ANSWER, suffixes=("", " of the second")
     )
     counted = rows.groupby("object", as_index=False).agg(
         recordings=("wrong", "size"), first=("wrong", "sum"), second=("wrong of the second", "sum")
@@ -188,7 +192,7 @@ def changed_objects(first: Predictions, second: Predictions) -> pd.DataFrame:
 
 
 def require_same_recordings(first: FinishedRun, second: FinishedRun) -> None:
-    """Raise a UserError if the runs tested other recordings, or held out others.
+    """Raise a UserError if the runs do not have the same recordings and the same test set.
 
     The message names what differs.
     """
@@ -198,15 +202,15 @@ def require_same_recordings(first: FinishedRun, second: FinishedRun) -> None:
     if read[0] != read[1]:
         of_source = [key for key in differing if key.partition(".")[0] in ("data", "glove")]
         what = _listed(differing, of_source) or "the files of data.source have changed"
-        raise UserError(f"{names} have other recordings, so they cannot be compared: {what}")
+        raise UserError(f"{names} have different recordings and cannot be compared: {what}")
     of_split = [key for key in differing if key in SPLIT]
     if of_split:
         what = _listed(differing, of_split)
-        raise UserError(f"{names} tested other parts of the recordings: {what}")
+        raise UserError(f"{names} tested different parts of the recordings: {what}")
 
 
 def changed_params(first: FinishedRun, second: FinishedRun) -> dict[str, tuple[Any, Any]]:
-    """Return the values of both runs of every parameter that differs, by dotted key."""
+    """Return the two values of every parameter that differs, by dotted key."""
     keys = dict.fromkeys([*first.params, *second.params])
     values = {key: (first.params.get(key), second.params.get(key)) for key in keys}
     return {key: pair for key, pair in values.items() if pair[0] != pair[1]}
@@ -224,11 +228,11 @@ def _listed(changed: dict[str, tuple[Any, Any]], keys: list[str]) -> str:
 
 @dataclass(frozen=True)
 class VersusHead:
-    """A run and the run of the workspace's commit.
+    """The comparison of a run with the run of the workspace's commit.
 
     Attributes:
-        difference: of whole recordings.
-        text: the difference and what it is worth, in words.
+        difference: the difference on whole recordings.
+        text: the difference and the verdict on it, in words.
     """
 
     difference: Difference
@@ -244,32 +248,52 @@ class VersusHead:
             numbers[f"{name}.high"] = self.difference.high
         return numbers
 
+    @property
+    def note(self) -> Note:
+        """Return the text as a note on the run."""
+        return Note(self.text, topic=VERSUS)
+
 
 def versus_head(run: FinishedRun) -> VersusHead | None:
-    """Return a run of the workspace beside what the workspace's commit has.
+    """Return the comparison of a run of the workspace with the run of the workspace's commit.
 
     Args:
         run: its records name the commit of its code.
 
     Returns:
-        None where the commit's results are not in DVC's cache here; where the two runs were tested
-        on other recordings; or where all parameters and all answers are equal.
+        None if the commit's results are not in DVC's cache here; if the two runs were tested on
+        different recordings; or if all parameters and all answers are equal.
     """
     try:
         head = read_run(HEAD, fetch=False)
         require_same_recordings(head, run)
-        found = differences(head.predictions, run.predictions)
-    except Exception:  # no repository of DVC, no results, those of another version or other data
+        by_protocol = differences(head.predictions, run.predictions)
+    except Exception:  # no DVC repository, no results, or results of another version or other data
         return None
-    (difference,) = [each for each in found if each.protocol == WHOLE]
-    own = [each.score["error"]["mean"] for each in (head, run)]
-    are_all_common = np.allclose(own, (difference.first, difference.second))
+    (difference,) = [entry for entry in by_protocol if entry.protocol == WHOLE]
+    errors_of_all = [head.score["error"]["mean"], run.score["error"]["mean"]]
+    errors_of_common = [difference.first, difference.second]
+    are_all_common = np.allclose(errors_of_all, errors_of_common)
     changed = changed_params(head, run)
     if not are_all_common or (difference.same and not changed):
         return None
     changes = [f"{as_change(key, before)} -> {after}" for key, (before, after) in changed.items()]
     commit = run.records[ROW].origin.get("mlflow.source.git.commit", HEAD)[:7]
     text = f"{', '.join(changes) or 'equal parameters'}: "
-    text += f"{100 * difference.second:.1f} % of whole recordings are wrong, in the run of commit "
-    text += f"{commit} {100 * difference.first:.1f} %; {difference.points}: "
+    text += f"{100 * difference.second:.1f} % of whole recordings are wrong, and "
+    text += f"{100 * difference.first:.1f} % in the run of commit {commit}; "
+    text += f"{difference.points}: "
     return VersusHead(difference, text + difference.verdict("this run"))
+
+
+def next_line(record: Record, versus: VersusHead | None) -> str:
+    """Return what to type after a run.
+
+    Args:
+        record: of the run.
+        versus: the comparison with the run of the commit; None if they cannot be compared.
+    """
+    if versus:
+        name = shlex.quote(record.origin.get("dvc.experiment", ""))
+        return f"tactile-viewgcn compare {name}".removesuffix(" ''")
+    return "tactile-viewgcn report"

@@ -1,7 +1,7 @@
 """The command `live`: answers lines of numbers on standard input while the hand holds the object.
 
-Frames are never lost. Where an answer costs more than a frame's time, more lines wait; they are
-taken without an answer so far, and counted.
+No frame is lost. If an answer takes longer than a frame, lines wait. The waiting frames are then
+taken without a provisional answer, and the skipped answers are counted.
 """
 
 import os
@@ -21,11 +21,11 @@ EVERY_FRAME = (
     "warning: the training took every frame, so nothing shows where a grasp begins or ends; "
     "if its recordings begin with an open hand, train with preprocess.baseline=grasp"
 )
-TICK = 0.2  # seconds, after which the view is drawn anew without a line
-MOST_QUIET = 10.0  # seconds without a line, after which a line says so
-MOST_WAITING = 10.0  # seconds without an open hand, after which a line says so
-FALLS = 1.0  # seconds by which the times of a logger that has begun again fall
-MOST_REFUSED = 10  # lines whose faults are told; then of the 100th, the 1000th and so on
+TICK = 0.2  # seconds without a line after which the view is drawn again
+MOST_QUIET = 10.0  # seconds without a line after which the user is told
+MOST_WAITING = 10.0  # seconds without an open hand after which the user is told
+FALLS = 1.0  # seconds; if the time falls by more, the logger has started again
+MOST_REFUSED = 10  # number of lines whose faults are told; then the 100th, the 1000th and so on
 
 
 class LiveCommand:
@@ -35,9 +35,9 @@ class LiveCommand:
         stream: answers frames.
         reader: reads a line as a frame.
         view: shows updates.
-        skips: whether answers so far are skipped while more lines wait.
-        is_paced: whether frames without times have the times at which their lines come; those of a
-            file come all at once.
+        skips: whether provisional answers are skipped while more lines wait.
+        is_paced: whether a frame without a time gets the time at which its line came. The lines of
+            a file all come at once, so this makes no sense for a file.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class LiveCommand:
         is_paced: bool = True,
     ):
         self._stream = stream
-        self._began_at = 0.0  # of the monotonic clock
+        self._began_at = 0.0  # in seconds of the monotonic clock
         self._reader = reader
         self._view = view
         self._skips = skips
@@ -59,21 +59,21 @@ class LiveCommand:
         self._refused = 0
         self._ended_by = 0  # number of the signal
         self._time: float | None = None  # of the last frame, if a column has it
-        self._is_quiet = False  # and a line has said so
+        self._is_quiet = False  # whether no line comes, and the user was told
         self._was_ready = False
-        self._is_open_hand_missed = False  # and a line has said so
+        self._is_open_hand_missed = False  # whether the user was told
 
     def run(self, source: LineSource) -> int:
         """Answer all lines of the input, and return the exit code.
 
-        It is 0 at the end of the input, 130 after Ctrl-C and 143 after SIGTERM. A second signal
-        ends the program at once.
+        The exit code is 0 at the end of the input, 130 after Ctrl-C and 143 after SIGTERM. A second
+        signal ends the program at once.
 
         Args:
             source: the lines of the input.
 
         Raises:
-            UserError: the input holds no frame, or names other sensors than the model's.
+            UserError: the input holds no frame, or names other sensors than the model has.
         """
         self._began_at = source.came_at
         reading_since = time.monotonic()
@@ -97,14 +97,15 @@ class LiveCommand:
 
     @contextmanager
     def _ended_by_signals(self) -> Iterator[None]:
-        """Let Ctrl-C and SIGTERM end the input: what is computed then ends first.
+        """Let Ctrl-C and SIGTERM end the input, after the answer that is being computed.
 
-        A second signal ends the program at once: if nobody reads the answers, the first one waits.
+        A second signal ends the program at once, since the first one waits if nobody reads the
+        answers.
         """
 
         def end(number: int, _: FrameType | None) -> None:
             if self._ended_by:
-                os._exit(128 + number)  # an exception would print the last answer, and wait too
+                os._exit(128 + number)  # an exception would print the last answer, and wait again
             self._ended_by = number
 
         before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -115,7 +116,7 @@ class LiveCommand:
                 signal.signal(number, handler)
 
     def _step(self, source: LineSource) -> None:
-        """Take the next line, or find that none has come."""
+        """Take the next line, or notice that none has come."""
         line = source.next(TICK)
         if line is None:
             is_quiet = time.monotonic() - source.came_at > MOST_QUIET and not source.has_ended
@@ -137,7 +138,7 @@ class LiveCommand:
             raise UserError(f"line {source.number}: {error}") from None
 
     def _push(self, frame: Frame, source: LineSource) -> None:
-        """Push a frame of the last line, and show what it has changed.
+        """Push the frame of the last line, and show what it has changed.
 
         Raises:
             LineError: a reading is out of its range.
@@ -148,7 +149,7 @@ class LiveCommand:
             moment = source.came_at - self._began_at
         try:
             if self._falls(frame.time):
-                self._stream.check(frame.counts)  # else no new recording begins with it
+                self._stream.check(frame.counts)  # a wrong frame begins no new recording
                 text = f"the time falls from {self._time:g} to {moment:g} s: a new recording begins"
                 self._say(source.number, text)
                 self._close(source.number)
@@ -162,13 +163,13 @@ class LiveCommand:
             self._show(update, source.number)
 
     def _falls(self, moment: float | None) -> bool:
-        """Return whether the time of a frame says that a logger has begun again."""
+        """Return whether the time of a frame shows that a logger has started again."""
         if moment is None or self._time is None:
             return False
         return moment < self._time - FALLS
 
     def _show(self, update: Update, line: int) -> None:
-        """Show an update; why there is no answer stands on standard error too."""
+        """Show an update; say on standard error too why there is no answer."""
         if update.state != "waiting":
             self._was_ready = True
         self._view.show(update, line)
@@ -176,7 +177,7 @@ class LiveCommand:
             self._say(line, update.note)
 
     def _refuse(self, line: int, fault: str) -> None:
-        """Say what is wrong with a line that is no frame; of many, say it of a few."""
+        """Say what is wrong with a line that is no frame; of many lines, say it of a few."""
         self._refused += 1
         is_power_of_ten = str(self._refused).strip("0") == "1"
         if self._refused < MOST_REFUSED:
@@ -192,10 +193,10 @@ class LiveCommand:
         self._is_open_hand_missed = True
         frames = several(self._frames, "frame")
         text = f"no open hand in {frames}, so no answer: open your hand and hold it still; "
-        self._say(line, text + "if it is open, its readings are unlike the training's: try --tare")
+        self._say(line, text + "if it is open, it does not read as in the training: try --tare")
 
     def _end(self, source: LineSource) -> None:
-        """Show the last answer, and say what was left out."""
+        """Show the last answer, and say how many frames there were and what was left out."""
         if source.has_ended and source.cut:
             self._refuse(source.number + 1, "the input ended in it, so it may be cut")
         self._close(source.number)
@@ -210,7 +211,7 @@ class LiveCommand:
         self._view.say(", ".join(counts))
 
     def _close(self, line: int) -> None:
-        """Show the final answer of a grasp that is open where the frames end."""
+        """Show the final answer of a grasp that is still open when the frames end."""
         for update in self._stream.close():
             self._show(update, line)
             if update.probabilities is not None:

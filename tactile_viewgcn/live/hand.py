@@ -1,22 +1,26 @@
-"""The hand in a stream: it waits for an open hand, is ready, or holds something.
+"""The hand in a stream: it is waiting to be opened, ready for a grasp, or in contact.
 
-This is the plan of the training, made causal. `frames/apply.py` looks at a whole recording; here
-each frame is judged by the frames before it:
+This applies the plan of the training without looking ahead. `frames/apply.py` looks at a whole
+recording; here each frame is judged by the frames before it:
 
-- The baseline begins with the first five successive frames of an open hand. They read alike, and
-  are no contact above the last known open hand. At first that is the mean of the training set's
-  sessions.
-- It then follows the open hand, as in `frames/open_hand.py`. A grasp has the mean of the open-hand
-  frames since the previous grasp, as in `apply`; the last 256 of them are kept.
-- A grasp begins with the first frames in contact above that mean, by the noise of the training set.
-  It ends when the hand has been open for five successive frames.
-- After fifty frames that are neither in contact nor of an open hand, the baseline is lost. So it is
-  after five frames below it: the hand was not open where it began. Then an open hand is waited for.
+- The baseline begins with the first five successive frames of an open hand. Such frames read alike,
+  and show no contact above the last known open hand. At first, the last known open hand is the mean
+  of the training set's sessions.
+- The baseline then follows the open hand, as in `frames/open_hand.py`. The baseline of a grasp is
+  the mean of the open-hand frames since the previous grasp, as in `apply`. The last 256 of these
+  frames are kept.
+- A grasp begins with the first frames in contact above the baseline, by the noise of the training
+  set. It ends when the hand has been open for five successive frames.
+- The baseline is given up after fifty frames that are neither in contact nor of an open hand. It is
+  also given up after five frames below it, since the hand was then not open when it began. The
+  stream then waits for an open hand.
 
-Without an open hand in the training recordings the baseline is the training set's, and a grasp ends
-after five successive frames without contact. Where the plan keeps every frame, nothing shows where
-a grasp begins and ends: all frames are of one grasp, until it is as long as the stream allows. The
-next frame begins the next one, above the same baseline.
+If the training recordings show no open hand, the baseline of the training set is taken. A grasp
+then ends after five successive frames without contact.
+
+If the plan keeps every frame, nothing shows where a grasp begins and ends. All frames then belong
+to one grasp until it is as long as the stream allows. The next frame begins the next grasp, above
+the same baseline.
 """
 
 from abc import ABC, abstractmethod
@@ -38,11 +42,11 @@ from tactile_viewgcn.frames.open_hand import (
 from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.tables.plan import Plan
 
-OPEN_FRAMES = 256  # last frames of the open hand, of which a baseline is the mean
-CLOSING = 16  # last frames of a closing hand, which may be in contact already
-# frames that are neither in contact nor of an open hand, after which it is looked for anew
+OPEN_FRAMES = 256  # a baseline is the mean of at most this number of open-hand frames
+CLOSING = 16  # last frames of a closing hand, which can be in contact already
+# after this number of frames neither in contact nor open, the stream looks for an open hand again
 MOST_UNCLEAR = 50
-NOISE_FRAMES = 32  # first frames, which show the noise where the training did not measure it
+NOISE_FRAMES = 32  # first frames, which show the noise if the training did not measure it
 
 HandState = Literal["waiting", "ready", "contact"]
 
@@ -52,7 +56,7 @@ class Hand(ABC):
 
     Attributes:
         state: `waiting` for an open hand, `ready` for a grasp, or in `contact`.
-        mean: (H, W) baseline in counts of the grasp, in the state `contact`.
+        mean: (H, W) baseline of the grasp in counts, valid in the state `contact`.
     """
 
     def __init__(self, state: HandState, mean: np.ndarray):
@@ -61,19 +65,21 @@ class Hand(ABC):
 
     @abstractmethod
     def follow(self, counts: np.ndarray) -> list[np.ndarray]:
-        """Take the next frame (H, W), and return the frames that are found to be in contact.
+        """Take the next frame (H, W), and return the frames that are now known to be in contact.
 
-        They are none, or this one, and where a grasp begins perhaps a few before it.
+        The list is empty, or it has this frame. If a grasp begins, it can also have a few frames
+        before this frame.
         """
 
     @abstractmethod
     def let_go(self) -> None:
-        """Close the grasp early. The next one begins after an open hand, if the plan knows it."""
+        """Close the grasp early; the next begins after an open hand, if the plan knows one."""
 
     def begin_anew(self) -> None:
-        """Close the grasp, and look for the open hand anew, since the baseline may have drifted.
+        """Close the grasp, and look for the open hand again, since the baseline may have drifted.
 
-        Where every frame counts, the next one begins a grasp instead: nothing would show the hand.
+        If every frame counts as contact, nothing shows an open hand. The next frame then begins a
+        grasp instead.
         """
         self.let_go()
 
@@ -83,9 +89,9 @@ def hand_of(plan: Plan, first: np.ndarray, *, tare: bool = False) -> Hand:
 
     Args:
         plan: of the training.
-        first: counts (H, W) of the first frame; cells without a sensor keep reading the same.
-        tare: whether the first five frames that read alike are of the open hand, whatever the
-            training set read.
+        first: counts (H, W) of the first frame; cells without a sensor keep this reading.
+        tare: whether the first five frames that read alike count as the open hand, whatever the
+            open hand read in the training set.
     """
     mean = first.astype(np.result_type(first.dtype, np.float32))
     mean[plan.live] = plan.mean_baseline()[plan.live]
@@ -103,7 +109,7 @@ def hand_of(plan: Plan, first: np.ndarray, *, tare: bool = False) -> Hand:
 
 
 class EveryFrame(Hand):
-    """A hand of which every frame is in contact.
+    """A hand whose every frame counts as contact.
 
     Args:
         mean: (H, W) baseline in counts.
@@ -123,7 +129,7 @@ class EveryFrame(Hand):
 
 
 class KnownBaseline(Hand):
-    """A hand above the baseline of the training set, in which no open hand was seen.
+    """A hand above the training set's baseline, for a training set without an open hand.
 
     Args:
         plan: of the training.
@@ -160,9 +166,9 @@ class OpenHand(Hand):
     """A hand whose open frames give the baseline of each grasp.
 
     Args:
-        plan: of the training. Without its noise, the first 32 frames show the noise.
-        mean: (H, W) counts of an open hand in the training; where the plan has no baseline, the
-            constant that stands for it.
+        plan: of the training. If it has no noise, the first 32 frames show the noise.
+        mean: (H, W) counts of an open hand in the training. If the plan has no baseline, this is
+            the constant that stands for it.
         tare: see `hand_of`.
         every_frame: whether all frames from the first open hand on count as contact.
     """
@@ -173,19 +179,19 @@ class OpenHand(Hand):
         self._sensors = int(plan.params.contact_sensors)
         self._has_baseline = plan.params.baseline != "none"
         self._every_frame = every_frame
-        self._open_hand: np.ndarray | None = None  # (S,) the last known
+        self._open_hand: np.ndarray | None = None  # (S,) the last known open hand
         if not tare:
             self._open_hand = mean[plan.live]
         self._threshold: np.ndarray | None = None  # (S,) above the baseline
         if self._has_baseline:
             self._threshold = CONTACT_SIGMAS * plan.noise[plan.live]
-        self._limit = np.zeros(0)  # (S,) above which a sensor is in contact, in a grasp
+        self._limit = np.zeros(0)  # (S,) a sensor above its limit is in contact, in a grasp
         self._follower: Follower | None = None  # None until an open hand is found
         self._first = deque[np.ndarray](maxlen=NOISE_FRAMES)  # (H, W) while there is no follower
         self._opened = deque[np.ndarray](maxlen=OPEN_FRAMES)  # (S,) of the open hand
         self._unknown = deque[np.ndarray](maxlen=CLOSING)  # (H, W) after the last open frame
         self._still = 0  # successive frames in which the hand seems open
-        self._unclear = 0  # frames since the last one in contact or of an open hand
+        self._unclear = 0  # frames since the last frame in contact or of an open hand
         self._fallen = 0  # successive frames below the baseline
 
     def follow(self, counts: np.ndarray) -> list[np.ndarray]:
@@ -228,7 +234,7 @@ class OpenHand(Hand):
         """See `Hand.begin_anew`."""
         if self._every_frame and self.state == "contact":
             self.state = "ready"
-        elif self._follower is not None:  # else it is looked for already
+        elif self._follower is not None:  # without a follower the search is already under way
             self._forget_open_hand()
 
     def _forget_open_hand(self) -> None:
@@ -238,9 +244,9 @@ class OpenHand(Hand):
         self._first.clear()
 
     def _seek(self, counts: np.ndarray) -> list[np.ndarray]:
-        """Take a frame (H, W) before an open hand is found; if this one ends it, be ready.
+        """Take a frame (H, W) while an open hand is sought; get ready if the hand is open.
 
-        Where every frame counts, the frames of the open hand are in contact too.
+        If every frame counts as contact, the frames of the open hand are returned too.
         """
         self._first.append(counts)
         if self._threshold is None:
@@ -270,7 +276,7 @@ class OpenHand(Hand):
         return frames
 
     def _noise_of_first(self) -> np.ndarray:
-        """Return the noise (S,) of the first frames, by the differences of successive ones."""
+        """Return the noise (S,) of the first frames, from differences of successive frames."""
         values = np.stack([frame[self._live] for frame in self._first])
         changes = np.diff(values.astype(np.float64), axis=0)
         _, noise_of_changes = trimmed_moments(changes, visible_noise(values))
@@ -282,8 +288,8 @@ class OpenHand(Hand):
 
         Args:
             values: (5, S) counts.
-            mean: (S,) of them.
-            threshold: (S,) the least that a sensor in contact reads above the baseline.
+            mean: (S,) their mean.
+            threshold: (S,) a sensor in contact reads at least this much above the baseline.
         """
         is_unlike = np.abs(values - mean) > WEAK * threshold
         if np.count_nonzero(is_unlike, axis=1).max() > most_weak_sensors(len(threshold)):
@@ -293,7 +299,7 @@ class OpenHand(Hand):
         return not is_contact(mean - self._open_hand, threshold, self._sensors)
 
     def _follow_open_hand(self, follower: Follower) -> list[np.ndarray]:
-        """Return the frames in contact after a frame in the state `ready`; they begin a grasp."""
+        """Return the frames in contact, which begin a grasp, after a frame in the state `ready`."""
         self._unclear += 1
         if self._still >= MIN_FRAMES:
             self._unclear = 0
@@ -302,7 +308,7 @@ class OpenHand(Hand):
             self._fallen += 1
             if not follower.fallen:
                 self._fallen = 0
-            # the hand was not open where the baseline began, or the sensors have drifted
+            # the hand was not open when the baseline began, or the sensors have drifted
             if self._fallen >= MIN_FRAMES or self._unclear >= MOST_UNCLEAR:
                 self.begin_anew()
             return []
@@ -317,7 +323,7 @@ class OpenHand(Hand):
         return frames
 
     def _take_open_frame(self) -> None:
-        """Count the frame before the last two as open, and forget those before it."""
+        """Count the frame before the last two as open, and forget the frames before it."""
         while len(self._unknown) > MARGIN:
             frame = self._unknown.popleft()
         self._opened.append(frame[self._live])

@@ -1,11 +1,11 @@
-"""Lines of numbers as frames: a line for each frame, a column for each sensor, perhaps the time.
+"""Reads lines of numbers as frames, with a column for each sensor and perhaps one for the time.
 
-A line of words above the numbers names the columns, also behind # or %. The sensors of a model that
-knows their names are then found by name, in any order. Without such a line the columns are the
-model's sensors.
+A line of words above the numbers names the columns; it can begin with # or %. If the model knows
+the names of its sensors, they are then found by name, in any order. Without such a line the columns
+are the model's sensors.
 
-A message of a logger may look like such a line. Before the first frame it is believed only if the
-frames fit it. After the first frame, only names with the frames' separator are believed.
+A message of a logger can look like a line of names. Before the first frame, a line of names counts
+only if the frames fit it. After the first frame, it counts only if it has the frames' separator.
 """
 
 from collections import deque
@@ -28,19 +28,19 @@ from tactile_viewgcn.readers.table_columns import (
 from tactile_viewgcn.readers.text import COMMENT, NUMBER, separator_of, split_line
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-MOST_HEADERS = 8  # lines of words before the first frame, which may name its columns
+MOST_HEADERS = 8  # lines of words before the first frame that can name its columns
 
 
 class LineError(UserError):
-    """A line that is no frame; the next one may be."""
+    """A line is no frame; the next line can be a frame."""
 
 
 class Frame(NamedTuple):
-    """A frame as its line has it.
+    """The frame of a line.
 
     Attributes:
         counts: float64 (H, W).
-        time: in seconds; None where no column has it.
+        time: in seconds; None if no column has the time.
     """
 
     counts: np.ndarray
@@ -48,11 +48,11 @@ class Frame(NamedTuple):
 
 
 class Words(NamedTuple):
-    """A line of words, which may name columns.
+    """A line of words, which can name columns.
 
     Attributes:
-        separator: of its cells; None for blanks.
-        names: its cells.
+        separator: between the cells; None for blanks.
+        names: the cells.
     """
 
     separator: str | None
@@ -63,12 +63,12 @@ class Layout(NamedTuple):
     """Where a line has its readings and its time.
 
     Attributes:
-        separator: of the cells; None for blanks.
+        separator: between the cells; None for blanks.
         width: number of cells.
-        columns: of the sensors, row after row.
-        time_column: None without one.
-        seconds: unit of the time.
-        names: of the columns; none without a line that names them.
+        columns: columns of the sensors, row after row.
+        time_column: column of the time; None if there is none.
+        seconds: unit of the time, in seconds.
+        names: names of the columns; empty if no line names them.
     """
 
     separator: str | None
@@ -80,7 +80,7 @@ class Layout(NamedTuple):
 
     @property
     def used(self) -> list[int]:
-        """Return the columns of the sensors, then the one of the time."""
+        """Return the columns of the sensors, then the column of the time."""
         if self.time_column is None:
             return self.columns
         return [*self.columns, self.time_column]
@@ -91,10 +91,10 @@ class FrameLines:
 
     Args:
         shape: (H, W) of a frame.
-        sensors: names of the model's sensors, row after row, or none.
+        sensors: names of the model's sensors, row after row; empty if they have none.
 
     Attributes:
-        notes: on the columns, since they were last taken.
+        notes: notes on the columns that were not printed yet.
     """
 
     def __init__(self, shape: tuple[int, int], sensors: Sequence[str]):
@@ -102,24 +102,24 @@ class FrameLines:
         self._shape = shape
         self._count = shape[0] * shape[1]  # of sensors
         self._sensors = sensors
-        self._is_first = True  # no line was read so far
-        self._has_frame = False  # a line of numbers was read
+        self._is_first = True  # whether no line was read so far
+        self._has_frame = False  # whether a line of numbers was read
         self._layout = self._plain_layout(None)  # of the last line of numbers or names
-        self._headers = deque[Layout](maxlen=MOST_HEADERS)  # that may be of the first frame
-        # the last line of words that may name columns, but not those of the model's sensors
+        self._headers = deque[Layout](maxlen=MOST_HEADERS)  # layouts that the first frame can have
+        # the last line of words that can name columns, but none of the model's sensors
         self._unknown: Words | None = None
 
     @property
     def expected(self) -> str:
-        """Return what a line should hold."""
+        """Return in words what a line should hold."""
         return f"{several(self._count, 'number')}, one for each sensor of the model"
 
     def frame(self, line: bytes) -> Frame | None:
-        """Return the frame of a line; None of an empty one, a comment, or one that names columns.
+        """Return the frame of a line; None if it is empty, a comment, or names columns.
 
         Raises:
             LineError: the line is no frame.
-            UserError: columns have names, but not those of the model's sensors.
+            UserError: the columns have names, but the model's sensors have other names.
         """
         if len(line) >= LONGEST_LINE:
             raise LineError(f"it has {len(line):,} bytes or more; expected a frame")
@@ -163,13 +163,13 @@ class FrameLines:
         return Frame(np.array(values).reshape(self._shape), time)
 
     def _plain_layout(self, separator: str | None) -> Layout:
-        """Return the layout of lines without names: the model's sensors, and nothing else."""
+        """Return the layout of lines without names: a column for each sensor and no other."""
         return Layout(separator, self._count, list(range(self._count)))
 
     def _values(self, line: bytes) -> list[float] | None:
         """Return the readings in the order of the sensors, then the time; None if that fails.
 
-        The first line of numbers decides which of the lines above it names its columns.
+        The first line of numbers decides which line above it names the columns.
         """
         if not self._has_frame:
             plain = self._plain_layout(separator_of(line.strip().decode("utf-8", "replace")))
@@ -205,15 +205,15 @@ class FrameLines:
         return "a cell holds no number"
 
     def _names_columns(self, text: str, *, is_comment: bool) -> bool:
-        """Return whether a line names the columns; if so, they are taken by these names.
+        """Return whether a line names the columns; if so, read the columns by these names.
 
         Args:
-            text: of the line, without the mark of a comment.
-            is_comment: whether it had one. Then it is no error if it names something else.
+            text: text of the line, without the mark of a comment.
+            is_comment: whether the line had such a mark. Then other words are no error.
 
         Raises:
-            LineError: they are more or fewer than the sensors of a model without names.
-            UserError: they are not those of the model's sensors.
+            LineError: there are more or fewer names than sensors, in a model without names.
+            UserError: the model's sensors have other names.
         """
         words = _words(text)
         if not any(words.names) or any(NUMBER.fullmatch(name) for name in words.names):
@@ -234,12 +234,12 @@ class FrameLines:
         return True
 
     def _take(self, words: Words, kinds: list[str], columns: list[int]) -> None:
-        """Take names as those of the columns.
+        """Read the columns by these names from now on.
 
         Args:
-            words: the names.
+            words: the names of the columns.
             kinds: what each column holds, see `_content`.
-            columns: of the sensors.
+            columns: columns of the sensors.
         """
         names = words.names
         others = [column for column in range(len(names)) if column not in set(columns)]
@@ -259,16 +259,18 @@ class FrameLines:
             self.notes.append(f"{text}: {listed(left_out)}")
 
     def _columns_of_model(self, words: Words, *, is_comment: bool) -> list[int] | None:
-        """Return the columns of the model's sensors by their names; None for other words.
+        """Return the columns of the model's sensors by their names; None if the words are no names.
 
         Raises:
             UserError: some of the sensors are named, and others are not.
         """
         names = words.names
         try:
-            found = sensors_of_model(names, Form(sensors=self._sensors), "the names of the columns")
-            if found:
-                return [names.index(name) for name in found]
+            sensors = sensors_of_model(
+                names, Form(sensors=self._sensors), "the names of the columns"
+            )
+            if sensors:
+                return [names.index(name) for name in sensors]
             fault = UserError(self._not_of_model(names))
         except UserError as error:
             fault = error
@@ -289,10 +291,10 @@ class FrameLines:
     def _columns_in_order(
         self, words: Words, kinds: list[str], *, is_comment: bool
     ) -> list[int] | None:
-        """Return the columns of the sensors of a model without names; None for other words.
+        """Return the columns of the sensors of a model without names; None if words name none.
 
         Raises:
-            LineError: more or fewer sensors are named.
+            LineError: more or fewer sensors are named than the model has.
         """
         if self._has_frame or len(words.names) < self._count:
             return None
@@ -309,7 +311,7 @@ class FrameLines:
         )
 
     def _not_of_model(self, names: list[str]) -> str:
-        """Return that these names of the columns are not those of the model's sensors."""
+        """Return the message that the model's sensors have other names than these columns."""
         return (
             f"the columns are named {listed(names)}; expected the model's sensors among them, "
             f"each once: {listed(list(self._sensors))}"
@@ -317,7 +319,7 @@ class FrameLines:
 
 
 def _cells(line: bytes, layout: Layout) -> list[bytes]:
-    """Return the cells of a line; a separator after the last one is no cell."""
+    """Return the cells of a line; nothing is a cell after a separator at the end."""
     may_begin_empty = layout.names and layout.separator == "\t"
     if not may_begin_empty:
         line = line.strip()
@@ -333,7 +335,7 @@ def _cells(line: bytes, layout: Layout) -> list[bytes]:
 
 
 def _numbers(line: bytes, layout: Layout) -> list[float] | None:
-    """Return the readings of a line in a layout, then the time; None if they are none."""
+    """Return the readings of a line in a layout, then the time; None if a cell is no number."""
     cells = _cells(line, layout)
     if len(cells) != layout.width or b"_" in line:  # 1_000 is a number in Python only
         return None
@@ -344,7 +346,7 @@ def _numbers(line: bytes, layout: Layout) -> list[float] | None:
 
 
 def _words(text: str) -> Words:
-    """Return the words of a line; a separator after the last one is no word."""
+    """Return the words of a line; nothing is a word after a separator at the end."""
     separator = separator_of(text.strip())
     names = [tidy(cell) for cell in split_line(text, separator)]
     if len(names) > 1 and not names[-1]:
@@ -353,5 +355,5 @@ def _words(text: str) -> Words:
 
 
 def _content(name: str) -> str:
-    """Return what a column holds by its name, if it is not a sensor; "" for readings."""
+    """Return what a column holds, by its name; "" if it holds readings."""
     return content_by_name(name) or label_kind(name)

@@ -13,8 +13,8 @@ from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, recordings_of
 
-RATE = 10.0  # frames a second of a recording without times
-SLOWEST = 0.001  # times as fast as it was recorded
+RATE = 10.0  # frames per second of a recording without times
+SLOWEST = 0.001  # times the speed of the recording
 
 
 def replay(
@@ -28,20 +28,21 @@ def replay(
 ) -> None:
     """Print the frames of one recording, and wait between them as long as its times say.
 
-    A line holds the readings of all sensors, row after row, with commas between them. Where the
-    sensors have names, the first line names them, and the first column is the time, if it is known.
+    A line holds the readings of all sensors, row after row, with commas between them. If the
+    sensors have names, the first line names them. Then the first column is the time, if it is
+    known.
 
     Args:
-        source: path of the recording, or of several.
-        form: as which the source is read; its recordings need no object.
-        name: of the recording, where the source holds several.
-        speed: 2 is twice as fast as it was recorded, 0.001 the slowest; 0 waits for nothing.
+        source: path of the recording, or of several recordings.
+        form: the form in which the source is read; its recordings need no object.
+        name: of the recording, if the source holds several.
+        speed: 2 is twice as fast as the recording, 0.001 the slowest; 0 does not wait at all.
         out: prints a line that a program reads.
         note: prints a line for the person at the terminal.
 
     Raises:
-        UserError: no recording can be read, or there are several and `name` is none of them; or a
-            speed that is none.
+        UserError: no recording can be read; there are several, and `name` is none of them; or the
+            speed is out of its range.
         OSError: nobody reads the lines any more.
     """
     is_speed = speed == 0 or SLOWEST <= speed < np.inf
@@ -77,7 +78,7 @@ def _frames_of(recordings: Recordings, name: str | None) -> np.ndarray:
     """Return the indices (n,) of the frames of one recording.
 
     Raises:
-        UserError: there are several and no name, or none of that name.
+        UserError: there are several recordings and no name, or no recording has the name.
     """
     frames_of = dict[str, np.ndarray]()
     for index in frames_by_recording(recordings):
@@ -88,17 +89,17 @@ def _frames_of(recordings: Recordings, name: str | None) -> np.ndarray:
         name = names[0]
     if name in frames_of:
         return frames_of[name]
-    found = several(len(names), "recording")
+    fault = several(len(names), "recording")
     if name is not None:
-        found = f"no recording {name}"
-    raise UserError(f"{recordings.path}: {found}; expected --name of {listed(names)}")
+        fault = f"no recording {name}"
+    raise UserError(f"{recordings.path}: {fault}; expected --name of {listed(names)}")
 
 
 def _pace(times: np.ndarray, speed: float) -> str:
     """Return in words how fast frames are printed.
 
     Args:
-        times: (n,) in seconds; NaN where they are not known.
+        times: (n,) in seconds; NaN if they are not known.
         speed: see `replay`.
     """
     if not speed:
@@ -115,7 +116,7 @@ def _pace(times: np.ndarray, speed: float) -> str:
 
 
 def _line(cells: Iterable[Any]) -> str:
-    """Return cells as one line of CSV without its end."""
+    """Return cells as one line of CSV, without the end of the line."""
     text = StringIO()
     csv.writer(text, lineterminator="").writerow(cells)
     return text.getvalue()

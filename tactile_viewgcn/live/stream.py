@@ -11,7 +11,7 @@ from tactile_viewgcn.messages import UserError, several
 from tactile_viewgcn.readers.source import first_unfit, limits, storage_type
 from tactile_viewgcn.tables.plan import Plan
 
-LONGEST = 2000  # frames in contact that are kept of a grasp
+LONGEST = 2000  # frames in contact after which a grasp is closed
 
 State = Literal["waiting", "ready", "contact", "answer", "final"]
 
@@ -21,15 +21,16 @@ class Update:
     """What a frame has changed.
 
     Attributes:
-        state: `waiting` for an open hand; `ready` for a grasp; `contact`, a grasp has begun;
-            `answer` to the grasp so far; `final`, the answer to the whole grasp.
-        frame: number of the frame that brought it, from 0.
-        time: of that frame, as it was pushed; None without times.
+        state: `waiting` for an open hand; `ready` for a grasp; `contact` when a grasp has begun;
+            `answer` for an answer to the grasp so far; `final` for the answer to the whole grasp.
+        frame: number of the frame that brought the update, from 0.
+        time: time of this frame, as it was pushed; None without times.
         object: the most probable class; None without an answer.
-        probability: of that class; None without an answer.
+        probability: probability of this class; None without an answer.
         probabilities: float32 (classes,); None without an answer.
         frames: number of the grasp's frames in contact so far.
-        seconds: from the frame that began the grasp to the last one in contact; None without times.
+        seconds: from the frame that began the grasp to the last frame in contact; None without
+            times.
         note: why there is or will be no answer, or why the grasp was closed; else "".
     """
 
@@ -53,33 +54,33 @@ class Grasp(Protocol):
         """Add a frame (H, W) in contact, and its baseline (H, W)."""
 
     def answer(self, *, is_last: bool) -> tuple[np.ndarray | None, str]:
-        """Return the probabilities (classes,); or None, and why, if it is for good."""
+        """Return the probabilities (classes,); or None, and why if no answer will follow."""
 
 
 class LiveStream:
     """Answers frames as they come; made by `TactileClassifier.stream` and `Recogniser.stream`.
 
-    A grasp begins and ends as `live/hand.py` says. No update depends on a frame that follows. The
-    memory is bounded by `longest`, and so is the time for a frame.
+    A grasp begins and ends as `live/hand.py` says. No update depends on a later frame. `longest`
+    bounds the memory and the time for a frame.
 
     Args:
         plan: of the training.
-        classes: names.
+        classes: names of the classes.
         begin_grasp: returns a grasp without frames.
-        open_hand_fault: returns what is wrong with a frame (H, W) of the open hand, "" if nothing.
-        sure: the probability from which an answer is final, and closes the grasp early; None for
-            never.
-        longest: frames in contact, with which a grasp is closed.
-        every: frames in contact from one answer so far to the next.
-        tare: whether the first five frames that read alike are of the open hand, whatever the open
-            hand read in the training.
+        open_hand_fault: returns what is wrong with a frame (H, W) of the open hand, or "".
+        sure: an answer of this probability or more is final and closes the grasp early. With None
+            no grasp is closed early.
+        longest: a grasp is closed after this number of frames in contact.
+        every: number of frames in contact from one provisional answer to the next.
+        tare: whether the first five frames that read alike count as the open hand, whatever the
+            open hand read in the training.
 
     Attributes:
         classes: see Args.
-        skipped: number of answers that were due, but not wanted by `push`.
+        skipped: number of answers that were due, but that `push` was told to skip.
 
     Raises:
-        UserError: an option out of its range.
+        UserError: an option is out of its range.
     """
 
     def __init__(
@@ -111,7 +112,7 @@ class LiveStream:
         self._every = every
         self._tare = tare
         self._hand: Hand | None = None  # before the first frame
-        self._state = ""  # of the hand, as it was last told
+        self._state = ""  # of the hand, as the last update told it
         self._frame = -1  # number of the last frame
         self._time: float | None = None  # of the last frame
         self._waited = 0  # frames since a grasp was closed early
@@ -119,19 +120,19 @@ class LiveStream:
         self._since_answer = 0  # frames in contact
         self._began: float | None = None  # time of the frame that began the grasp
         self._last: float | None = None  # time of the last frame in contact
-        self._is_noted = False  # why the grasp has no answer
+        self._is_noted = False  # whether an update said why the grasp has no answer
 
     def push(self, frames: Any, time: Any = None, *, answer: bool = True) -> list[Update]:
         """Take one frame or several, and return what they have changed.
 
         Args:
-            frames: (rows, columns) or (channels,), or (n, ...) of several.
-            time: of the frame in seconds, or (n,).
-            answer: False skips the answers so far; states and final answers come all the same.
+            frames: one frame (rows, columns) or (channels,), or n frames (n, ...).
+            time: time of the frame in seconds, or n times (n,).
+            answer: False skips provisional answers; states and final answers still come.
 
         Raises:
-            UserError: another shape, readings that the training's type cannot hold, or times that
-                are no finite numbers. No frame is taken then.
+            UserError: the shape is another, a reading does not fit into the training's type, or a
+                time is no finite number. Then no frame is taken.
         """
         taken = self._checked(frames)
         times = self._times(time, len(taken))
@@ -149,9 +150,9 @@ class LiveStream:
         self._checked(frames)
 
     def close(self) -> list[Update]:
-        """End the input, and return the final answer of an open grasp; the next frame begins anew.
+        """End the input, and return the final answer to an open grasp.
 
-        Call it between two recordings.
+        Call it between two recordings. The next frame is the first frame of a new recording.
         """
         updates = list[Update]()
         if self._grasp is not None:
@@ -178,10 +179,10 @@ class LiveStream:
         always_fits = array.dtype == self._dtype and self._dtype.kind == "i"
         if not always_fits:
             self._require_fit(array)
-        return array.astype(self._dtype)  # a copy, since the caller may reuse the array
+        return array.astype(self._dtype)  # a copy, since the caller can reuse the array
 
     def _require_fit(self, array: np.ndarray) -> None:
-        """Raise a UserError for a reading (n, H, W) that the type of the plan cannot hold."""
+        """Raise a UserError if a reading (n, H, W) does not fit into the type of the plan."""
         low, high = limits("pressure", self._dtype)
         is_whole = self._dtype.kind == "i"
         row = first_unfit(array, low, high, is_whole=is_whole)
@@ -199,7 +200,7 @@ class LiveStream:
         )
 
     def _sensor(self, index: int) -> str:
-        """Return what a sensor is called."""
+        """Return the name or the place of a sensor, in words."""
         if self._plan.channel_names:
             return f"sensor {self._plan.channel_names[index]}"
         height, width = self._plan.live.shape
@@ -208,7 +209,7 @@ class LiveStream:
         return f"the sensor in row {index // width + 1}, column {index % width + 1}"
 
     def _expected(self) -> str:
-        """Return the shapes that a frame may have."""
+        """Return in words the shapes that a frame can have."""
         height, width = self._plan.live.shape
         if height == 1:
             return f"({width},), or (frames, {width}), as in the training"
@@ -278,7 +279,7 @@ class LiveStream:
             note = f"closed with {several(len(grasp), 'frame')}, the most that are kept"
             updates.append(self._close_grasp(note))
             hand.begin_anew()
-            if in_contact[room:] and hand.state == "ready":  # every frame counts
+            if in_contact[room:] and hand.state == "ready":  # every frame counts as contact
                 hand.state = "contact"
                 updates += self._hold(hand, in_contact[room:], answer=answer)
         elif in_contact and self._since_answer >= self._every:
@@ -305,7 +306,7 @@ class LiveStream:
         return [final]
 
     def _close_grasp(self, note: str = "") -> Update:
-        """Return the final answer to the grasp, which is open no more."""
+        """Close the grasp, and return the final answer to it."""
         assert self._grasp is not None
         probabilities, fault = self._grasp.answer(is_last=True)
         final = self._update("final", probabilities, note=fault or note)

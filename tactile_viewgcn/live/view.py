@@ -1,4 +1,4 @@
-"""What the command `live` shows: a line on a terminal, lines of text, or JSON for programs."""
+"""Shows the updates of `live`: a line on a terminal, lines of text, or JSON for programs."""
 
 import json
 import shutil
@@ -15,19 +15,19 @@ from tactile_viewgcn.live.stream import Update
 from tactile_viewgcn.messages import several, shown
 
 BAR = 20  # letters
-OBJECT_WIDTH = 20  # cells of a terminal
+OBJECT_WIDTH = 20  # columns of a terminal
 STATE_WIDTH = 8
-RATE_SECONDS = 2.0  # over which frames a second are counted
-DRAWN_SECONDS = 0.05  # at least, from one drawing of a line to the next
-CLEAR = "\r\x1b[K"  # go to the line's beginning, and clear it
+RATE_SECONDS = 2.0  # time over which the frames per second are counted
+DRAWN_SECONDS = 0.05  # shortest time from one drawing of a line to the next
+CLEAR = "\r\x1b[K"  # goes to the beginning of the line, and clears it
 HINTS = {"waiting": "open your hand", "ready": "take an object"}
 
 
 class View:
-    """Shows the updates of a stream as lines of text, where state or object has changed.
+    """Shows an update of a stream as a line of text, if the state or the object has changed.
 
     Args:
-        out: prints a text as it is, without a line's end.
+        out: prints a text as it is, without the end of a line.
         err: prints a text on standard error.
     """
 
@@ -41,7 +41,7 @@ class View:
 
         Args:
             update: of the stream.
-            line: number of the line that brought it.
+            line: number of the line that brought the update.
         """
         now = (update.state, update.object or "")
         if now == self._last and update.state != "final":
@@ -53,18 +53,18 @@ class View:
         """Print a line on standard error.
 
         Args:
-            text: the line without its end.
+            text: the line without the end of a line.
         """
         self._err(f"{shown(text)}\n")
 
     def count_frame(self) -> None:
-        """Count a frame, for the frames a second."""
+        """Count a frame, for the frames per second."""
 
     def draw(self) -> None:
-        """Draw what is drawn in place."""
+        """Draw the line that is updated in place; a view without such a line does nothing."""
 
     def end(self) -> None:
-        """Take away what was drawn in place."""
+        """Remove the line that is updated in place; a view without such a line does nothing."""
 
 
 class JsonView(View):
@@ -102,7 +102,7 @@ class TerminalView(View):
         out: see `View`.
         err: see `View`.
         width: returns the columns of the terminal.
-        letters: of the bar, full and empty.
+        letters: the letters of the bar, full and empty.
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class TerminalView(View):
             self._drawn_at = 0.0
 
     def say(self, text: str) -> None:
-        """See `View.say`; the line that is updated in place stays the last one."""
+        """See `View.say`; the line that is updated in place stays the last line."""
         self._out(CLEAR)
         super().say(text)
         self._drawn_at = 0.0
@@ -143,7 +143,7 @@ class TerminalView(View):
         self._times.append(time.monotonic())
 
     def draw(self) -> None:
-        """See `View.draw`; it is not drawn more than twenty times a second."""
+        """See `View.draw`; the line is drawn at most twenty times a second."""
         now = time.monotonic()
         if now - self._drawn_at < DRAWN_SECONDS:
             return
@@ -163,11 +163,11 @@ class TerminalView(View):
 
 
 def view_of(classes: list[str], *, as_json: bool) -> View:
-    """Return the view on standard output that suits it: JSON, a terminal, or lines of text.
+    """Return a view that suits standard output: JSON, a terminal, or lines of text.
 
     Args:
-        classes: names.
-        as_json: whether programs read it.
+        classes: names of the classes.
+        as_json: whether programs read the output.
     """
 
     def out(text: str) -> None:
@@ -191,7 +191,7 @@ def described(update: Update, letters: str = "#.") -> str:
 
     Args:
         update: of a stream.
-        letters: of the bar, full and empty.
+        letters: the letters of the bar, full and empty.
     """
     state = f"{update.state:<{STATE_WIDTH}}"
     if update.state in HINTS:
@@ -214,7 +214,7 @@ def described(update: Update, letters: str = "#.") -> str:
 
 
 def fitted(text: str, width: int) -> str:
-    """Return a text that takes so many columns of a terminal, cut or with blanks at its end.
+    """Return a text that fills a number of columns of a terminal, cut or with blanks at its end.
 
     Args:
         text: without control characters.

@@ -1,1 +1,1 @@
-"""Pages and lines for people: an inspection of recordings, the report of a run."""
+"""Pages and lines for people: the inspection of recordings, and the report of a run."""

@@ -1,4 +1,4 @@
-"""Curves of channels over time, of one recording of each object; each may be in its own unit."""
+"""Draws the channels of one recording of each object over time; each can have its own unit."""
 
 from typing import NamedTuple
 
@@ -9,19 +9,19 @@ from tactile_viewgcn.pages import html
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
-MOST_OBJECTS = 40  # whose curves are shown
-MOST_CHANNELS = 32  # that are shown
-MOST_POINTS = 200  # of a curve
-NAME_LETTERS = 14  # of a channel
+MOST_OBJECTS = 40  # number of objects whose curves are shown
+MOST_CHANNELS = 32  # number of channels that are shown
+MOST_POINTS = 200  # points of a curve
+NAME_LETTERS = 14  # letters of a channel's name
 WIDTH_INCHES = 3.4  # of a picture
 ROW_INCHES = 0.3  # height of a curve's row
-FILLED = 0.8  # share of its row that a curve fills
+FILLED = 0.8  # share of the row that a curve fills
 CURVE_COLOUR = "#0b5c7d"
-LINE_COLOUR = "#d5dde1"  # of the lines between two rows
+LINE_COLOUR = "#d5dde1"  # colour of the lines between two rows
 
 
 class Curves(NamedTuple):
-    """The picture of one recording: the names of its object and of itself, and an SVG's address."""
+    """The picture of one recording: its object, its name, and the address of an SVG."""
 
     object: str
     recording: str
@@ -32,10 +32,10 @@ def channel_curves(recordings: Recordings) -> list[Curves]:
     """Return the curves of the middle recording of each object.
 
     Args:
-        recordings: at most 40 of their objects, and 32 channels that vary, are shown.
+        recordings: at most 40 of their objects, and at most 32 channels that vary, are shown.
 
     Returns:
-        The curves of each object. A channel has the same scale for all objects.
+        The curves of each object. Each channel has the same scale for all objects.
     """
     chosen = _middle_recordings(recordings)
     live_counts = recordings.live_counts()
@@ -71,10 +71,10 @@ def _picture(readings: np.ndarray, low: np.ndarray, high: np.ndarray, names: lis
     """Return the address of an SVG with the curves of a recording, one above another.
 
     Args:
-        readings: (n, C), of which channel 0 is at the top.
-        low: (C,) readings at the bottom of each curve's row.
-        high: (C,) readings at the top of each curve's row.
-        names: of the C channels.
+        readings: (n, C); channel 0 is at the top.
+        low: (C,) reading at the bottom of each curve's row.
+        high: (C,) reading at the top of each curve's row.
+        names: names of the C channels.
     """
     from matplotlib.figure import Figure
 

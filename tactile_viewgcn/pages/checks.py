@@ -1,4 +1,4 @@
-"""What was checked, what was found, and what no files can tell; pages never give an all-clear."""
+"""The checks, their outcomes, and the questions that files cannot answer; never an all-clear."""
 
 from dataclasses import dataclass
 
@@ -14,16 +14,16 @@ CHECKS = {
     "times and frame rates": ("time", "frame rate"),
     "names that differ only in spelling": ("spelling",),
     "recordings and objects without frames": ("no frames", "contact"),
-    "objects told without any contact": ("leak check",),
+    "objects that are recognised without contact": ("leak check",),
 }
-#: Topics of the checks that look at how readings move, and these checks.
+#: Topics of the checks that look at how readings change from frame to frame, and these checks.
 OF_MOTION = {"standing still", "equal ends", "unit", "columns"}
 NEED_FRAMES = [what for what, topics in CHECKS.items() if OF_MOTION.intersection(topics)]
 #: What the files cannot tell.
 UNKNOWN = (
     "Is a recording an augmented, filtered or resampled copy of another one? Then leave it out.",
-    "Were recordings cut as windows from a longer one, or made in one go? Give them one session.",
-    "Who made a recording, and when? Only folders, columns and names could say so.",
+    "Were recordings cut from a longer recording, or made in one go? Then give them one session.",
+    "Who made a recording, and when? Only folders, columns and names can say so.",
     "Is each label right? Will new recordings be made in the same way?",
 )
 
@@ -41,8 +41,8 @@ def outcomes(warned: list[Note], not_made: dict[str, str]) -> list[Check]:
     """Return the outcome of each check.
 
     Args:
-        warned: all warnings; those of a topic that no check has are counted at the end.
-        not_made: why a check was not made, by what it looks for.
+        warned: all warnings. Warnings whose topic belongs to no check are counted at the end.
+        not_made: by what a check looks for, why it was not made.
     """
     topics = [note.topic for note in warned]
     checks = list[Check]()

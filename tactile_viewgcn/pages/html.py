@@ -1,4 +1,4 @@
-"""Self-contained HTML pages from `templates/`: a page has no script and sends no request.
+"""Makes self-contained HTML pages from `templates/`: they have no script and send no request.
 
 Jinja2 escapes every value, and `messages.shown` escapes control characters.
 """
@@ -27,16 +27,16 @@ MEGABYTE = 1_000_000  # bytes
 MINUTE = 60  # seconds
 HOUR = 60  # minutes
 GLOSSARY = "words.md"
-# marks the pages that may be replaced
+# marks the pages that this program wrote and so can replace
 GENERATOR = '<meta name="generator" content="tactile-viewgcn" />'
 
 
 class Verdict(NamedTuple):
-    """What is known of something, in a sentence with its reasons.
+    """A judgement in one sentence, with its reasons.
 
     Attributes:
-        kind: `open`, `unsure` or `bad`. There is no kind for good: what no check found may be there
-            all the same.
+        kind: `open`, `unsure` or `bad`. There is no kind for good, since the checks can miss a
+            fault.
         answer: the sentence.
         reasons: further sentences.
     """
@@ -47,7 +47,7 @@ class Verdict(NamedTuple):
 
 
 def environment() -> Environment:
-    """Return the templates' environment; a name that a page lacks is an error."""
+    """Return the templates' environment, in which an unknown name is an error."""
     loader = PackageLoader("tactile_viewgcn.pages")
     templates = Environment(
         loader=loader,
@@ -76,7 +76,7 @@ def environment() -> Environment:
 
 
 def _printed(value: Any) -> str:
-    """Return a value as a page prints it: markup as it is, all else without control characters."""
+    """Return a value as a page prints it: markup unchanged, other text without control letters."""
     if isinstance(value, Markup):
         return value
     return shown(value)
@@ -86,11 +86,11 @@ def write(path: Path, text: str) -> str:
     """Write a page, and return a line that says so.
 
     Args:
-        path: of the page; only a page of ours is replaced there.
+        path: of the page. A file at this path is replaced only if this program wrote it.
         text: the page as HTML.
 
     Raises:
-        UserError: at `path` is a file that is no such page.
+        UserError: at `path` is a file that this program did not write.
     """
     write_file(path, text, _is_page)
     if len(text) < MEGABYTE:
@@ -105,7 +105,7 @@ def _is_page(text: str) -> bool:
 
 
 def prose(text: str) -> Markup:
-    """Return a text for people, with what stands in backticks as code."""
+    """Return a text for people as markup; text in backticks becomes code."""
     escaped = str(escape(shown(text)))
     return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", escaped))
 
@@ -116,7 +116,7 @@ def svg(figure: "Figure") -> str:
 
     buffer = BytesIO()
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "page"}), warnings.catch_warnings():
-        # the browser has the letters that matplotlib's font lacks
+        # the browser has letters that matplotlib's font lacks
         warnings.filterwarnings("ignore", "Glyph")
         figure.savefig(
             buffer, format="svg", bbox_inches="tight", pad_inches=0.05, metadata={"Date": None}
@@ -128,8 +128,8 @@ def heat_map(frame: np.ndarray, top: float) -> str:
     """Return a frame as the address of a PNG with one pixel for each sensor.
 
     Args:
-        frame: (H, W); NaN is grey.
-        top: the value that is brightest; 0 is dark.
+        frame: (H, W); NaN becomes grey.
+        top: the value of the brightest colour; 0 has the darkest colour.
     """
     from matplotlib import colormaps, image
 
@@ -140,12 +140,12 @@ def heat_map(frame: np.ndarray, top: float) -> str:
 
 
 def _address(kind: str, content: BytesIO) -> str:
-    """Return a picture as an address that holds all of it."""
+    """Return a picture as an address that holds the whole picture."""
     return f"data:{kind};base64,{base64.b64encode(content.getvalue()).decode()}"
 
 
 def duration(seconds: float) -> str:
-    """Return a time in words: 3.7 s, 2 min 19 s, or 1 h 4 min."""
+    """Return a duration in words, such as 3.7 s, 2 min 19 s, or 1 h 4 min."""
     if seconds < MINUTE:
         return f"{seconds:.1f} s"
     minutes, seconds = divmod(round(seconds), MINUTE)

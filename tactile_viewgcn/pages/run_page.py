@@ -1,5 +1,6 @@
 """The report of a finished run: how good its answers are, what to do next, and its page."""
 
+import re
 import shlex
 from datetime import datetime
 from itertools import starmap
@@ -12,7 +13,7 @@ from tactile_viewgcn.evaluation.results import SCORED, errors_by_frames
 from tactile_viewgcn.evaluation.trials import TITLES, WHOLE
 from tactile_viewgcn.evaluation.versus import VERSUS
 from tactile_viewgcn.intervals import percent, percent_interval
-from tactile_viewgcn.messages import NEW_SESSION, several
+from tactile_viewgcn.messages import NEW_SESSION, Note, several
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.checks import CHECKS, UNKNOWN, Check, outcomes
 from tactile_viewgcn.pages.html import Verdict
@@ -21,13 +22,14 @@ from tactile_viewgcn.provenance import PACKAGES, data_name
 from tactile_viewgcn.schema import as_change
 
 MODEL = "models/classifier.pt"  # of the workspace
+LONGEST_NAME = 60  # letters of a run's name that its page's name takes over
 
 
 def verdict(run: FinishedRun) -> Verdict:
     """Return whether the result of a run is good, and why."""
     doubts = _doubts(run)
     if not run.ends:
-        reason = "All test frames are of one split group, which says nothing about others."
+        reason = "Only one split group was tested, which says nothing about other groups."
         return Verdict("bad", "This result cannot be judged.", [reason, *doubts])
     if run.at_chance:
         answer = "No: this result cannot be told from chance."
@@ -48,7 +50,7 @@ def _fails_in_new_sessions(run: FinishedRun) -> bool:
 
 
 def _doubts(run: FinishedRun) -> list[str]:
-    """Return the reasons for which a result that is better than chance may mislead."""
+    """Return the reasons why a result that is better than chance can mislead."""
     doubts = list[str]()
     if _fails_in_new_sessions(run):
         doubts.append(f"For {NEW_SESSION} the error is higher: record more sessions.")
@@ -62,54 +64,56 @@ def _doubts(run: FinishedRun) -> list[str]:
 
 
 def run_checks(run: FinishedRun) -> list[Check]:
-    """Return what the stages of a run checked, and what they found.
+    """Return the checks that the stages of a run made, and their outcomes.
 
     Args:
-        run: the run; records of an earlier version lack some checks.
+        run: the run; the records of an earlier version lack some checks.
     """
     not_made = dict[str, str]()
     looked = run.records["ingest"].counts
     if "recordings.with_shared_frames" not in looked:
-        not_made = dict.fromkeys(CHECKS, "not checked, or not by this version: run it again")
+        text = "not checked, or checked by an earlier version: run it again"
+        not_made = dict.fromkeys(CHECKS, text)
     elif not looked["recordings.with_times"]:
         not_made["times and frame rates"] = "not checked: no times"
     if "leak.error" not in run.records["preprocess"].counts:
-        not_made["objects told without any contact"] = "not checked: too few frames without contact"
+        text = "not checked: too few frames without contact"
+        not_made["objects that are recognised without contact"] = text
     return outcomes(run.warnings, not_made)
 
 
 def next_steps(run: FinishedRun) -> list[tuple[str, str]]:
-    """Return what to do next: mend what stages warned of, test more, use the model or inspect.
+    """Return what to do next: correct what was warned of, test more, use the model or inspect.
 
     Args:
         run: the finished run.
 
     Returns:
-        Pairs of a sentence and its command, which may be "".
+        Pairs of a sentence and its command, which can be "".
     """
     steps = list[tuple[str, str]]()
     if run.warnings:
-        steps.append(("Mend the causes of the warnings, and run again.", _mended(run)))
+        steps.append(("Correct what the warnings name, and run again.", _mended(run)))
     if run.uncertain:
         command = _every_fold(run)
         if command:
             steps.append(("Test every part of the recordings once.", command))
-        steps.append(("Record more of each object in more sessions.", ""))
+        steps.append(("Record more of each object, in more sessions.", ""))
     if any(note.topic == "new session" for note in run.notes("info")):
         steps.append((f"Test it on {NEW_SESSION}.", _by_session(run)))
     if run.at_chance:
         source = shlex.quote(run.params["data.source"])
         inspect = again(_form(run), f"tactile-viewgcn inspect {source}", "--set")
-        what = "See whether the recordings tell the objects apart."
+        what = "See whether the objects can be told apart in the recordings."
         steps.append((what, f"{inspect} --html inspection.html"))
     else:
-        what = "Ask the classifier about new recordings of the same glove, which need no label."
+        what = "Let the classifier answer new recordings of the same glove, without labels."
         steps.append((what, _prediction(run)))
     return steps
 
 
 def _mended(run: FinishedRun) -> str:
-    """Return the command that repeats the run with the remedies that are values, or ""."""
+    """Return the command that repeats the run with the values that warnings recommend, or ""."""
     remedies = dict[str, Any]()
     for note in run.warnings:
         if note.key in run.params and note.value not in (None, run.params[note.key]):
@@ -122,7 +126,7 @@ def _mended(run: FinishedRun) -> str:
 
 
 def _every_fold(run: FinishedRun) -> str:
-    """Return the command that tests every fold; "" for a published split, which has no folds."""
+    """Return the command that tests every fold; "" if the split is published and has no folds."""
     if run.params["split.by"] == "source":
         return ""
     split = {key: run.params[key] for key in ("split.by", "split.folds")}
@@ -131,19 +135,20 @@ def _every_fold(run: FinishedRun) -> str:
 
 
 def each_fold(source: str) -> str:
-    """Return the beginning of the command that tests every part of recordings once.
+    """Return the beginning of the command that tests every part of the recordings once.
 
-    It runs a study of this repository: the mean error, and a row for each part.
+    The command runs a study of this repository. Its results are the mean error, and a row for each
+    part.
 
     Args:
-        source: value of `data.source`; each has a folder of results.
+        source: value of `data.source`; each source has its own folder of results.
     """
     folder = f"each_fold/{data_name(source)}"
     return f"python -m studies each_fold --out {shlex.quote(folder)}"
 
 
 def each_fold_changes(values: dict[str, Any]) -> dict[str, Any]:
-    """Return the parameters that this command names: all but those that the study itself sets."""
+    """Return the parameters that this command names, without the parameters the study sets."""
     return {
         key: value
         for key, value in values.items()
@@ -159,7 +164,7 @@ def _by_session(run: FinishedRun) -> str:
 
 
 def _prediction(run: FinishedRun) -> str:
-    """Return the commands that answer new recordings; the model is in MLflow or the workspace."""
+    """Return the commands that answer new recordings by the model in MLflow or the workspace."""
     model = MODEL
     fetch = ""
     if run.name:
@@ -172,7 +177,7 @@ def _prediction(run: FinishedRun) -> str:
 
 
 def _form(run: FinishedRun) -> dict[str, Any]:
-    """Return the parameters by which the source was read, by dotted key, but for the defaults."""
+    """Return by dotted key how the source was read, without the parameters that are defaults."""
     form = dict[str, Any]()
     for key in ("data.shape", "data.layout", "data.columns"):
         value = run.params[key]
@@ -186,8 +191,8 @@ def again(changes: dict[str, Any], command: str = "dvc exp run", option: str = "
 
     Args:
         changes: values by dotted key.
-        command: what stands before them.
-        option: what stands before each, such as `-S` of `dvc exp run`.
+        command: the beginning of the command.
+        option: the option before each parameter, such as `-S` of `dvc exp run`.
     """
     words = [command]
     for key, value in changes.items():
@@ -196,11 +201,13 @@ def again(changes: dict[str, Any], command: str = "dvc exp run", option: str = "
 
 
 def report_lines(run: FinishedRun, page: str) -> list[str]:
-    """Return lines for a terminal: the errors, whether they are good, the page, what to do first.
+    """Return lines for a terminal: the errors, the verdict, the page, and what to do first.
+
+    If the run was compared with the run that was committed before it, a line has the difference.
 
     Args:
         run: the finished run.
-        page: a line on the page that was written.
+        page: the line that says where the page was written.
     """
     metrics = run.metrics
     tested_on = "a new recording"
@@ -214,9 +221,30 @@ def report_lines(run: FinishedRun, page: str) -> list[str]:
         interval = percent_interval(error["mean"], error["low"], error["high"])
         lines.append(f"error for {subject}: {interval} %")
     lines[0] += f"; chance: {percent(run.chance)}"
+    versus = _versus(run)
+    if versus:
+        lines.append(f"compared with the committed run: {versus.text}")
     lines += [verdict(run).answer, page]
     what, command = next(step for step in next_steps(run) if step[1])
     return [*lines, f"next: {what}", *command.split("\n")]
+
+
+def _versus(run: FinishedRun) -> Note | None:
+    """Return the note on the difference from the committed run; None if it was not measured."""
+    return next((note for note in run.notes("info") if note.topic == VERSUS), None)
+
+
+def page_path(name: str) -> Path:
+    """Return the path of a run's page if the user does not name a path.
+
+    Args:
+        name: as the user named the run, such as `brave-mug`, `HEAD~1` or a folder; empty for the
+            workspace. What a file name should not hold becomes a dash.
+    """
+    cleaned = re.sub(r"[^\w.-]+", "-", name).strip("-.")[-LONGEST_NAME:]
+    if not name:
+        return Path("report.html")
+    return Path(f"report-{cleaned or 'run'}.html")
 
 
 def run_page(run: FinishedRun) -> str:
@@ -250,9 +278,9 @@ def run_page(run: FinishedRun) -> str:
         live_errors=live_errors,
         confusion=plots.confusion(run.counts, run.predictions.classes.tolist()),
         without_network=on_sensors(run.params["model.system"]),
-        versus=next((note for note in run.notes("info") if note.topic == VERSUS), None),
+        versus=_versus(run),
         remarks=[note for note in run.notes("info") if note.topic not in ("members", VERSUS)],
-        again=again(run.repeated),
+        again=again(run.repeated, "dvc exp run --temp"),
         changed=list(starmap(as_change, run.changed.items())),
         versions=[f"{name} {text}" for name, text in origin.items() if name in programs],
     )

@@ -1,4 +1,4 @@
-"""What an inspection shows: a rehearsal of `preprocess`, recommended settings, further facts."""
+"""Inspects recordings: it tries `preprocess` on them, recommends settings, and measures more."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -32,33 +32,33 @@ from tactile_viewgcn.tables.remarks import remarks
 # largest number of frames that a sensor's variation and an object's mean picture rest on
 SAMPLE = 2000
 MOST_FOLDS = 5
-GRID = 16  # sensors in one row, from which on they may be those of a grid
+GRID = 16  # sensors in one row; so many or more can be a grid
 QUICK_FOLDS = 5  # of the quick error
-ALL_AUTO = PreprocessSection()  # settings of `preprocess` without a wish of the user
+ALL_AUTO = PreprocessSection()  # settings of `preprocess` if the user sets none
 
 
 class Overview:
-    """R recordings with frames, of O objects; each measurement is made when it is first read.
+    """R recordings of O objects; each measurement is made when it is first read.
 
     Args:
-        recordings: the table of raw counts; its frames stay mapped after its file is gone.
+        recordings: the table of raw counts; its frames stay mapped after its file is deleted.
         form: the form in which the source was read.
-        preprocess: settings of `preprocess`, which are taken as they are; `auto` where the
-            inspection chooses as `preprocess` does.
+        preprocess: settings of `preprocess`. For a setting `auto`, the inspection chooses like the
+            stage `preprocess`.
 
     Attributes:
         remarks: notes on the source and its table, see `tables.remarks`, and the warnings of
             `choice`.
-        groups: for each value of `split.by`, the number of groups of each object (O,), 0 for the
+        groups: for each value of `split.by`, the number of groups of each object (O,); 0 for the
             empty hand. Copies of a recording are one group.
-        choice: what `auto` becomes on all recordings; `preprocess` itself looks at the training set
-            only.
+        choice: what `auto` becomes on all recordings. The stage `preprocess` itself looks only at
+            the training set.
         states: states of the hand in all frames.
         in_contact: bool (T,), frames of contact with an object.
         rates: see `frame_rates`.
         settings: recommended values with reasons, as notes of level `choice`: what `auto` becomes,
-            the preset and the split. They lack the scale, which only networks read, and the number
-            of pressed sensors where no contact is looked for.
+            the preset and the split. The scale is left out, since only networks read it. The number
+            of pressed sensors is left out if no contact is looked for.
         label, session: (R,) index of each recording's object and session.
     """
 
@@ -99,18 +99,18 @@ class Overview:
         if recordings == len(self.recordings):
             settings.append(_choice("views", 1, "every recording is one frame"))
         settings.append(
-            _choice("preset", "best", "it weighs classifiers on your training recordings")
+            _choice("preset", "best", "it weighs several classifiers on your training recordings")
         )
         return settings
 
     @property
     def is_array(self) -> bool:
-        """Return whether the sensors are an array, else channels that may be of unlike kind."""
+        """Return whether the sensors are an array, and not channels of possibly several kinds."""
         return is_array(self.recordings.live)
 
     @property
     def finds_contact(self) -> bool:
-        """Return whether frames of contact were told from frames of the open hand."""
+        """Return whether frames of contact were told apart from frames of the open hand."""
         return self.is_array or not self.states.all_contact
 
     def setting(self, key: str) -> str:
@@ -118,7 +118,7 @@ class Overview:
         return next(str(note.value) for note in self.settings if note.key == key)
 
     def excess(self, index: np.ndarray) -> np.ndarray:
-        """Return the counts (n, S) above the baseline, of the sensors that vary, of frames (n,)."""
+        """Return the counts (n, S) above the baseline of frames (n,), at the sensors that vary."""
         baseline = self.choice.baseline
         open_hand = baseline.mean[baseline.of_frame[index]]
         excess: np.ndarray = self.states.counts[index] - open_hand[:, self.recordings.live]
@@ -126,30 +126,30 @@ class Overview:
 
     @cached_property
     def error(self) -> QuickError | None:
-        """Return the quick classifier's error, or None where no two objects have two groups."""
+        """Return the quick classifier's error; None if fewer than two objects have two groups."""
         return self.quick_error()
 
     @cached_property
     def session_error(self) -> QuickError | None:
         """Return the quick classifier's error for a new session.
 
-        It is None where no two objects have two sessions, and where the published split is taken.
+        It is None if fewer than two objects have two sessions, or the published split is taken.
         """
         if self.setting("split.by") == "source":
             return None
         return self.quick_error(group=self.recordings.columns["session"])
 
     def quick_error(self, of: str = "object", group: np.ndarray | None = None) -> QuickError | None:
-        """Return the error of telling objects, or sessions, apart by the frames in contact.
+        """Return the error of recognising objects, or sessions, from the frames in contact.
 
         One member of `sensors` answers whole recordings. Each fold holds out a fifth of the groups.
 
         Args:
-            of: the column whose values are told apart.
-            group: (T,) the group of each frame; None for the groups of the recommended split.
+            of: the column whose values are recognised.
+            group: (T,) the group of each frame; None takes the groups of the recommended split.
 
         Returns:
-            The error; None unless recordings of two objects can be held out.
+            The error; None if recordings of fewer than two objects can be held out.
         """
         if group is None:
             group = self._group
@@ -169,12 +169,12 @@ class Overview:
     def _out_of_fold_answers(
         self, frames: list[np.ndarray], labels: np.ndarray, groups: np.ndarray
     ) -> np.ndarray:
-        """Return the answer (P,) to each part by the quick member, -1 where no fold holds it out.
+        """Return the quick member's answer (P,) to each part; -1 if no fold holds the part out.
 
         Args:
             frames: frames in contact of each of the P parts.
-            labels: (P,) what each part is of.
-            groups: (P,) the group that is held out with it.
+            labels: (P,) the object or session of each part.
+            groups: (P,) the group of each part, which is held out as a whole.
         """
         contact = np.flatnonzero(self.in_contact)
         sample = self.excess(evenly(contact, SAMPLE))
@@ -197,10 +197,10 @@ class Overview:
 
     @cached_property
     def counts(self) -> dict[str, np.ndarray]:
-        """Return the number of each recording's frames (R,) by kind; `recordings` are ones.
+        """Return the number of each recording's frames (R,) by kind; `recordings` has ones.
 
-        The kinds are `frames`, `in contact`, `open hand` and, where the source flags that an object
-        is held, `flagged`.
+        The kinds are `frames`, `in contact` and `open hand`. If the source flags the frames in
+        which an object is held, there is also `flagged`.
         """
         columns = self.recordings.columns
         kinds = {
@@ -221,11 +221,13 @@ class Overview:
 def _error_of(
     answers: np.ndarray, labels: np.ndarray, groups: np.ndarray, frames: int
 ) -> QuickError | None:
-    """Return the error of answers (P,), each group counting alike; None of fewer than two objects.
+    """Return the error of answers, in which all groups count alike.
+
+    It is None if fewer than two objects were answered.
 
     Args:
-        answers: (P,) -1 where no fold held the part out.
-        labels: (P,) what each part is of.
+        answers: (P,) the answer to each part; -1 if no fold held it out.
+        labels: (P,) the object or session of each part.
         groups: (P,) the group of each part.
         frames: number of frames in all parts.
     """
@@ -258,21 +260,21 @@ def inspect_source(
 ) -> Overview:
     """Inspect a source in any form that `ingest` reads, see `readers.discovery.discover`.
 
-    Folders that may be in two orders are read in the other order if readings tell sessions apart
-    and not objects.
+    Two levels of folders can be in two orders. They are read in the other order if the readings
+    show which session a recording is of, but not which object.
 
     Args:
         path: of the source.
-        form: the form in which it is read.
+        form: the form in which the source is read.
         preprocess: see `Overview`.
         catalogue: file to which the catalogue of the recordings is written.
 
     Returns:
-        The overview of its recordings.
+        The overview of the recordings.
 
     Raises:
-        UserError: lists the mistakes of the source.
-        FileNotFoundError: nothing at that path.
+        UserError: the source has mistakes; the message lists them.
+        FileNotFoundError: there is nothing at that path.
     """
     with recordings_of(path, form, catalogue=catalogue) as recordings:
         overview = Overview(recordings, form, preprocess)
@@ -288,8 +290,8 @@ def inspect_source(
         overview = inspect_source(path, other_form, preprocess, catalogue=catalogue)
         remedy = setting(f"data.layout={layout.value}")
         text = (
-            f"folders are taken in the order {overview.form.layout}: readings tell the outer ones "
-            f"apart, not the inner ones. If that is wrong, {remedy}"
+            f"folders are taken in the order {overview.form.layout}: readings tell the outer "
+            f"folders apart, and not the inner folders. If that is wrong, {remedy}"
         )
         overview.remarks.append(replace(layout, text=text, value=overview.form.layout))
     return overview
@@ -300,7 +302,7 @@ def _beats_chance(error: QuickError | None) -> bool:
 
 
 def _groups(recordings: Recordings) -> dict[str, np.ndarray]:
-    """See `Overview.groups`; the groups of `source` are its two sets, training and test."""
+    """Return `Overview.groups`; the groups of `source` are its training set and its test set."""
     of_object = ~recordings.empty_hand
     columns = {name: values[of_object] for name, values in recordings.columns.items()}
     groups = dict[str, np.ndarray]()
@@ -316,11 +318,11 @@ def _groups(recordings: Recordings) -> dict[str, np.ndarray]:
 
 
 def grid_notes(shape: tuple[int, int], form: Form) -> list[Note]:
-    """Return a note on how sensors in one row are read as a grid, if they may be one.
+    """Return a note on how to read sensors in one row as a grid, if they can be a grid.
 
     Args:
         shape: (rows, columns) of a frame.
-        form: as the user gave it; a shape that the user has set is taken, without a note.
+        form: the form that the user gave. If it sets a shape, there is no note.
 
     Returns:
         One note, or none.
@@ -348,8 +350,8 @@ def _choice(key: str, value: str | int, reason: str) -> Note:
 def split_settings(groups: dict[str, np.ndarray]) -> list[Note]:
     """Return the split to recommend: which groups are held out, and in how many folds.
 
-    Recordings are held out, or grasps where less than half of the objects have two recordings. A
-    published split is taken where every object is in both of its sets.
+    Recordings are held out. If less than half of the objects have two recordings, grasps are held
+    out instead. A published split is taken if every object is in both of its sets.
 
     Args:
         groups: see `Overview.groups`.
@@ -373,8 +375,8 @@ def split_settings(groups: dict[str, np.ndarray]) -> list[Note]:
         reason = f"no whole recording can be held out: record each object twice{unused}"
         return [_choice("split.by", by, reason)]
     fewest = int(groups[by][repeated].min())
-    # each fold tests FEW groups in all, if there are so many
+    # if there are enough groups, each fold tests at least FEW of them
     folds = max(2, min(MOST_FOLDS, fewest // 2, int(groups[by].sum()) // FEW))
-    why_by = f"an object has {fewest} {by}s or more, of which whole ones are held out{unused}"
-    why_folds = f"{by}s in {folds} parts; split.fold says which is tested"
+    why_by = f"tested objects have {fewest} {by}s or more, and whole {by}s are held out{unused}"
+    why_folds = f"the {by}s are divided into {folds} parts; split.fold says which part is tested"
     return [_choice("split.by", by, why_by), _choice("split.folds", folds, why_folds)]

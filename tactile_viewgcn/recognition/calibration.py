@@ -1,7 +1,7 @@
 """The answer to a whole recording, and the temperature that calibrates its probabilities.
 
-Guo et al., "On calibration of modern neural networks" (arXiv 1706.04599). The temperature is fitted
-to answers on groups that were held out of the training.
+The temperature follows Guo et al., "On calibration of modern neural networks" (arXiv 1706.04599).
+It is fitted to answers to recordings whose groups were held out of the training.
 """
 
 from collections.abc import Callable
@@ -20,24 +20,26 @@ from tactile_viewgcn.views.clustering import pool_ids
 if TYPE_CHECKING:
     from tactile_viewgcn.systems.sensors import SensorClassifier
 
-#: A trained classifier, a network on the backbone or members on the sensors. Both have:
+#: A trained classifier: a network on the backbone, or members on the sensors. Both have:
 #:
-#: - `views`: V. `viewpoints`: (V, 3).
-#: - `transform`: of frames to its input, see `network_input`; None for the table's.
-#: - `prepare(compute)`: puts it on a device, ready for the answers below.
-#: - `frame_values(inputs)`: values of n frames (n, H, W), each frame by itself. They are indexed by
-#:   frames.
-#: - `view_sets(values, sets)`: logits float32 (A, classes) of view sets (A, k), indices into these
-#:   values.
-#: - `recording(values, points)`: logits float32 (classes,) of a recording. It takes the values of
-#:   its frames in the order of time, and their network input (T, S) at the live sensors, from which
-#:   a network clusters them.
+#: - `views`: the number V of frames in a view set.
+#: - `viewpoints`: (V, 3), the places of the views.
+#: - `transform`: how frames become its input, see `network_input`. None means that it takes the
+#:   transform of the table.
+#: - `prepare(compute)`: puts the classifier on a device, ready for the answers below.
+#: - `frame_values(inputs)`: returns the values of n frames (n, H, W). Each frame is computed on its
+#:   own, and the values are indexed by frames.
+#: - `view_sets(values, sets)`: returns logits float32 (A, classes) of view sets. The indices into
+#:   the values are `sets` (A, k).
+#: - `recording(values, points)`: returns logits float32 (classes,) of a recording. `values` are of
+#:   its frames in the order of time. `points` (T, S) are the network inputs of these frames at the
+#:   live sensors; a network clusters the frames by them.
 #: - `takes_fewer`: whether `view_sets` also answers fewer frames than V.
 Classifier = Union[ViewNetwork, "SensorClassifier"]
 MIN_TEMPERATURE = 0.02
 MAX_TEMPERATURE = 50.0
-NEARLY = 0.9  # of the largest temperature: answers that are no better than chance
-PRIOR = 1.5  # standard deviation of the logarithms of members' weights
+NEARLY = 0.9  # share of MAX_TEMPERATURE above which answers are no better than chance
+PRIOR = 1.5  # standard deviation of the logarithms of the members' weights
 
 
 def recording_answer(
@@ -45,12 +47,12 @@ def recording_answer(
 ) -> np.ndarray:
     """Return the logarithms of a recording's class probabilities (classes,).
 
-    All interfaces and the evaluation answer by this function. The logarithms are in float64, so
-    that no rounding makes classes equal.
+    The evaluation and all interfaces get their answers from this function. The logarithms are
+    float64, so that rounding makes no two classes equal.
 
     Args:
-        classifier: prepared for answers.
-        temperature: of the logits; None where the classifier is not calibrated.
+        classifier: is prepared for answers.
+        temperature: divides the logits; None if the classifier is not calibrated.
         values: the classifier's values (T, ...) of the frames in contact, see `Classifier`.
         points: (T, S) network input of these frames at the live sensors.
     """
@@ -62,19 +64,19 @@ def recording_answer(
 def recording_answers(
     classifier: Classifier, temperature: float | None, values: Any, points: Counts, pool: np.ndarray
 ) -> np.ndarray:
-    """Return the `recording_answer` (P, classes) to each recording.
+    """Return the `recording_answer` (P, classes) to each of P recordings.
 
     Args:
-        classifier: prepared for answers.
-        temperature: of the logits; None where the classifier is not calibrated.
+        classifier: is prepared for answers.
+        temperature: divides the logits; None if the classifier is not calibrated.
         values: (n, ...) the classifier's values of all frames.
         points: (n, S) network input of all frames at the live sensors.
-        pool: (n,) recording of each frame, 0 to P - 1.
+        pool: (n,) number of each frame's recording, 0 to P - 1.
     """
     answers = []
     for recording in range(pool.max() + 1):
         index = np.flatnonzero(pool == recording)
-        # computed when they are indexed, since most classifiers do not read them
+        # the points are computed when they are indexed, since most classifiers do not read them
         points_of_recording = Gathered(points.__getitem__, index)
         answer = recording_answer(classifier, temperature, values[index], points_of_recording)
         answers.append(answer)
@@ -84,13 +86,13 @@ def recording_answers(
 def fit_temperature(logits: np.ndarray, labels: np.ndarray) -> float:
     """Return the temperature whose softmax(logits / temperature) fits the labels best.
 
-    A label counts as right with a probability below 1, as in Platt (1999, section 2.2). Laplace's
-    rule gives it for n right answers: (n + 1) / (n + 2). So the confidence stays below 1 where
-    every answer is right.
+    A label is taken to be right with a probability below 1, as in Platt (1999, section 2.2). For n
+    labels Laplace's rule gives the probability (n + 1) / (n + 2). Hence the confidence stays below
+    1 even if every answer is right.
 
     Args:
-        logits: (n, Y), of at least two classes.
-        labels: (n,) classes.
+        logits: (n, Y) of at least two classes.
+        labels: (n,) the class of each row.
     """
     from scipy.optimize import minimize_scalar
 
@@ -104,13 +106,13 @@ def fit_temperature(logits: np.ndarray, labels: np.ndarray) -> float:
 def fit_weights(logarithms: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Return the weights (M,) of the members' log-probabilities whose sum fits the labels best.
 
-    The softmax of the weighted sum is fitted as in `fit_temperature`. A member that errs much, or
-    is sure of wrong answers, has little weight. Few recordings leave the weights alike: their
-    logarithms have a normal prior around their mean.
+    The softmax of the weighted sum is fitted as in `fit_temperature`. A member gets a small weight
+    if it is often wrong, or is sure of wrong answers. The logarithms of the weights have a normal
+    prior around their mean, so the weights stay alike if there are few recordings.
 
     Args:
-        logarithms: log-probabilities (M, n, Y).
-        labels: (n,) classes.
+        logarithms: (M, n, Y) log-probabilities of each member.
+        labels: (n,) the class of each recording.
     """
     from scipy.optimize import minimize
 
@@ -129,7 +131,14 @@ def fit_weights(logarithms: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
 
 def _misfit(labels: np.ndarray, logits_of: Callable[[Any], np.ndarray]) -> Callable[[Any], float]:
-    """The mean negative log-likelihood of labels that may be wrong, by the logits' parameters."""
+    """Return the mean negative log-likelihood of labels as a function of the logits' parameters.
+
+    A label can be wrong, see `fit_temperature`.
+
+    Args:
+        labels: (n,) the class of each row.
+        logits_of: returns logits (n, Y) for parameters.
+    """
     doubt = 1 / (len(labels) + 2)
     rows = np.arange(len(labels))
     label_column = labels[:, None]
@@ -145,10 +154,10 @@ def _misfit(labels: np.ndarray, logits_of: Callable[[Any], np.ndarray]) -> Calla
 
 
 def network_temperature(network: ViewNetwork, table: Frames, compute: Compute) -> float:
-    """Return the temperature of a network, by its answers to the validation set's recordings.
+    """Return the temperature that calibrates a network's answers to the validation set.
 
     Args:
-        network: trained.
+        network: the trained network.
         table: the frames of all sets.
         compute: the device and the precision.
     """
@@ -165,12 +174,12 @@ def network_temperature(network: ViewNetwork, table: Frames, compute: Compute) -
 def calibration_warning(temperature: float | None, groups: str, remedy: str) -> list[Note]:
     """Return a warning if all classes are about equally probable for every recording.
 
-    They are where the temperature is near the largest one.
+    This is so if the temperature is near the largest temperature.
 
     Args:
-        temperature: None where there is none.
-        groups: the groups to whose recordings it was fitted.
-        remedy: what the user may do.
+        temperature: None if the classifier is not calibrated.
+        groups: the groups whose recordings the temperature was fitted to, in words.
+        remedy: what the user can do.
     """
     if not temperature or temperature <= NEARLY * MAX_TEMPERATURE:
         return []

@@ -1,4 +1,4 @@
-"""The interface of scikit-learn: a classifier of recordings in memory, trained as by the stages."""
+"""The interface of scikit-learn: a classifier of recordings in memory, trained as the stages do."""
 
 import warnings
 from collections.abc import Mapping
@@ -38,32 +38,34 @@ from tactile_viewgcn.views.viewpoints import viewpoints
 class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # has no types
     """A classifier of objects in tactile recordings: any system or preset, trained in memory.
 
-    X holds recordings of raw counts. Their baseline is subtracted, and their frames in contact are
-    found, as in the pipeline. X is one of these:
+    X holds recordings of raw counts. As in the pipeline, the baseline is subtracted and the frames
+    in contact are found. X is one of these:
 
     - a list of arrays (T_i, H, W), or of channels over time (T_i, C);
     - one array (n, T, H, W) or (n, T, C);
-    - a list of DataFrames. Columns that are called times, numbers or labels are left out, as of a
-      file, and those that `data.columns` leaves out.
+    - a list of DataFrames. Columns named as times, numbers or labels are left out, as they are of a
+      file. So are the columns that `data.columns` leaves out.
 
-    With the parameter `data.shape` `frames_last` time is the last axis, as in an array (n, C, T) of
-    aeon and sktime.
+    If you set the parameter `data.shape` to `frames_last`, time is the last axis, as in an array
+    (n, C, T) of aeon and sktime.
 
     Args:
-        preset: a name of `tactile-viewgcn preset`; `best` if `system` is None too.
-        system: a value of `model.system`, or a member of `sensors`; on top of the preset, else of
-            the paper's recipe. `network` is the preset of this name, which trains for minutes: in
-            memory `best` does not ask it.
-        views: V, the frames of a network's view set.
-        params: values by dotted key of params.yaml, on top of all others, such as
-            `{"preprocess.transform": "log"}`.
-        random_state: source of every random choice: an integer, a `RandomState` of NumPy, or None.
+        preset: a name that `tactile-viewgcn preset` takes. It is `best` if neither a preset nor a
+            system is named.
+        system: a value of `model.system`, or a member of `sensors`. It changes the preset, or the
+            paper's recipe if no preset is named. `network` is the preset of this name, which trains
+            for minutes; in memory `best` does not use it.
+        views: V, the number of frames in a network's view set.
+        params: values by dotted key of params.yaml, such as `{"preprocess.transform": "log"}`. They
+            replace all other values.
+        random_state: the source of every random choice: an integer, a `RandomState` of NumPy, or
+            None.
 
     Attributes:
         classes_: (Y,) labels, sorted.
         params_: all parameters of the training.
-        notes_: what was chosen for the training data, what was left out, what spoils the result,
-            and why.
+        notes_: what was chosen for the training data, what was left out, and what spoils the
+            result, each with its reason.
         recogniser_: the trained `Recogniser`.
     """
 
@@ -85,20 +87,21 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
     def fit(self, X: Any, y: Any, groups: Any = None) -> "TactileClassifier":
         """Train on recordings and their labels.
 
-        What spoils the result is warned of as by the stages: recordings that are copies, channels
-        that are no sensors, an offset of a recording that predicts its object.
+        Like the stages, it warns you of what spoils the result: recordings that are copies of each
+        other, channels that are no sensors, an offset of a recording that predicts its object.
 
         Args:
             X: n recordings.
             y: (n,) labels.
-            groups: (n,) group of each recording; a group is held out as a whole, for the choice of
-                `best`, calibration and `split.validation`. None: each recording is a group.
+            groups: (n,) group of each recording. A group is held out as a whole: for the choice of
+                `best`, for the calibration and for `split.validation`. None means that each
+                recording is a group of its own.
 
         Returns:
             The classifier itself.
 
         Raises:
-            UserError, ValueError: a wrong argument, in one line.
+            UserError, ValueError: an argument is wrong; the message is one line.
         """
         params = self._parameters()
         recorded = self._recordings(X)
@@ -122,21 +125,21 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
     def predict_proba(self, X: Any) -> np.ndarray:
         """Return class probabilities float32 (n, Y) of recordings, a column for each of `classes_`.
 
-        What the command `predict` refuses or warns of, this does too. A recording without contact
-        is the empty hand; where that is no class, a warning says so.
+        It refuses and warns of the same things as the command `predict`. A recording without
+        contact is answered with the empty hand. If the empty hand is no class, you are warned.
 
         Args:
             X: n recordings.
 
         Raises:
-            NotFittedError: before `fit`.
-            UserError: X of a different form, layout or scale than in training.
+            NotFittedError: `fit` was not called.
+            UserError: X has another form, layout or scale than in training.
         """
         check_is_fitted(self, "recogniser_")
         recogniser = self.recogniser_
         recordings = self._recordings(X)
         is_one_recording = isinstance(X, np.ndarray) and X.shape[1:] == recogniser.shape
-        # else it is n recordings of one frame, as in `fit`
+        # with one row of sensors, X is n recordings of one frame, as in `fit`
         if is_one_recording and recogniser.shape[0] > 1:
             raise UserError(
                 f"X {X.shape} is one recording; expected a list: [X], or [*X] of single frames"
@@ -172,19 +175,19 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
     ) -> LiveStream:
         """Return a stream that answers frames as they come, while the hand still holds the object.
 
-        Objects in its updates are texts.
+        The updates name objects as texts.
 
         Args:
-            sure: the probability from which an answer is final, and closes the grasp early; None
-                for never.
-            longest: frames in contact, with which a grasp is closed.
-            every: frames in contact from one answer so far to the next.
-            tare: whether the first five frames that read alike are of the open hand, whatever the
+            sure: an answer of this probability or more is final and closes the grasp early. With
+                None no grasp is closed early.
+            longest: a grasp is closed after this number of frames in contact.
+            every: number of frames in contact from one provisional answer to the next.
+            tare: whether the first five frames that read alike count as the open hand, whatever the
                 open hand read in the training.
 
         Raises:
-            NotFittedError: before `fit`.
-            UserError: an option out of its range.
+            NotFittedError: `fit` was not called.
+            UserError: an option is out of its range.
         """
         check_is_fitted(self, "recogniser_")
         return self.recogniser_.stream(sure=sure, longest=longest, every=every, tare=tare)
@@ -192,20 +195,20 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
     def save(self, path: str | Path) -> None:
         """Write a file like the pipeline's models/classifier.pt, for `load` and `predict`.
 
-        Its classes are the texts of `classes_`.
+        The file holds the classes as texts.
 
         Args:
             path: of the file.
 
         Raises:
-            NotFittedError: before `fit`.
+            NotFittedError: `fit` was not called.
         """
         check_is_fitted(self, "recogniser_")
         self.recogniser_.content.write(path)
 
     @classmethod
     def load(cls, path: str | Path) -> "TactileClassifier":
-        """Return the classifier of a file of `save` or of the pipeline, to predict with.
+        """Return the classifier of a file that `save` or the pipeline wrote, to predict with.
 
         Its labels are texts.
 
@@ -213,7 +216,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
             path: of the file.
 
         Raises:
-            UserError, OSError: no such file, or none of this version.
+            UserError, OSError: there is no such file, or this version cannot read it.
         """
         classifier = cls()
         classifier.recogniser_ = Recogniser(path)
@@ -261,7 +264,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
         return default_params(tuple(texts), type(self).__name__)
 
     def _preset_changes(self) -> list[str]:
-        """Return the changes of the preset to the paper's recipe, none if a system is named."""
+        """Return what the preset changes in the paper's recipe; nothing if a system is named."""
         if self.preset is not None:
             return list(preset_changes(self.preset))
         if self.system is None:
@@ -274,24 +277,24 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
 def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path) -> list[Note]:
     """Train a classifier on all recordings and write its file.
 
-    The remarks on the recordings and the leak check are those of the stages. torch's default
-    generator is left as it was.
+    It makes the same remarks and the same leak check as the stages. torch's default generator stays
+    as it was.
 
     Args:
         recordings: T frames.
         params: all parameters.
-        groups: (T,) split group of each frame; a group is held out as a whole, for the choice of
-            `best`, calibration and `split.validation`. Groups whose recordings have frames in
-            common are one group.
+        groups: (T,) split group of each frame. A group is held out as a whole: for the choice of
+            `best`, for the calibration and for `split.validation`. Groups whose recordings have
+            frames in common become one group.
         path: of the file.
 
     Returns:
-        Notes on what was chosen for the recordings, what was left out, what spoils the result, and
-            why.
+        Notes on what was chosen for the recordings, what was left out, and what spoils the result,
+            each with its reason.
 
     Raises:
-        UserError: no sensor that varies; a baseline or flags that the recordings cannot give; fewer
-            than two classes left; a training that diverges.
+        UserError: no sensor varies; the recordings lack the baseline or the flags that the
+            parameters want; fewer than two classes are left; or the training diverges.
     """
     seed = params.seed
     compute = select_device(params.device, params.precision)
@@ -323,7 +326,7 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path
 
 
 def _group_numbers(groups: Any, count: int) -> np.ndarray:
-    """Return the number (n,) of each recording's group; without groups each is its own."""
+    """Return the number (n,) of each recording's group; None makes each recording a group."""
     if groups is None:
         return np.arange(count)
     groups = np.asarray(groups)
@@ -338,7 +341,7 @@ def _group_numbers(groups: Any, count: int) -> np.ndarray:
 def _distinct(y: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return the distinct labels (Y,), sorted, and the index (n,) of each recording's label."""
     try:
-        # of many objects of two recordings each
+        # scikit-learn warns of many objects with two recordings each
         with warnings.catch_warnings(action="ignore", category=UserWarning):
             check_classification_targets(y)
         if y.dtype.kind in "UO":

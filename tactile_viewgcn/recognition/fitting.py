@@ -1,4 +1,4 @@
-"""One fit, from the table of frames to a calibrated classifier: a network, or members."""
+"""Fits a classifier, a network or members, to a table of frames, and calibrates it."""
 
 import time
 from dataclasses import replace
@@ -24,14 +24,14 @@ from tactile_viewgcn.training.loop import OnEpoch, Progress
 
 
 class Fitted(NamedTuple):
-    """A trained classifier, and what is stored and said with it.
+    """A trained classifier, with its options, its temperature and notes.
 
     Attributes:
-        classifier: trained.
+        classifier: the trained classifier.
         model: its options, without `auto`.
-        temperature: of its answers to recordings; None where it is not calibrated.
+        temperature: calibrates its answers to recordings; None if it is not calibrated.
         progress: of the training.
-        notes: on what was chosen, and how often it errs.
+        notes: on what was chosen, and on error rates.
     """
 
     classifier: Classifier
@@ -52,10 +52,10 @@ def fit_classifier(
     *,
     ask_network: bool = True,
 ) -> Fitted:
-    """Train the classifier that `params.model` names, and calibrate it where groups are held out.
+    """Train the classifier that `params.model` names, and calibrate it if groups are held out.
 
-    A network is calibrated on the validation set, the members on the sensors on out-of-fold answers
-    of the training set.
+    A network is calibrated on the validation set. Members on the sensors are calibrated on
+    out-of-fold answers to the training set.
 
     Args:
         table: the frames of all sets; the test set is not read.
@@ -65,7 +65,8 @@ def fit_classifier(
         compute: the device and the precision.
         checkpoint_path: see `finetune_classifier`.
         on_epoch: see `finetune_classifier`.
-        ask_network: whether `auto` may have the member `network` for arrays, which takes minutes.
+        ask_network: whether `auto` can choose the member `network` for arrays, which trains for
+            minutes.
 
     Raises:
         UserError: the training diverges.
@@ -88,7 +89,7 @@ def fit_classifier(
 def _fit_sensors(
     table: Frames, views: Views, params: Params, compute: Compute, *, ask_network: bool
 ) -> Fitted:
-    """Fit the members, and join them to a classifier."""
+    """Fit the members, and return the classifier that they make."""
     begin = time.perf_counter()
     fitted = fit_members(table, views, params, compute, ask_network=ask_network)
     system = load_system(params.model.system)

@@ -1,4 +1,4 @@
-"""A recording that grows frame by frame: each frame is read once, and all are answered together."""
+"""A recording that grows frame by frame and is answered from all its frames so far."""
 
 from typing import Any
 
@@ -15,13 +15,14 @@ NOT_FINITE = "the model's answer is not finite; expected probabilities: train it
 
 
 class GrowingRecording:
-    """Frames in contact, and the answer to those that there are so far.
+    """The frames in contact so far, and the answer to them.
 
-    The classifier's values of a frame are computed once, before the first answer that needs them.
+    The classifier's values of each frame are computed once, before the first answer that needs
+    them.
 
     Args:
         content: of the model's file.
-        classifier: ready for answers.
+        classifier: is ready for answers.
     """
 
     def __init__(self, content: Content, classifier: Classifier):
@@ -43,21 +44,23 @@ class GrowingRecording:
 
         Args:
             counts: (H, W).
-            mean: (H, W) its baseline.
+            mean: (H, W) the baseline of this frame.
         """
         excess = counts - mean
         self._counts.add(counts)
         self._excess.add(excess)
-        with np.errstate(all="ignore"):  # as of the answer: whether it is finite is checked
+        with np.errstate(all="ignore"):  # the answer is checked for numbers that are not finite
             self._inputs.add(self._content.inputs(excess))
 
     def answer(self, *, is_last: bool) -> tuple[np.ndarray | None, str]:
-        """Return the probabilities float32 (classes,); or None, and why, if it is for good.
+        """Return the probabilities float32 (classes,), or None with the reason.
 
-        Readings that are too weak or too strong have no answer, as in `Recogniser.answer_table`. A
-        hand that closes reads little at first: that is a reason only if no frame follows. The scale
-        is checked with each answer until there is one, then whenever the frames have doubled, and
-        at the end.
+        As in `Recogniser.answer_table`, readings that are too weak or too strong have no answer. A
+        closing hand reads little at first. Such weak readings are given as the reason only if no
+        frame follows; until then the reason is empty.
+
+        The scale is checked before each answer until there is an answer. Afterwards it is checked
+        whenever the number of frames has doubled, and at the end.
 
         Args:
             is_last: whether no frame follows.
@@ -79,7 +82,7 @@ class GrowingRecording:
         return self._probabilities, ""
 
     def _fault(self) -> tuple[str, bool]:
-        """Return what is wrong with the readings, "" if nothing, and if more frames may mend it."""
+        """Return what is wrong with the readings, or "", and whether more frames can help."""
         plan = self._content.plan
         counts = self._counts.array
         excess = self._excess.array
@@ -90,7 +93,7 @@ class GrowingRecording:
         return fault_of(plan, counts, in_contact, excess), may_pass
 
     def _answer_anew(self) -> np.ndarray | None:
-        """Return the probabilities by all frames; None if they are not finite."""
+        """Return the probabilities from all frames; None if they are not finite."""
         inputs = self._inputs.array
         with np.errstate(all="ignore"):
             new_values = self._classifier.frame_values(inputs[self._answered :])
@@ -103,7 +106,7 @@ class GrowingRecording:
 
 
 class _Frames:
-    """Frames (n, H, W) to which more are added, in room that doubles."""
+    """An array of frames (n, H, W) that grows; its room doubles when it is full."""
 
     def __init__(self) -> None:
         self._room = np.zeros(0)
@@ -118,7 +121,7 @@ class _Frames:
         return self._room[: self._count]
 
     def add(self, frame: np.ndarray) -> None:
-        """Add a frame (H, W); the first one gives the type."""
+        """Add a frame (H, W); the first frame decides the type."""
         if not self._count:
             self._room = np.empty((FIRST_ROOM, *frame.shape), frame.dtype)
         if self._count == len(self._room):
@@ -128,16 +131,16 @@ class _Frames:
 
 
 def _joined(values: Any, more: Any) -> Any:
-    """Return a classifier's values of frames, and of more frames after them.
+    """Return a classifier's values of frames and of the frames that follow them, joined.
 
     Args:
-        values: see `Classifier`; None of no frames.
+        values: of the first frames, see `Classifier`; None if there are none.
         more: of the frames that follow.
     """
     if values is None:
         return more
     if isinstance(values, FrameValues):
         return FrameValues.concatenated([values, more])
-    import torch  # here, since a classifier on the sensors needs none
+    import torch  # here, since a classifier on the sensors does without torch
 
     return torch.cat([values, more])

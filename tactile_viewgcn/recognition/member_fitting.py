@@ -1,4 +1,4 @@
-"""The fit of the members on the sensors: which there are, how they are weighed and calibrated."""
+"""Fits the members on the sensors: chooses them, weighs them and calibrates their answers."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -28,14 +28,14 @@ from tactile_viewgcn.sensor_array import is_array
 from tactile_viewgcn.tables.frames import Frames, Views
 from tactile_viewgcn.views.sampling import powers_of_two
 
-#: members where `model.members` is auto
+#: the members if `model.members` is auto
 ARRAY: list[MemberName] = ["kernel", "pooled_kernel", "svm", "trees", NETWORK]
 CHANNELS: list[MemberName] = ["trees", "svm", "convolutions"]
-UNWEIGHED = ["kernel", "pooled_kernel"]  # the members for an array where nothing can be held out
+UNWEIGHED = ["kernel", "pooled_kernel"]  # the members for an array if nothing can be held out
 TOPIC = "recogniser"
 KEY = "model.members"
 ONLY_NETWORK = (
-    f"it may err less: `dvc exp run $(tactile-viewgcn preset {NETWORK})` "
+    f"its error can be lower: `dvc exp run $(tactile-viewgcn preset {NETWORK})` "
     "trains it as the only classifier"
 )
 
@@ -44,12 +44,12 @@ class FittedMembers(NamedTuple):
     """Fitted members, and all that makes them a classifier.
 
     Attributes:
-        members: those that answer whole recordings, in the order of `model.members`.
-        for_sets: those that answer view sets, see `answering_sets`.
+        members: the members that answer whole recordings, in the order of `model.members`.
+        for_sets: the members that answer view sets, see `answering_sets`.
         weights: of the members' log-probabilities, by name.
-        temperature: of the answers to recordings; None where no group can be held out.
+        temperature: calibrates the answers to recordings; None if no group can be held out.
         examples: the training recordings.
-        notes: on what was chosen, and how often it errs.
+        notes: on what was chosen, and on error rates.
     """
 
     members: list[Member]
@@ -63,14 +63,14 @@ class FittedMembers(NamedTuple):
 def fit_members(
     table: Frames, views: Views, params: Params, compute: Compute, *, ask_network: bool
 ) -> FittedMembers:
-    """Fit the members to the training recordings; where they are `auto`, choose and weigh them.
+    """Fit the members to the training recordings; if they are `auto`, choose and weigh them.
 
     Args:
         table: the frames of all sets; members are fitted to the training set.
         views: the viewpoints.
         params: all parameters.
         compute: the device and the precision of a network.
-        ask_network: whether `auto` may have the member `network`, which takes minutes.
+        ask_network: whether `auto` can choose the member `network`, which trains for minutes.
 
     Raises:
         UserError: the network is the only member, and a training run diverges.
@@ -118,10 +118,10 @@ def fit_members(
 
 
 def member_names(model: Model, live: np.ndarray) -> list[MemberName]:
-    """Return the members that `model.members` names, or for `auto` those that suit the sensors.
+    """Return the members that `model.members` names; for `auto`, the members that suit the sensors.
 
     Args:
-        model: the section of params.yaml.
+        model: the section `model` of params.yaml.
         live: bool (H, W) sensors.
     """
     if model.members != "auto":
@@ -134,9 +134,9 @@ def member_names(model: Model, live: np.ndarray) -> list[MemberName]:
 def _without_twins(
     names: list[MemberName], examples: Examples
 ) -> tuple[list[MemberName], list[Note]]:
-    """The members, without `pooled_kernel` where `kernel` is the same classifier.
+    """Return the members, without `pooled_kernel` if `kernel` is the same classifier.
 
-    It is on recordings of one frame each, as long as `kernel` is fitted to all of them.
+    The two are the same if every recording is one frame, and `kernel` is fitted to all of them.
     """
     has_both = {"kernel", "pooled_kernel"} <= set(names)
     are_single_frames = bool((examples.lengths == 1).all())
@@ -149,22 +149,23 @@ def _without_twins(
 
 
 def _in_order(names: Sequence[str], members: Sequence[Member]) -> list[Member]:
-    """The members in the order of these names."""
+    """Return the members in the order of these names."""
     of_name = {member.name: member for member in members}
     return [of_name[name] for name in names if name in of_name]
 
 
 def _wants_network(out_of_fold: OutOfFold, *, allowed: bool) -> tuple[bool, list[Note]]:
-    """Whether `auto` tries the network, and a note if it may not.
+    """Return whether `auto` tries the network, and a note if the caller does not allow it.
 
-    It does where groups can be held out and the other members answer some of them wrongly.
+    `auto` tries the network if groups can be held out, and the other members answer some of them
+    wrongly.
 
     Args:
         out_of_fold: the answers of the other members.
         allowed: whether the caller allows a network.
     """
     if not allowed:
-        text = f"a network may err less: TactileClassifier(system={NETWORK!r}) trains one"
+        text = f"a network can have a lower error: TactileClassifier(system={NETWORK!r}) trains one"
         return False, [Note(text, topic=TOPIC)]
     if not out_of_fold.folds:
         return False, []
@@ -182,22 +183,22 @@ def _try_network(
 ) -> tuple[NetworkMember | None, OutOfFold, Note]:
     """Train the network without each fold, then on all training recordings.
 
-    It is skipped as a whole if its training runs would pass more readings than are allowed. That
-    is known before any of them. It is also skipped if one of them diverges.
+    The network is skipped if its training runs would read more sensor readings than are allowed;
+    this is known before the first of them. It is also skipped if one of them diverges.
 
     Args:
         training: of the network.
         out_of_fold: the folds, and the other members' answers.
         examples: the training recordings.
         seed: of the training runs.
-        is_only: whether there is no other member. The network is then trained whatever it takes.
+        is_only: whether there is no other member. Then the network is trained in any case.
 
     Returns:
-        The fitted network, or None where it is skipped; the out-of-fold answers with those of the
-            network; a note on this.
+        The fitted network, or None if it was skipped; the out-of-fold answers, now with the
+            network's answers; and a note.
 
     Raises:
-        UserError: it is the only member, and a training run diverges.
+        UserError: the network is the only member, and a training run diverges.
     """
     readings = training.readings(out_of_fold.folds)
     runs = several(len(out_of_fold.folds) + 1, "training run")
@@ -221,26 +222,26 @@ def _try_network(
 
 
 def _weigh(out_of_fold: OutOfFold, names: list[str]) -> tuple[dict[str, float], list[Note]]:
-    """The weights of the members by their out-of-fold answers; a member of no weight is missing.
+    """Return the members' weights by their out-of-fold answers, without members of no weight.
 
-    The notes are the choice, then the weight and the error of each member as the only one.
+    The notes have the choice first, then each member's weight, and its error as the only member.
     """
     if not out_of_fold.folds:
         names = [name for name in names if name in UNWEIGHED] or names
-        text = "no object has two groups to train on, so that none can be held out: "
-        text += "taken without a comparison"
+        text = "no object has two groups to train on, so no group can be held out, "
+        text += "and the members were not compared"
         return dict.fromkeys(names, 1.0), [Note(text, "choice", TOPIC, KEY, names)]
     weights = out_of_fold.member_weights(names)
     held_out_groups = np.unique(out_of_fold.groups[out_of_fold.held_out])
     groups = several(len(held_out_groups), "training group")
-    text = f"their log-probabilities have weights, fitted on {groups}, "
-    text += "each held out of the fits that answer it"
+    text = f"the weights of their log-probabilities were fitted to {groups}; "
+    text += "each group was held out of the fits that answered it"
     notes = [Note(text, "choice", TOPIC, KEY, list(weights))]
     for name in sorted(names, key=lambda name: -weights.get(name, 0)):
         weight = weights.get(name, 0)
         error = float(out_of_fold.group_errors({name: 1}).mean())
-        text = f"{name}: weight {weight:.2g}; as the only member "
-        text += f"{100 * error:.1f} % of whole recordings wrong"
+        text = f"{name}: weight {weight:.2g}; as the only member it answers "
+        text += f"{100 * error:.1f} % of whole recordings wrongly"
         value = {"member": name, "weight": weight, "error": error}
         notes.append(Note(text, topic="members", key=KEY, value=value))
     return weights, notes
@@ -249,7 +250,7 @@ def _weigh(out_of_fold: OutOfFold, names: list[str]) -> tuple[dict[str, float], 
 def _fit(
     members: Sequence[Member], for_sets: Sequence[Member], examples: Examples, seed: int
 ) -> None:
-    """Fit the members to all training recordings and view sets; the network is fitted already."""
+    """Fit the members to all training recordings and view sets, except the fitted network."""
     every_recording = np.ones(len(examples.labels), dtype=bool)
     on_sensors = [member for member in members if member.name != NETWORK]
     for member in steps(on_sensors, "fits of whole recordings", "members"):
@@ -266,7 +267,9 @@ def _new_session_notes(
     examples: Examples,
     seed: int,
 ) -> list[Note]:
-    """The note with the error for a new session, or that it was not measured, where it is wanted.
+    """Return a note on the error for a new session, if the test set has known sessions only.
+
+    The note says so if the error was not measured.
 
     Args:
         table: the frames of all sets.

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.mlflow_store import bad_request
 from tactile_viewgcn.readers.source import Recording
 from tactile_viewgcn.recognition.recogniser import Recogniser, recording_of
-from tactile_viewgcn.tracking import bad_request
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 class RecogniserModel:
     """The recogniser with the interface of an MLflow model.
 
-    A recording is answered as by the command `predict`, by its own frames only.
+    It answers a recording as the command `predict` does, from the recording's own frames only.
 
     Args:
         recogniser: the trained recogniser.
@@ -34,11 +34,11 @@ class RecogniserModel:
         Args:
             model_input: its value `recordings` holds the recordings, arrays or nested lists of
                 (frames, rows, columns) or (frames, channels).
-            params: of MLflow, not used.
+            params: given by MLflow and not used.
 
         Raises:
-            MlflowException: has the recogniser's one line; MLflow's server answers with it and
-                status 400.
+            MlflowException: the user made a mistake; it holds the recogniser's one line, and
+                MLflow's server answers with this line and status 400.
         """
         from pandas import DataFrame  # comes with MLflow
 
@@ -47,7 +47,7 @@ class RecogniserModel:
         try:
             for number, row in enumerate(model_input["recordings"]):
                 counts = row
-                if isinstance(row, np.ndarray):  # also an array of objects
+                if isinstance(row, np.ndarray):  # can be an array of objects
                     counts = row.tolist()
                 recordings.append(recording_of(counts, f"recording {number}"))
             answers, _ = self.recogniser.answer_recordings(recordings)
@@ -58,7 +58,7 @@ class RecogniserModel:
 
 
 def _load_pyfunc(path: str) -> RecogniserModel:
-    """Return the model of a classifier's file, or of the only one in a folder."""
+    """Return the model of a classifier's file, or of the only such file in a folder."""
     file = Path(path)
     if file.is_dir():
         file = next(file.glob("*.pt"))

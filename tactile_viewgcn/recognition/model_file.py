@@ -1,14 +1,14 @@
 """The file of a trained classifier: what it has learnt, and what it needs to answer raw counts.
 
-It holds tensors and plain values, read with `weights_only=True`: loading runs no code. Its last
-bytes are a digest of all others, so that damage anywhere is noticed. It has a format number, see
-`model_format`.
+The file holds tensors and plain values, and is read with `weights_only=True`, so loading runs no
+code. Its last bytes are a digest of all other bytes, so any damage is noticed. It has a format
+number, see `model_format`.
 
-It also holds a few frames of three recordings of the training and the answers to them: to whole
-recordings, and of a classifier on the sensors to view sets of every size too. They must come out
-again when the file is loaded. So a file is refused if its values were altered such that one of
-these answers changes, or if this version's code reads it differently. An altered value that changes
-none of them, as of a branch that no example takes, is not noticed.
+The file also holds a few frames of three training recordings, and the answers to them. These are
+answers to whole recordings; a classifier on the sensors also answers view sets of every size. When
+the file is loaded, the same answers must come out again. A file is therefore refused if its values
+were altered so that one of these answers changes, or if this version's code reads it differently.
+An altered value that changes none of these answers is not noticed.
 """
 
 import hashlib
@@ -54,7 +54,7 @@ UNFIT = (
 )
 EXAMPLES = 3  # stored recordings
 EXAMPLE_FRAMES = 8  # of each
-# by precision, difference of probabilities between two processors
+# by precision, how much probabilities can differ between two processors
 CLOSE = {"float32": 1e-3, "bfloat16": 0.1}
 DIGEST = hashlib.sha256().digest_size
 
@@ -62,7 +62,7 @@ DIGEST = hashlib.sha256().digest_size
 def build_classifier(
     viewpoints: Tensor, classes: int, model: Model, shape: tuple[int, int]
 ) -> ViewNetwork:
-    """Return the network of a system on the backbone; its weights are torch's default ones.
+    """Return the network of a system on the backbone, with torch's default weights.
 
     Args:
         viewpoints: (V, 3).
@@ -75,20 +75,21 @@ def build_classifier(
 
 @dataclass(config=ARRAYS)
 class Content:
-    """What a file holds, see `save_classifier`; its arrays are tensors there.
+    """What a file holds, see `save_classifier`; in the file the arrays are tensors.
 
     Attributes:
         examples: counts (R, T, H, W) of frames in contact of a few training recordings.
-        answers: (R, S, classes) class probabilities of one frame of the examples, of two and so on
-            up to V, and of all frames, above the training's mean baseline.
-        set_answers: (R, S - 1, classes) those of view sets of one frame, of two and so on up to V;
-            None for a network, which has no weights of its own for view sets, and in a file of an
-            earlier version.
-        clusters: how a network clusters a whole recording: as in its training. None where it does
-            not, and in a file of an earlier version, whose networks were given sets that are spread
-            over the recording.
+        answers: (R, S, classes) class probabilities of the examples, from their counts above the
+            training's mean baseline. They are of one frame, of two and so on up to V, and of all
+            frames.
+        set_answers: (R, S - 1, classes) class probabilities of view sets of one frame, of two and
+            so on up to V. None for a network, which has no further weights for view sets, and in a
+            file of an earlier version.
+        clusters: how a network clusters a whole recording, the same way as in its training. None if
+            it does not cluster, and in a file of an earlier version. The networks of such a file
+            were given sets that are spread over the recording.
         format: number of the file's layout, see `model_format`.
-        version: of this package, which wrote the file.
+        version: the version of this package that wrote the file.
     """
 
     learnt: dict[str, Any]
@@ -114,12 +115,12 @@ class Content:
             classifier: of this file.
             excess: counts (n, H, W) above baseline, in the order of time.
         """
-        with np.errstate(all="ignore"):  # whether it is finite is for the caller to check
+        with np.errstate(all="ignore"):  # the caller checks whether the answer is finite
             inputs = self.inputs(excess)
             return self.answer_values(classifier, inputs, classifier.frame_values(inputs))
 
     def inputs(self, excess: np.ndarray) -> np.ndarray:
-        """Return the network input float32, of the same shape as counts above baseline."""
+        """Return the network input float32 of counts above baseline, in their shape."""
         return network_input(excess, self.transform, self.scale)
 
     def answer_values(self, classifier: Classifier, inputs: np.ndarray, values: Any) -> np.ndarray:
@@ -134,9 +135,9 @@ class Content:
         return recording_answer(classifier, self.temperature, values, points)
 
     def answers_now(self, classifier: Classifier) -> np.ndarray:
-        """Return the classifier's `answers` now.
+        """Return the `answers` that the classifier gives now.
 
-        The frames of an example are repeated until they are a whole recording.
+        The frames of an example are repeated until they are as many as a whole recording has.
         """
         count = max(EXAMPLE_FRAMES, int(np.ceil(getattr(classifier, "short", 0))))
         parts = [
@@ -147,7 +148,7 @@ class Content:
         return np.exp([[self.answer(classifier, each[part]) for part in parts] for each in excess])
 
     def set_answers_now(self, classifier: Classifier) -> np.ndarray | None:
-        """Return the classifier's `set_answers` now; None for a network."""
+        """Return the `set_answers` that the classifier gives now; None for a network."""
         if not on_sensors(self.model.system):
             return None
         sets = [
@@ -180,15 +181,15 @@ class Content:
         """Raise a ValueError unless two arrays of probabilities are about equal."""
         is_close = False
         if now is not None and stored.shape == now.shape:
-            is_close = bool(np.abs(stored - now).max() <= CLOSE[self.precision])  # NaN: it is not
+            is_close = bool(np.abs(stored - now).max() <= CLOSE[self.precision])  # NaN gives False
         if not is_close:
             raise ValueError("the answers to its own recordings do not come out again")
 
     def classifier(self) -> Classifier:
-        """Return the classifier with what it has learnt, ready for answers.
+        """Return the trained classifier, ready for answers.
 
         Raises:
-            Exception: of any kind, for parts that do not fit together.
+            Exception: parts of the file do not fit together; any exception is possible.
         """
         classifier: Classifier
         if on_sensors(self.model.system):
@@ -204,7 +205,7 @@ class Content:
         return classifier
 
     def _members(self) -> "SensorClassifier":
-        """The classifier on the sensors."""
+        """Return the classifier on the sensors."""
         network = None
         if NETWORK in self.model.members:
             preset = default_params(tuple(preset_changes(NETWORK)))
@@ -220,7 +221,7 @@ class Content:
         return classifier
 
     def _empty_network(self, model: Model) -> ViewNetwork:
-        """A network whose weights take no memory and no random numbers, to be loaded into."""
+        """Return a network to load weights into, without memory or random numbers for them."""
         viewpoints = torch.from_numpy(self.viewpoints)
         shape = self.plan.live.shape
         with torch.device("meta"):
@@ -228,7 +229,7 @@ class Content:
 
     def write(self, path: str | Path) -> None:
         """Write the file, and its digest at the end."""
-        file = io.BytesIO()  # a file's name would be written into it
+        file = io.BytesIO()  # since `torch.save` would write a file's name into the file
         torch.save(_converted(asdict(self), np.ndarray, torch.from_numpy), file)
         content = file.getvalue()
         write_file(path, content + hashlib.sha256(content).digest())
@@ -246,11 +247,11 @@ def save_classifier(
 
     Args:
         path: of the file.
-        classifier: trained.
+        classifier: the trained classifier.
         model: the options that the classifier was built with.
         frames: the classifier's training data.
         precision: of the training.
-        temperature: of its answers to recordings, if it is calibrated.
+        temperature: calibrates its answers to recordings; None if it is not calibrated.
     """
     clusters = None
     if isinstance(classifier, ViewNetwork) and classifier.clusters is not None:
@@ -277,12 +278,12 @@ def save_classifier(
 
 
 def _array(weights: Tensor) -> np.ndarray:
-    """Weights of any device and order of memory as an array, contiguous."""
+    """Return weights, on any device and in any order of memory, as a contiguous array."""
     return weights.cpu().contiguous().numpy()
 
 
 def _converted(state: Any, kind: type, convert: Callable[[Any], Any]) -> Any:
-    """Nested mappings with their values of that kind converted."""
+    """Return nested mappings in which the values of that kind are converted."""
     if isinstance(state, dict):
         return {name: _converted(value, kind, convert) for name, value in state.items()}
     if isinstance(state, kind):
@@ -291,7 +292,7 @@ def _converted(state: Any, kind: type, convert: Callable[[Any], Any]) -> Any:
 
 
 def _examples(frames: Frames) -> np.ndarray:
-    """Counts (3, 8, H, W) of three training recordings and eight frames of each, evenly spread."""
+    """Return counts (3, 8, H, W): eight frames of three training recordings, evenly spread."""
     recordings = frames.by_recording(frames.on(TRAIN))
     chosen = [recordings[number] for number in spread_frames(len(recordings), EXAMPLES)]
     return np.stack(
@@ -306,8 +307,8 @@ def load_classifier(path: str | Path) -> tuple[Classifier, Content]:
         path: of a file that `save_classifier` wrote.
 
     Raises:
-        UserError: the file is something else, damaged, altered, or of an unknown format.
-        OSError: it cannot be opened.
+        UserError: the file is no classifier, is damaged or altered, or has an unknown format.
+        OSError: the file cannot be opened.
     """
     stored = Path(path).read_bytes()
     with readable(path, *UNFIT):

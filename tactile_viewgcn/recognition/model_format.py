@@ -1,7 +1,7 @@
-"""The format number of model files: files of one minor version are read by the next one.
+"""The format number of model files: the next minor version reads the files of a minor version.
 
-If you change what a model file holds, add one to `FORMAT`. Also add a function to `UPGRADES`, which
-turns the values of the format before into those of the new one.
+If you change what a model file holds, add one to `FORMAT`. Also add a function to `UPGRADES` that
+turns values of the previous format into values of the new format.
 """
 
 from collections.abc import Callable, Mapping
@@ -14,12 +14,12 @@ import numpy as np
 from tactile_viewgcn.messages import UserError
 
 FORMAT: Literal[1] = 1
-UNNUMBERED = 0  # the format of version 0.4 and before, whose files have no number
-MOST_LETTERS = 20  # of a version that is quoted
+UNNUMBERED = 0  # the format of version 0.4 and of earlier versions, whose files have no number
+MOST_LETTERS = 20  # of a quoted version
 
 
 def package_version() -> str:
-    """Return the version of this package, as 0.4.0."""
+    """Return the version of this package, such as 0.4.0."""
     return version("tactile-viewgcn")
 
 
@@ -31,7 +31,7 @@ def upgraded(values: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
         path: of the file, for the message.
 
     Raises:
-        UserError: a format that this version does not know.
+        UserError: this version does not know the format.
     """
     number = values.get("format", UNNUMBERED)
     if number not in (*UPGRADES, FORMAT):
@@ -48,7 +48,7 @@ def upgraded(values: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
 
 
 def _format_1(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of format 0 as those of format 1."""
+    """Return values of format 0 as values of format 1."""
     current = dict(values)
     current["plan"] = _plan(current.pop("preprocessing"))
     current["learnt"] = _learnt_by_member(current["learnt"])
@@ -56,7 +56,7 @@ def _format_1(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _plan(preprocessing: Mapping[str, Any]) -> dict[str, Any]:
-    """The plan of format 1, whose baselines are one array and not a mapping by sessions' names."""
+    """Return the plan of format 1, whose baselines are one array in place of one per session."""
     plan = dict(preprocessing)
     of_session = plan.pop("baselines")
     plan["sessions"] = list(of_session)
@@ -65,7 +65,10 @@ def _plan(preprocessing: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _learnt_by_member(learnt: Mapping[str, Any]) -> Mapping[str, Any]:
-    """One mapping for each member, in place of one for each kind of answer; a network's stays."""
+    """Return one mapping for each member, in place of one for each kind of answer.
+
+    What a network has learnt stays as it is.
+    """
     if "whole" not in learnt:
         return learnt
     members: dict[str, dict[str, Any]] = {}
@@ -89,5 +92,5 @@ def _learnt_by_member(learnt: Mapping[str, Any]) -> Mapping[str, Any]:
     }
 
 
-#: by format, the function to the next format
+#: by format, the function that turns its values into values of the next format
 UPGRADES: dict[int, Callable[[Mapping[str, Any]], dict[str, Any]]] = {UNNUMBERED: _format_1}

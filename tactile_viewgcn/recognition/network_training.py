@@ -1,6 +1,6 @@
-"""The training of the member `network`: the preset of this name, on some training recordings.
+"""Trains the member `network`: the preset of this name, on some of the training recordings.
 
-Its work is counted, not timed: which members a classifier has does not depend on how busy the
+Its work is counted and not timed. Hence the choice of members does not depend on how busy the
 machine is.
 """
 
@@ -19,9 +19,9 @@ from tactile_viewgcn.tables.frames import TEST, TRAIN, Frames, Views
 from tactile_viewgcn.training.finetuning import finetune_classifier
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 
-#: By kind of device, the readings that all training runs of the network may pass through it. On one
-#: core of an AMD EPYC a reading took 3.2 microseconds, in frames of 16 x 16 to 64 x 64: these are
-#: 53 minutes. A GPU took a tenth of the time.
+#: By kind of device, how many sensor readings all training runs of the network can read together.
+#: On one core of an AMD EPYC a reading took 3.2 microseconds, in frames of 16 x 16 to 64 x 64. The
+#: limit of the CPU then means 53 minutes. A GPU took a tenth of the time.
 MOST_READINGS = {"cpu": 1e9, "cuda": 1e10}
 
 
@@ -36,8 +36,8 @@ class PresetTraining:
         compute: the device and its precision.
 
     Attributes:
-        params: the preset's, with the seed.
-        table: the table, with the preset's transform of its frames.
+        params: the preset's parameters, with the seed.
+        table: the table, whose frames have the preset's transform.
     """
 
     def __init__(
@@ -58,11 +58,11 @@ class PresetTraining:
 
     @property
     def most_readings(self) -> float:
-        """The number of `readings` that is allowed on the device."""
+        """Return the number of `readings` that is allowed on the device."""
         return MOST_READINGS[self.compute.device.type]
 
     def readings(self, folds: Sequence[np.ndarray]) -> float:
-        """Return how many sensor readings pass through the network in all its training runs.
+        """Return how many sensor readings the network reads in all its training runs.
 
         There is one training run without each fold, and one with all recordings.
 
@@ -102,7 +102,7 @@ class PresetTraining:
         """Return a network's probabilities float32 (n, classes) for whole recordings.
 
         Args:
-            network: of `train`.
+            network: what `train` returned.
             recordings: bool (R,), the n recordings to answer.
         """
         answered = [self.recordings[recording] for recording in np.flatnonzero(recordings).tolist()]

@@ -1,4 +1,4 @@
-"""The error rate for a new session, where the test set has known sessions only."""
+"""The error rate for a new session, which a test set of known sessions does not show."""
 
 from collections.abc import Mapping
 
@@ -21,7 +21,7 @@ NOT_MEASURED = Note(
 def is_test_of_known_sessions(table: Frames) -> bool:
     """Return whether there are several training sessions, and the test set has frames of them.
 
-    Otherwise the test error is the error for a new session, or it cannot be measured.
+    If not, either the test error is the error for a new session, or this error cannot be measured.
 
     Args:
         table: the frames of all sets.
@@ -35,13 +35,13 @@ def new_session_note(out_of_fold: OutOfFold, weights: Mapping[str, float]) -> No
     """Return a note with the error rate for a new session, the mean over sessions.
 
     Args:
-        out_of_fold: answers to training recordings whose groups are their sessions.
+        out_of_fold: answers to training recordings; the groups are sessions.
         weights: of the members, by name.
     """
     errors = out_of_fold.group_errors(weights)
     interval = proportion_interval(errors, np.arange(len(errors)), stream(0, "new session"))
     low, high = interval or (None, None)
     mean = float(errors.mean())
-    text = f"{percent_interval(mean, low, high)} % of whole recordings of {NEW_SESSION} wrong; "
-    text += f"{len(errors)} training sessions, each held out of the fits that answer it"
+    text = f"{percent_interval(mean, low, high)} % of whole recordings of {NEW_SESSION} are wrong; "
+    text += f"each of {len(errors)} training sessions was held out of the fits that answered it"
     return Note(text, topic=TOPIC, value={"mean": mean, "low": low, "high": high})

@@ -1,6 +1,6 @@
-"""Members' answers to training recordings that were held out of their fits, and what they tell.
+"""Members' answers to training recordings that were held out, and what follows from them.
 
-Nothing is pretrained for the members, so that a group can be held out of all that is fitted to
+Nothing is pretrained for the members. Hence a group can be held out of everything that is fitted to
 labels.
 """
 
@@ -18,7 +18,7 @@ from tactile_viewgcn.progress import steps
 from tactile_viewgcn.recognition.calibration import fit_temperature, fit_weights
 
 FOLDS = 5  # of the training groups
-LEAST_WEIGHT = 0.1  # of the largest: a member with less is taken out
+LEAST_WEIGHT = 0.1  # share of the largest weight; a member with less is taken out
 
 
 def out_of_fold_answers(
@@ -26,10 +26,10 @@ def out_of_fold_answers(
 ) -> np.ndarray:
     """Return a member's answers to the recordings of each fold, by a fit to all other recordings.
 
-    The member itself is not fitted.
+    A copy of the member is fitted, and the member itself is not.
 
     Args:
-        member: after `Member.measure`.
+        member: `Member.measure` was called.
         examples: the R training recordings.
         folds: masks bool (R,) of the recordings that are held out together.
         seed: of the fits.
@@ -52,8 +52,8 @@ def out_of_fold_answers(
 class OutOfFold:
     """The out-of-fold answers of members, and the weights, temperature and errors that follow.
 
-    About five folds hold out every class of two groups or more in turn, see `complete_folds`: there
-    are fewer folds where classes have fewer groups, and more where groups span classes.
+    About five folds hold out each class that has two groups or more, see `complete_folds`. There
+    are fewer folds if the classes have fewer groups, and more folds if groups span classes.
 
     Attributes:
         labels: (R,) class of each training recording.
@@ -78,13 +78,13 @@ class OutOfFold:
         return cls(labels, groups, complete_folds(groups, labels, FOLDS))
 
     def with_member(self, member: Member, examples: Examples, *, seed: int) -> "OutOfFold":
-        """Return a copy that also has the answers of a member; see `out_of_fold_answers`."""
+        """Return a copy that also has a member's answers, see `out_of_fold_answers`."""
         answers = out_of_fold_answers(member, examples, self.folds, seed=seed)
         return replace(self, answers={**self.answers, member.name: answers})
 
     @property
     def held_out(self) -> np.ndarray:
-        """Which recordings a fold holds out, bool (R,); there are n of them."""
+        """Return which recordings a fold holds out, bool (R,); n is their number."""
         if not self.folds:
             return np.zeros(len(self.labels), dtype=bool)
         held_out: np.ndarray = np.any(self.folds, axis=0)
@@ -94,7 +94,7 @@ class OutOfFold:
         """Return the share of wrong answers (G,) in each group that is held out.
 
         Args:
-            weights: of the members that answer, by name.
+            weights: by name, the weights of the members that answer.
         """
         wrong = self._logits(weights).argmax(axis=1) != self.labels[self.held_out]
         group = np.unique(self.groups[self.held_out], return_inverse=True)[1]
@@ -103,31 +103,31 @@ class OutOfFold:
     def member_weights(self, members: Sequence[str]) -> dict[str, float]:
         """Return the weights of the members' log-probabilities that fit the labels best.
 
-        A member of less than `LEAST_WEIGHT` of the largest weight is taken out, and the others are
-        weighed anew.
+        A member with less than `LEAST_WEIGHT` of the largest weight is taken out, and the other
+        members are weighed again. There must be at least one fold.
 
         Args:
-            members: names of members that have answers; there is at least one fold.
+            members: names of members that have answers.
         """
         answers = [self.answers[name][self.held_out] for name in members]
         weights = fit_weights(log_probabilities(answers), self.labels[self.held_out])
         is_enough = weights >= LEAST_WEIGHT * weights.max()
         if is_enough.all():
             return dict(zip(members, weights.tolist(), strict=True))
-        enough = [name for name, kept in zip(members, is_enough, strict=True) if kept]
-        return self.member_weights(enough)
+        others = [name for name, is_taken in zip(members, is_enough, strict=True) if is_taken]
+        return self.member_weights(others)
 
     def temperature(self, weights: Mapping[str, float]) -> float | None:
         """Return the temperature that calibrates the weighted sum; None if nothing is held out.
 
         Args:
-            weights: of the members that answer, by name.
+            weights: by name, the weights of the members that answer.
         """
         if not self.folds:
             return None
         return fit_temperature(self._logits(weights), self.labels[self.held_out])
 
     def _logits(self, weights: Mapping[str, float]) -> np.ndarray:
-        """The weighted sum (n, classes) of the members' log-probabilities."""
+        """Return the weighted sum (n, classes) of the members' log-probabilities."""
         answers = [self.answers[name][self.held_out] for name in weights]
         return weighted_sum(answers, list(weights.values()))

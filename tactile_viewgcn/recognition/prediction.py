@@ -1,4 +1,4 @@
-"""The command `predict`: answers recordings in a table and as CSV."""
+"""The command `predict`: prints answers to recordings as a table and writes them as CSV."""
 
 import tempfile
 from collections import Counter
@@ -36,13 +36,14 @@ def predict(
     Args:
         model: see `load_model`.
         source: path of the recordings.
-        form: as which the source is read; a shape of `auto` is the model's. Columns are taken by
-            the names of the model's sensors; the others are left out and named.
-        csv_path: where to write; None for nowhere.
+        form: the form in which the source is read. If its shape is `auto`, the model's shape is
+            taken. Columns with the names of the model's sensors are read; a note names the columns
+            that are left out.
+        csv_path: file for the CSV; None writes none.
         echo: prints lines.
 
     Raises:
-        UserError, OSError: a mistake of the user.
+        UserError, OSError: the user made a mistake.
     """
     recogniser = load_model(model)
     classes = recogniser.classes
@@ -62,7 +63,7 @@ def predict(
     )
     echo(*map(_line, records), *_summary(records))
     if all(record["right"] is None for record in records):
-        echo("how often it errs, on a new session too: `tactile-viewgcn report`")
+        echo("`tactile-viewgcn report` says how often the model is wrong, also in a new session")
     if csv_path:
         head = csv_text([records[0]])
         content = head + csv_text(record.values() for record in records)
@@ -70,7 +71,7 @@ def predict(
 
 
 def first_line(recogniser: Recogniser) -> str:
-    """Return what a model is: its system, its classes, and whether its probabilities are sound."""
+    """Return a line on a model: its system, its classes, and whether it is calibrated."""
     calibrated = "not calibrated"
     if recogniser.calibrated:
         calibrated = "calibrated"
@@ -79,7 +80,7 @@ def first_line(recogniser: Recogniser) -> str:
 
 
 def _has_answers(text: str, head: str) -> bool:
-    """Return whether a file has this first line, and as many cells in all others."""
+    """Return whether a file has this first line, and all other lines have as many cells."""
     cells = head.count(",")
     return text.startswith(head) and all(line.count(",") >= cells for line in text.splitlines())
 
@@ -89,7 +90,7 @@ def load_model(name: str) -> Recogniser:
 
     Raises:
         FileNotFoundError: there is no such file.
-        UserError: it is damaged, or MLflow does not have it.
+        UserError: the file is damaged, or MLflow has no such model.
     """
     if Path(name).is_file():
         return Recogniser(name)
@@ -100,7 +101,7 @@ def load_model(name: str) -> Recogniser:
             kind = "a folder"
         remedy = "the line that `tactile-viewgcn inspect` prints trains one"
         raise FileNotFoundError(f"{name}: {kind}; expected {MODELS}; {remedy}")
-    from tactile_viewgcn.tracking import download_model
+    from tactile_viewgcn.mlflow_store import download_model
 
     address = name
     if is_run:
@@ -110,10 +111,10 @@ def load_model(name: str) -> Recogniser:
 
 
 def _record(answer: Answer, classes: list[str]) -> dict[str, Any]:
-    """Return the answer as plain values for a line and a row of the file.
+    """Return the answer as plain values, for a printed line and for a row of the file.
 
-    Without contact no class has a probability. `right` is None without a label, and for a label
-    that is no object of the model.
+    If there is no contact, no class has a probability. `right` is None if the recording has no
+    label, or a label that is no object of the model.
     """
     best: list[tuple[str | None, float | None]] = [(None, None)] * TOP
     if answer.contact:
@@ -135,7 +136,7 @@ def _record(answer: Answer, classes: list[str]) -> dict[str, Any]:
 
 
 def _line(record: dict[str, Any]) -> str:
-    """Return one line: name, frames in contact, first three classes."""
+    """Return one line: the name, the frames in contact, the three most probable classes."""
     name = record["recording"]
     if len(name) > NAME_WIDTH:
         name = "…" + name[1 - NAME_WIDTH :]
@@ -149,7 +150,7 @@ def _line(record: dict[str, Any]) -> str:
 
 
 def _summary(records: list[dict[str, Any]]) -> list[str]:
-    """Return the numbers of answers with and without contact, and of right answers."""
+    """Return lines with the numbers of answers with and without contact, and of right answers."""
     counts = Counter[str]()
     for record in records:
         if record["class_1"] is None:

@@ -1,4 +1,4 @@
-"""Check new recordings: are they like the training set's in layout, scale and rate?"""
+"""Checks whether new recordings are like the training set in layout, scale and frame rate."""
 
 from collections.abc import Sequence
 
@@ -11,22 +11,22 @@ from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.plan import Plan
 from tactile_viewgcn.tables.recordings import Recordings
 
-# factor by which readings may be weaker or stronger than in every training recording
+# factor by which readings can be weaker or stronger than in every training recording
 SCALE_TIMES = 4.0
-# factor by which the frames of an untouched hand may differ less than in every training recording
+# factor by which the frames of an untouched hand can differ less than in every training recording
 STILL_TIMES = 16.0
-RATE_TIMES = 1.1  # factor by which frame rates may be lower or higher
-# (H, W) of a frame, and names of the sensors, row after row, or none
+RATE_TIMES = 1.1  # factor by which frame rates can be lower or higher
+# (H, W) of a frame; names of the sensors, row after row, empty if they have none
 Layout = tuple[tuple[int, ...], list[str]]
 
 
 def check_layout(where: str, layout: Layout, trained: Layout) -> None:
-    """Raise a UserError for sensors of other names, or frames of another shape than in training.
+    """Raise a UserError if sensors have other names, or frames another shape, than in training.
 
     Args:
-        where: beginning of the error.
+        where: the beginning of the message.
         layout: of a recording.
-        trained: of the training set.
+        trained: layout of the training set.
     """
     shape, names = layout
     trained_shape, trained_names = trained
@@ -47,16 +47,16 @@ def check_layout(where: str, layout: Layout, trained: Layout) -> None:
 
 
 def _by(shape: tuple[int, ...]) -> str:
-    """Return the shape of a frame as a text, `8 x 10`."""
+    """Return the shape of a frame as a text, such as `8 x 10`."""
     return " x ".join(map(str, shape))
 
 
 def check_layouts(recordings: Sequence[Recording], trained: Layout | None = None) -> None:
-    """Raise a UserError for the first recording of another layout than in training.
+    """Raise a UserError for the first recording that has another layout than in training.
 
     Args:
-        recordings: of `recording_of`, one or more.
-        trained: layout of the training set; None for the first recording's.
+        recordings: one or more recordings that `recording_of` returned.
+        trained: layout of the training set; None compares with the first recording.
     """
     for recording in recordings:
         layout = (recording.values["pressure"].shape[1:], recording.channel_names)
@@ -65,17 +65,17 @@ def check_layouts(recordings: Sequence[Recording], trained: Layout | None = None
 
 
 def fault_of(plan: Plan, counts: np.ndarray, contact: np.ndarray, excess: np.ndarray) -> str:
-    """Return what is wrong with the counts of a recording, "" if nothing.
+    """Return what is wrong with the counts of a recording, or "" if nothing is.
 
-    That is a number that the training set's integer type cannot hold, or a scale unlike the
-    training set's. Whether counts are finite is checked where they come in, see `recording_of`
-    and `CountsFile`.
+    Wrong is a number that the training set's integer type cannot hold, or a scale that differs from
+    the training set's scale. Whether counts are finite is checked elsewhere, where they come in:
+    see `recording_of` and `CountsFile`.
 
     Args:
         plan: of the training set.
         counts: (n, H, W) of all frames.
         contact: bool (n,) frames of contact with an object, whose scale is checked. If there are
-            none, the scale of all frames is.
+            none, the scale of all frames is checked.
         excess: (k, H, W) counts above baseline of the frames in contact.
     """
     dtype = np.dtype(plan.dtype)
@@ -97,9 +97,9 @@ def fault_of(plan: Plan, counts: np.ndarray, contact: np.ndarray, excess: np.nda
 
 
 def _fault_without_contact(plan: Plan, counts: np.ndarray) -> str:
-    """Return what is wrong with counts (n, H, W) without contact.
+    """Return what is wrong with counts (n, H, W) in which no contact was found, or "".
 
-    In a smaller unit no contact is found.
+    Contact is also missed if the counts are in a smaller unit than in training.
     """
     weakest = weakest_baseline(plan)
     raw = strong_reading(counts[:, plan.live])
@@ -112,7 +112,7 @@ def _fault_without_contact(plan: Plan, counts: np.ndarray) -> str:
 
 
 def _fault_of_scale(plan: Plan, readings: np.ndarray, bounds: list[float], origin: str) -> str:
-    """Return what is wrong with the scale of readings (k, H, W) in contact."""
+    """Return what is wrong with the scale of readings (k, H, W) in contact, or ""."""
     weakest, strongest = bounds
     reading = strong_reading(readings[:, plan.live])
     if weakest / SCALE_TIMES <= reading <= strongest * SCALE_TIMES:
@@ -125,16 +125,16 @@ def _fault_of_scale(plan: Plan, readings: np.ndarray, bounds: list[float], origi
 
 
 def weakest_baseline(plan: Plan) -> float:
-    """Return the weakest strong reading of the baselines of the training set, in counts."""
+    """Return the smallest `strong_reading` of the training set's baselines, in counts."""
     return min(strong_reading(mean[plan.live]) for mean in plan.baselines)
 
 
 def is_weak(plan: Plan, excess: np.ndarray) -> bool:
-    """Return whether a recording reads less than a quarter of the weakest in the training.
+    """Return whether a recording reads less than a quarter of the weakest training recording.
 
     Args:
         plan: of the training set.
-        excess: (k, H, W) counts above baseline of its frames in contact.
+        excess: (k, H, W) counts above baseline of the recording's frames in contact.
     """
     (weakest, _), _ = plan.strong_readings
     return strong_reading(excess[:, plan.live]) < weakest / SCALE_TIMES
@@ -143,20 +143,22 @@ def is_weak(plan: Plan, excess: np.ndarray) -> bool:
 def is_untouched(plan: Plan, counts: np.ndarray, contact: np.ndarray, excess: np.ndarray) -> bool:
     """Return whether a recording reads as little as a hand that touches nothing.
 
-    It is then too weak for every object of the training set. A few of its frames may pass for
-    contact by their noise, or all of them where the training set took every frame.
+    Such a recording is too weak for every object of the training set. Noise can make a few of its
+    frames look like contact. If the training set took every frame, all of them count as contact.
 
-    A glove in a smaller unit reads less, too. Then its baseline and its noise are smaller as well.
-    So a recording is not taken for untouched if it reads less than a quarter of the smallest
-    baseline of the training set, or more than four times its strongest reading, or if its frames
-    differ by less than a sixteenth of what those of every training recording do. `fault_of` then
-    says what is wrong.
+    A glove with a smaller unit reads little too, but then its baseline and its noise are also
+    smaller. Hence a recording does not count as untouched in three cases; `fault_of` then says what
+    is wrong:
+
+    - it reads less than a quarter of the training set's smallest baseline;
+    - it reads more than four times the training set's strongest reading;
+    - its frames differ by less than a sixteenth of the differences in every training recording.
 
     Args:
         plan: of the training set.
         counts: (n, H, W) of all frames.
-        contact: bool (n,) frames that pass for contact, at least one.
-        excess: (k, H, W) their counts above baseline.
+        contact: bool (n,) frames that count as contact, at least one.
+        excess: (k, H, W) counts above baseline of these frames.
     """
     if not is_weak(plan, excess):
         return False
@@ -175,7 +177,7 @@ def untouched_note(plan: Plan, names: list[str], total: int, *, is_class: bool) 
         plan: of the training set.
         names: of these recordings.
         total: number of all recordings.
-        is_class: whether the empty hand is a class; the note is a warning if it is not.
+        is_class: whether the empty hand is a class. If it is not, the note is a warning.
     """
     weakest, _ = plan.strong_readings[0]
     text = (
@@ -189,7 +191,7 @@ def untouched_note(plan: Plan, names: list[str], total: int, *, is_class: bool) 
 
 
 def rate_notes(plan: Plan, recordings: Recordings) -> list[Note]:
-    """Return a warning of recordings that are slower or faster than in training by over a tenth."""
+    """Return a warning if recordings are over a tenth slower or faster than in training."""
     rates = frame_rates(recordings.columns["time"], recordings.columns["recording"])
     lowest, highest = plan.rates
     low = lowest / RATE_TIMES
@@ -203,6 +205,6 @@ def rate_notes(plan: Plan, recordings: Recordings) -> list[Note]:
         return []
     text = (
         f"{len(unlike)} of {several(len(rates), 'recording')}: {listed(unlike)}; "
-        f"expected {low:.3g} to {high:.3g} Hz, near the training's: resample or record anew"
+        f"expected {low:.3g} to {high:.3g} Hz, as in the training: resample them or record again"
     )
     return [Note(text, "warning", "frame rate")]

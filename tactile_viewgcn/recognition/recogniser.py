@@ -1,4 +1,4 @@
-"""The trained recogniser: the object in the hand, from the raw counts of recordings."""
+"""The trained recogniser: it says from raw counts which object a hand holds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -36,15 +36,15 @@ from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, i
 
 @dataclass(frozen=True)
 class Answer:
-    """The object in a recording.
+    """The answer to a recording.
 
     Attributes:
-        probabilities: float32 (classes,). Without a frame in contact the class `empty_hand` is
-            certain; if there is no such class, all classes are equally probable.
+        probabilities: float32 (classes,). If no frame is in contact, the class `empty_hand` has
+            probability 1; if there is no such class, all classes are equally probable.
         contact: number of frames in contact.
         frames: number of all frames.
         recording: name of the recording.
-        object: its label, UNLABELLED without one.
+        object: label of the recording; UNLABELLED if it has none.
     """
 
     probabilities: np.ndarray
@@ -64,14 +64,14 @@ class Recogniser:
         classifier: the classifier, ready for answers.
         content: all that the file holds.
         plan: how readings become frames.
-        classes: names.
+        classes: names of the classes.
         shape: (H, W) of a frame.
-        system: name of the system, or of the members of `sensors`.
-        calibrated: whether the probabilities are.
+        system: name of the system, or names of the members of `sensors`.
+        calibrated: whether the probabilities are calibrated.
 
     Raises:
-        UserError: the file is something else, damaged, altered, or of an unknown format.
-        OSError: it cannot be opened.
+        UserError: the file is no classifier, is damaged or altered, or has an unknown format.
+        OSError: the file cannot be opened.
     """
 
     def __init__(self, path: str | Path):
@@ -87,7 +87,7 @@ class Recogniser:
         self._layout = (self.shape, self.plan.channel_names)
 
     def answer_recordings(self, recordings: Sequence[Recording]) -> tuple[list[Answer], list[Note]]:
-        """Return the answers to recordings of `recording_of`, and notes; see `answer_table`."""
+        """Return the answers to what `recording_of` returned, and notes; see `answer_table`."""
         if not recordings:
             return [], []
         check_layouts(recordings, self._layout)
@@ -97,11 +97,11 @@ class Recogniser:
         """Return the answers to the recordings of a table, and notes.
 
         The notes are on baselines that could not be measured, on frame rates, and on recordings
-        that read as untouched.
+        that read as if the hand touched nothing.
 
         Raises:
-            UserError: recordings unlike the training set's in layout, sensors or scale; it names
-                the first.
+            UserError: recordings differ from the training set in layout, sensors or scale; the
+                message names the first of them.
         """
         check_layout(
             str(recordings.path), (recordings.shape, recordings.channel_names), self._layout
@@ -139,7 +139,7 @@ class Recogniser:
 
     @property
     def separates_grasps(self) -> bool:
-        """Whether a stream knows where a grasp begins and ends, see `live/hand.py`."""
+        """Return whether a stream knows where a grasp begins and ends, see `live/hand.py`."""
         return not keeps_every_frame(self.plan)
 
     def stream(self, **options: Any) -> LiveStream:
@@ -149,18 +149,22 @@ class Recogniser:
             **options: see `LiveStream`.
 
         Raises:
-            UserError: an option out of its range.
+            UserError: an option is out of its range.
         """
         begin_grasp = partial(GrowingRecording, self.content, self.classifier)
         return LiveStream(self.plan, self.classes, begin_grasp, self._open_hand_fault, **options)
 
     def _open_hand_fault(self, counts: np.ndarray) -> str:
-        """Return what is wrong with a frame (H, W) of the open hand, "" if nothing."""
+        """Return what is wrong with a frame (H, W) of the open hand, or "" if nothing is."""
         frames = counts[None]
         return fault_of(self.plan, frames, np.zeros(1, dtype=bool), frames[:0])
 
     def _probabilities(self, excess: np.ndarray) -> np.ndarray:
-        """Return class probabilities float32 (classes,) by frames in contact above baseline."""
+        """Return class probabilities float32 (classes,) from counts above baseline.
+
+        Args:
+            excess: (n, H, W) counts above baseline of the frames in contact, possibly none.
+        """
         if len(excess):
             logarithms = self.content.answer(self.classifier, excess)
             probabilities: np.ndarray = np.exp(logarithms, dtype=np.float32)
@@ -179,7 +183,7 @@ def _unlabelled(recordings: Sequence[Recording]) -> Recordings:
 
 
 def _label(recordings: Recordings, index: np.ndarray) -> str:
-    """Return the label of a recording's frames (n,), UNLABELLED if they have several."""
+    """Return the label of a recording's frames (n,); UNLABELLED if they have several labels."""
     labels: list[int] = np.unique(recordings.columns["object"][index]).tolist()
     if len(labels) > 1:
         return UNLABELLED
@@ -187,14 +191,19 @@ def _label(recordings: Recordings, index: np.ndarray) -> str:
 
 
 def _place(recordings: Recordings, name: str, total: int) -> str:
-    """Return where a recording is: its file, or a place in the source."""
+    """Return where a recording is: its file, or its place in the source."""
     if recordings.path.is_file() and total == 1:
         return str(recordings.path)
     return str(recordings.path / name)
 
 
 def _raise_first(faults: dict[str, str], total: int) -> None:
-    """Raise a UserError of the first of the faults, by place, among `total` recordings."""
+    """Raise a UserError with the first fault; do nothing if there is none.
+
+    Args:
+        faults: what is wrong with a recording, by its place.
+        total: number of all recordings.
+    """
     if not faults:
         return
     place, fault = next(iter(faults.items()))
@@ -209,17 +218,18 @@ def recording_of(
 ) -> Recording:
     """Return one recording as counts (T, H, W) of the type in which pressure is stored.
 
-    Channels (T, C) become frames of one row. A DataFrame gives the sensors, with their names, the
-    times, and notes on the other columns.
+    Channels (T, C) become frames of one row. From a DataFrame come the sensors with their names,
+    the times, and notes on the other columns.
 
     Args:
         recording: an array, nested lists, or a DataFrame.
-        name: of the recording; errors begin with it.
-        frames_last: time is the last axis of an array instead of the first.
-        columns: of DataFrames, see `Form`.
+        name: of the recording; messages begin with it.
+        frames_last: whether time is the last axis of an array instead of the first.
+        columns: which columns of a DataFrame are read, see `Form`.
 
     Raises:
-        UserError: other axes or types, no frames, or values that the type cannot hold.
+        UserError: the axes or the type are wrong, there are no frames, or a value does not fit into
+            the stored type.
     """
     table = Recording({}, {})
     readings = recording
@@ -248,7 +258,7 @@ def _of_data_frame(recording: Any, name: str, columns: Sequence[str]) -> Recordi
 
 
 def _frames_of(readings: Any, name: str, *, frames_last: bool) -> np.ndarray:
-    """Return readings as an array (T, H, W); a UserError for other axes."""
+    """Return readings as an array (T, H, W); raise a UserError if they have other axes."""
     try:
         array = np.asarray(readings)
     except ValueError:
@@ -260,7 +270,7 @@ def _frames_of(readings: Any, name: str, *, frames_last: bool) -> np.ndarray:
     if array.ndim == 1:
         raise UserError(
             f"{name} is a frame {array.shape}; expected recordings (frames, rows, columns), "
-            "one alone as [X]"
+            "a single one as [X]"
         )
     if array.ndim == 2:
         array = array[:, None]
@@ -275,13 +285,13 @@ def _holds_truth_values(readings: Any) -> bool:
 
 
 def _require_fit(array: np.ndarray, dtype: np.dtype, name: str) -> None:
-    """Raise a UserError for a number that the stored type cannot hold, or that is not finite."""
+    """Raise a UserError if a number is not finite or does not fit into the stored type."""
     low: float = -MAX_PRESSURE
     high: float = MAX_PRESSURE
     if dtype.kind == "i":
         low = np.iinfo(dtype).min
         high = np.iinfo(dtype).max
-    # arrays: float16 has no such number
+    # compared as arrays, since float16 cannot hold these limits
     fits = (array >= np.array(low)) & (array <= np.array(high))
     unfit = np.argwhere(~fits)
     if len(unfit):

@@ -1,4 +1,4 @@
-"""The training recordings of a table of frames, as examples for the members."""
+"""Takes the training recordings out of a table of frames, as examples for the members."""
 
 from collections.abc import Sequence
 
@@ -14,13 +14,13 @@ from tactile_viewgcn.members.representation import (
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.frames import TRAIN, Frames
 
-SCALE_FRAMES = 20_000  # by which readings are scaled
+SCALE_FRAMES = 20_000  # number of frames that the scale of readings rests on
 
 
 def training_recordings(table: Frames) -> list[np.ndarray]:
     """Return the indices of the frames of each training recording, in the order of time.
 
-    A recording of several objects or split groups counts as one recording for each.
+    A recording of several objects or split groups counts as one recording for each of them.
 
     Args:
         table: the frames of all sets.
@@ -39,7 +39,7 @@ def examples_of(
 
     Args:
         table: the frames of all sets.
-        recordings: of `training_recordings`.
+        recordings: what `training_recordings` returned.
         sizes: numbers of frames in view sets.
         seed: of every random choice.
     """

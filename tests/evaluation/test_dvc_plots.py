@@ -1,4 +1,4 @@
-"""The pictures of `dvc plots`: what a template draws of the results' tables."""
+"""Checks what the templates of `dvc plots` draw of the results' tables."""
 
 import json
 
@@ -11,7 +11,7 @@ PLOTS = ROOT / ".dvc" / "plots"
 
 
 def drawn(template, rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows with the fields that a template's transforms add, as Vega-Lite computes them."""
+    """Return the rows with the fields that a template's transforms add, as in Vega-Lite."""
     for transform in template.get("transform", []):
         if "joinaggregate" in transform:
             by = [name.replace("<DVC_METRIC_Y>", "object") for name in transform["groupby"]]
@@ -26,7 +26,7 @@ def drawn(template, rows: pd.DataFrame) -> pd.DataFrame:
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_the_confusion_of_few_answers_has_as_much_colour_as_that_of_many():
-    """An object of one whole recording, of a hundred view sets, and one without an answer."""
+    """One object has one whole recording, one has a hundred view sets, and one has no answer."""
     answers = [("object", "mug", "mug", 90), ("object", "mug", "pen", 10)]
     answers += [("object", "pen", "mug", 0), ("object", "pen", "pen", 0)]
     answers += [("whole", "mug", "mug", 0), ("whole", "mug", "pen", 1)]

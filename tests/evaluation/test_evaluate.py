@@ -1,4 +1,4 @@
-"""Evaluation on the test side: its view sets, scores and latency."""
+"""Evaluation on the test set: its view sets, scores and latency."""
 
 from collections import Counter
 from types import SimpleNamespace
@@ -17,7 +17,7 @@ from tests.glove_data import CPU, recipe, table, trained
 
 @pytest.fixture
 def drawn(monkeypatch):
-    """The whole view sets of each trial, in order; every answer is the first class."""
+    """Return the whole view sets of each trial, in order; every answer is the first class."""
     result = []
 
     def view_sets(classifier, values, sets):
@@ -64,7 +64,7 @@ def test_trials_and_seeds_draw_other_view_sets_and_one_seed_the_same(drawn):
 
 
 def test_a_protocol_draws_view_sets_of_its_own_whatever_else_is_asked(drawn, monkeypatch):
-    """Each object has one recording, so that both protocols draw from the same frames."""
+    """Each object has one recording, so both protocols draw from the same frames."""
     frames, asked = (
         table().with_columns(recording=table().label, group=table().label.astype(int)),
         PROTOCOLS,
@@ -99,8 +99,8 @@ def test_sessions_are_new_where_the_training_has_none_of_them():
 
 
 def test_scores_by_hand():
-    """Answers of class 0, at whose place in the three best stands whether they are right, else in
-    the first three.
+    """Return answers to class 0: the right class is first where `right` says so, else among the
+    first three.
     """
     correct = np.array([[1, 1, 0, 0], [1, 1, 1, 0], [1, 0, 0, 0], [1, 1, 1, 0]], dtype=bool)
     in_top3 = np.array([[1, 1, 1, 0], [1, 1, 1, 1], [1, 1, 0, 0], [1, 1, 1, 1]], dtype=bool)
@@ -145,7 +145,7 @@ def test_one_trial_has_no_spread_and_one_group_no_interval(row):
 
 
 def test_latency_by_hand(monkeypatch):
-    """The n-th answer of a kind takes n ms; the first one warms up."""
+    """The n-th answer of a kind takes n ms, and the first answer warms up."""
     clock, answers = SimpleNamespace(now=0.0), []
     clock.perf_counter = lambda: clock.now
 

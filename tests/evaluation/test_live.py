@@ -1,4 +1,4 @@
-"""The table of live answers, of a stream that says what its frames hold."""
+"""Tests the table of live answers with a stream that says what its frames hold."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ PEN = {level: [2, level] for level in (50, 60, 90)}
 
 
 class Stream:
-    """Reads the object and its probability in per cent from each frame (1, 2); 0: an open hand."""
+    """Reads object and probability in per cent from each frame (1, 2); 0 is an open hand."""
 
     def __init__(self):
         self.frame = -1
@@ -63,7 +63,7 @@ class Stream:
 
 
 def recordings_at(path, frames, *, grasp=None, step=0.2):
-    """Recordings of these frames, numbered from 0, at 5 frames a second, or without times."""
+    """Return recordings of these frames, numbered from 0, at 5 frames a second or without times."""
     number = np.repeat(np.arange(len(frames)), list(map(len, frames)))
     frame = np.concatenate([np.arange(len(one)) for one in frames])
     columns = {"recording": number, "frame": frame, "time": frame * step}
@@ -181,7 +181,7 @@ def test_numbered_grasps_that_the_stream_joins_count_once_and_never_with_frames_
 
 
 class LateStream(Stream):
-    """Closes a grasp after three successive frames of the open hand, as a real one after five."""
+    """Closes a grasp after three successive frames of the open hand; a real stream needs five."""
 
     def __init__(self):
         super().__init__()
@@ -223,7 +223,7 @@ def test_contact_in_the_last_frame_belongs_to_the_grasp_of_that_frame(tmp_path):
 
 
 class Untouched(Stream):
-    """Finds a grasp that reads too little for an answer."""
+    """Finds a grasp whose readings are too weak for an answer."""
 
     def close(self):
         if not self.frames:
@@ -254,7 +254,7 @@ def test_where_no_grasp_is_tested_as_a_whole_there_are_no_rows_and_a_note(
     labels = np.zeros(1, dtype=int)
     whole = Trials(np.zeros((1, 1, 2), int), labels, labels, np.array(["x"]), 5)
     rows, (note,) = answer_live(Stream, recordings, table(), whole, recipe())
-    assert rows == [] and note.text == "no grasp of the stream is tested as a whole"
+    assert rows == [] and "no live answers" in note.text
 
 
 def test_a_note_says_how_many_of_the_numbered_grasps_the_stream_finds(tmp_path, monkeypatch):
@@ -267,7 +267,7 @@ def test_a_note_says_how_many_of_the_numbered_grasps_the_stream_finds(tmp_path, 
     )
     classes = replace(table(), classes=CLASSES)
     _, (note,) = answer_live(Stream, recordings, classes, whole, recipe())
-    assert note.text.startswith("the recordings number 2 tested grasps, the stream finds 1:")
+    assert note.text.startswith("the recordings have 2 tested grasps, the stream finds 1:")
 
 
 def test_at_high_rates_answers_are_asked_for_twenty_times_a_second(tmp_path):
@@ -321,4 +321,4 @@ def test_predict_stands_beside_the_stream_on_the_same_recordings(three, monkeypa
     whole = Trials(best, labels, labels, np.array(three.recordings), 5)
     rows, (note,) = answer_live(Stream, three, frames, whole, recipe())
     assert rows[-1]["answer"] == "predict" and rows[-1]["error"] == 0
-    assert note.text == "2 of 3 recordings, evenly chosen, were answered as a stream"
+    assert note.text.startswith("2 of 3 recordings, evenly chosen, were answered")

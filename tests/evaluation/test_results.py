@@ -1,5 +1,5 @@
-"""The files of an evaluation, its row in MLflow and its lines of text, of trials whose numbers are
-known.
+"""The files of an evaluation, its row in MLflow and its lines of text, for trials with known
+numbers.
 """
 
 import csv
@@ -44,8 +44,8 @@ TIMING = costs(LATENCY, RECORDS, 50.0, 1000.0)
 
 @pytest.fixture
 def evaluation():
-    """Two trials of four anchors: three and two of them right by object, two and one by recording;
-    two recordings.
+    """Return two trials of four anchors and two recordings. By object three and two answers are
+    right, by recording two and one.
     """
     answers = {
         "object": [[0, 0, 1, 2], [0, 2, 1, 2]],
@@ -186,7 +186,7 @@ def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation)
     assert scores == pytest.approx(expected | {"peak_mb": 1300.5})  # of the hungriest stage
     whole = [metrics["whole"]["error"][name] for name in ("mean", "low", "high")]
     assert description(run, "glove · best") == (
-        f"**glove · best**: {percent_interval(*whole)} % of whole recordings wrong, "
+        f"**glove · best**: {percent_interval(*whole)} % of whole recordings are wrong, "
         "1,297 s.\n\n`tactile-viewgcn report 12ab`"
     )
     assert [metric for metric in row.metrics if metric[2] > 0] == [

@@ -1,6 +1,4 @@
-"""Trials of classifiers with chosen answers: the view sets that a classifier sees, and the scores
-of its answers.
-"""
+"""Trials of classifiers with chosen answers: the view sets that they see, and their scores."""
 
 from itertools import pairwise
 from types import SimpleNamespace
@@ -21,7 +19,7 @@ from tests.glove_data import CPU, fewer_anchors, recipe, table, trained
 
 
 def frames_of(labels, recording=None):
-    """A table of test frames with these labels and recordings, and random points to cluster."""
+    """Return a table of test frames with these labels and recordings, and random points."""
     count, points = len(labels), np.random.default_rng(0).random((len(labels), 5))
     return SimpleNamespace(
         label=labels,
@@ -36,8 +34,8 @@ def frames_of(labels, recording=None):
 
 
 def run(answer, table, values, *changes, views, trials=2, protocol="object", **classifier):
-    """Trials of a classifier that answers view sets by a function of their values, with these
-    attributes.
+    """Return trials of a classifier with these attributes, which answers view sets by a function of
+    their values.
     """
     attributes = {"takes_fewer": False, "views": views} | classifier
     system = SimpleNamespace(view_sets=lambda values, sets: answer(values[sets]), **attributes)
@@ -59,7 +57,7 @@ def test_the_three_best_follow_the_logits_and_ties_go_to_the_lowest_class():
 
 
 def test_each_recording_is_answered_once_from_its_frames_in_their_order():
-    """Of 3 and 6 frames and 1; that of two split groups is two."""
+    """The recordings have 3, 6 and 1 frames; the recording of two split groups counts as two."""
     recording, answers = (
         np.repeat([0, 1, 2], [3, 6, 1]),
         np.array([[2.0, 1.9, 0.0], [0.0, 1.9, 2.0], [2.0, 2.0, 2.0]]),
@@ -88,7 +86,9 @@ def test_fewer_views_are_the_anchor_and_nested_others_of_its_set_and_move_no_oth
 
     def asked_for(takes_fewer):
         def answer(nodes):
-            """Right of all six frames; of the first 5 k anchors where there are k."""
+            """Answers are right if a set has all six frames, and for the first 5 k anchors if it
+            has k frames.
+            """
             frames = nodes[..., 0]
             sets[takes_fewer].append(frames)
             count = frames.shape[1]

@@ -1,4 +1,4 @@
-"""Differences of two runs, beside ones that were computed by hand."""
+"""Differences of two runs, compared with differences that were computed by hand."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ RECORDINGS = np.array([f"{number}-{CLASSES[label]}" for number, label in enumera
 
 
 def run(wrong, *, chosen=slice(None), classes=CLASSES, protocols=(WHOLE,)):
-    """Answers to twelve recordings, of which the numbers in `wrong` are taken for the next object.
+    """Return answers to twelve recordings; the recordings in `wrong` are taken for the next object.
 
     Args:
         wrong: numbers of recordings.
@@ -34,65 +34,66 @@ def run(wrong, *, chosen=slice(None), classes=CLASSES, protocols=(WHOLE,)):
 
 
 def test_a_known_difference_has_the_interval_of_a_bootstrap_by_hand():
-    (found,) = differences(run([0, 1, 2, 4, 5]), run([0, 8]))
-    assert (found.protocol, found.groups, found.same) == (WHOLE, 12, False)
-    assert (found.first, found.second) == pytest.approx((5 / 12, 2 / 12))
-    assert found.more == pytest.approx(-3 / 12)
+    (difference,) = differences(run([0, 1, 2, 4, 5]), run([0, 8]))
+    assert (difference.protocol, difference.groups, difference.same) == (WHOLE, 12, False)
+    assert (difference.first, difference.second) == pytest.approx((5 / 12, 2 / 12))
+    assert difference.more == pytest.approx(-3 / 12)
     # of twelve recordings four became right, one wrong
     changes = np.array([0, -1, -1, 0, -1, -1, 0, 0, 1, 0, 0, 0])
     rng = np.random.default_rng(1)
     means = rng.choice(changes, (100_000, 12)).mean(axis=1)
     low, high = np.percentile(means, [2.5, 97.5])
-    assert (found.low, found.high) == pytest.approx((low, high), abs=0.02)
-    assert found.detects == pytest.approx((found.high - found.low) / 2)
+    assert (difference.low, difference.high) == pytest.approx((low, high), abs=0.02)
+    assert difference.detects == pytest.approx((difference.high - difference.low) / 2)
 
 
 def test_every_protocol_is_compared_and_whole_recordings_come_first():
-    both = [run([0], protocols=TITLES), run([1], protocols=TITLES)]
-    assert [found.protocol for found in differences(*both)] == [WHOLE, "recording", "object"]
+    by_protocol = differences(run([0], protocols=TITLES), run([1], protocols=TITLES))
+    protocols = [difference.protocol for difference in by_protocol]
+    assert protocols == [WHOLE, "recording", "object"]
 
 
 @pytest.mark.parametrize(
     ("first", "second", "words"),
     [
         ([0, 1], [0, 1], "both give the same answers"),
-        ([0, 1], [0, 2], "cannot be told apart; this test set shows differences of 2"),
+        ([0, 1], [0, 2], "undecided; this test set shows differences of 2"),
         (range(10), [], "B has the lower error"),
         ([], range(10), "B has the higher error"),
     ],
 )
 def test_the_verdict_in_words(first, second, words):
-    (found,) = differences(run(first), run(second))
-    assert found.verdict("B").startswith(words)
+    (difference,) = differences(run(first), run(second))
+    assert difference.verdict("B").startswith(words)
 
 
 def test_other_answers_that_are_wrong_on_the_same_recordings_have_no_threshold():
     first, second = run([0, 4]), run([0, 4])
     second.trials[WHOLE].best[0, 4, 0] = 0  # pen for mug becomes cup for mug
-    (found,) = differences(first, second)
-    assert not found.same and (found.low, found.high) == (0, 0)
-    assert found.verdict("B") == "both are wrong as often on every recording"
+    (difference,) = differences(first, second)
+    assert not difference.same and (difference.low, difference.high) == (0, 0)
+    assert difference.verdict("B") == "both are wrong equally often on every recording"
 
 
 def test_equal_errors_on_other_recordings_are_not_the_same_answers():
-    (found,) = differences(run([0]), run([1]))
-    assert (found.more, found.same) == (0, False)
+    (difference,) = differences(run([0]), run([1]))
+    assert (difference.more, difference.same) == (0, False)
 
 
 def test_only_common_recordings_count_and_classes_are_compared_by_name():
     fewer = run([0, 1], chosen=slice(0, 8), classes=np.array(["pen", "mug", "cup"]))
-    (found,) = differences(run([0, 11]), fewer)
-    assert found.groups == 8
-    assert (found.first, found.second) == pytest.approx((1 / 8, 2 / 8))
+    (difference,) = differences(run([0, 11]), fewer)
+    assert difference.groups == 8
+    assert (difference.first, difference.second) == pytest.approx((1 / 8, 2 / 8))
     with pytest.raises(UserError, match="whole recordings: the runs have no recording in common"):
         differences(run([], chosen=slice(0, 4)), run([], chosen=slice(4, 12)))
 
 
 def test_one_split_group_has_no_interval():
     one = run([0], chosen=slice(0, 1))
-    (found,) = differences(one, run([], chosen=slice(0, 1)))
-    assert (found.low, found.detects) == (None, None)
-    assert "says nothing" in found.verdict("B")
+    (difference,) = differences(one, run([], chosen=slice(0, 1)))
+    assert (difference.low, difference.detects) == (None, None)
+    assert "says nothing" in difference.verdict("B")
 
 
 def test_answers_of_a_group_are_resampled_together():
@@ -109,7 +110,7 @@ def test_the_objects_that_changed_most_come_first():
 
 
 def finished(answers, *, folds=3, md5="ab", chosen=slice(None), **changed):
-    """A finished run of these answers, with parameters that differ from the commit."""
+    """Return a finished run with these answers, and with parameters that differ from the commit."""
     params = {"values": {"split.folds": folds, "views": 8} | changed, "changed": changed}
     ingest = Record("ingest", inputs={"source": {"path": "glove", "md5": md5}})
     commit = {"mlflow.source.git.commit": "1234567890"}
@@ -124,7 +125,7 @@ def finished(answers, *, folds=3, md5="ab", chosen=slice(None), **changed):
 
 @pytest.fixture
 def head(monkeypatch):
-    """What the workspace's commit has: five wrong answers to twelve recordings."""
+    """Return the run of the workspace's commit, with five wrong answers to twelve recordings."""
     made = finished([0, 1, 2, 4, 5])
     monkeypatch.setattr(versus, "read_run", lambda name, fetch: made)
     return made
@@ -142,9 +143,9 @@ def test_a_run_is_put_beside_that_of_its_commit(head, changed, words):
     assert beside.numbers == {name: -3 / 12, f"{name}.low": low, f"{name}.high": high}
     assert low < -3 / 12 < high
     assert beside.text.startswith(
-        f"{words} whole recordings are wrong, in the run of commit 1234567 41.7 %; -25.0 points ("
+        f"{words} whole recordings are wrong, and 41.7 % in the run of commit 1234567; -25.0 "
     )
-    assert "cannot be told apart" in beside.text
+    assert ": undecided; " in beside.text
 
 
 @pytest.mark.parametrize(
@@ -168,3 +169,16 @@ def test_a_commit_without_results_costs_nothing_but_the_comparison(monkeypatch, 
 
     monkeypatch.setattr(versus, "read_run", read)
     assert versus.versus_head(finished([0], views=12)) is None
+
+
+@pytest.mark.parametrize(
+    ("experiment", "beside", "line"),
+    [
+        ({}, None, "tactile-viewgcn report"),
+        ({"dvc.experiment": "brave-mug"}, None, "tactile-viewgcn report"),
+        ({}, versus.VersusHead(None, "views"), "tactile-viewgcn compare"),
+        ({"dvc.experiment": "a b"}, versus.VersusHead(None, ""), "tactile-viewgcn compare 'a b'"),
+    ],
+)
+def test_a_run_that_can_be_compared_says_how(experiment, beside, line):
+    assert versus.next_line(Record("evaluate", origin=experiment), beside) == line

@@ -10,13 +10,9 @@ import pytest
 
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.messages import warnings_of
-from tactile_viewgcn.pages.inspection import (
-    WIDTH,
-    command_lines,
-    inspection_lines,
-    verdict,
-    warnings,
-)
+from tactile_viewgcn.pages.inspection import WIDTH, inspection_lines
+from tactile_viewgcn.pages.inspection_commands import command_lines
+from tactile_viewgcn.pages.inspection_facts import verdict, warnings
 from tactile_viewgcn.pages.source_inspection import inspect_source
 from tactile_viewgcn.params import load
 from tactile_viewgcn.readers.source import Form

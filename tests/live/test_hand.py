@@ -1,4 +1,4 @@
-"""The hand in a stream: when it waits, is ready and holds, on frames whose state is known."""
+"""The hand in a stream: when it waits, is ready and holds, for frames whose state is known."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ SENSORS = 6  # fewest in a frame of contact, of the classifiers of these tests
 
 
 def plan_of(*, shows_open_hand=True, kept_share=0.5, **settings):
-    """The plan of the three objects' classifier, with other settings."""
+    """Return the plan of the three objects' classifier, with other settings."""
     plan = recogniser().plan
     return replace(
         plan,
@@ -26,7 +26,7 @@ def plan_of(*, shows_open_hand=True, kept_share=0.5, **settings):
 
 
 def followed(plan, frames, **options):
-    """The state after each frame as letters, and which frames were found to be in contact."""
+    """Return the state after each frame as letters, and which frames are in contact."""
     hand = hand_of(plan, frames[0], **options)
     states = ""
     in_contact = np.zeros(len(frames), dtype=bool)
@@ -47,7 +47,7 @@ def test_a_hand_waits_for_five_open_frames_and_a_grasp_ends_with_the_fifth_after
 @pytest.mark.parametrize("name", ["ball", "cup", "pen"])
 @pytest.mark.parametrize("baseline", ["empty_hand", "grasp"])
 def test_contact_and_baseline_are_those_of_apply_where_the_hand_opens_first(name, baseline):
-    """Of `grasp` they are the same numbers; `empty_hand` is the mean of the frames after it too."""
+    """With `grasp` the numbers are equal; `empty_hand` also averages frames after the grasp."""
     plan = plan_of(baseline=baseline)
     frames = recording(name, 81)
     _, in_contact, hand = followed(plan, frames[:45])
@@ -61,7 +61,7 @@ def test_contact_and_baseline_are_those_of_apply_where_the_hand_opens_first(name
 
 
 def test_frames_of_a_closing_hand_are_in_contact_if_the_mean_of_the_open_hand_says_so():
-    """A weak press of all sensors of an object, which the baseline that follows partly takes up."""
+    """All sensors of an object are pressed weakly, and the baseline partly follows them."""
     frames = recording("pen", 82, before=40, held=6, after=0)
     mean = frames[:38].mean(axis=0)
     threshold = CONTACT_SIGMAS * recogniser().plan.noise
@@ -94,7 +94,7 @@ def test_a_hand_that_was_not_open_where_the_baseline_began_is_looked_for_anew():
 
 
 def test_the_baseline_follows_an_open_hand_that_drifts():
-    """By twelve counts in 1,200 frames, more than twice the threshold of five."""
+    """The sensors drift by twelve counts in 1,200 frames, more than twice the threshold of five."""
     drift = np.rint(np.linspace(0, 12, 1240))[:, None, None].astype(np.int16)
     frames = recording("pen", 86, before=1200, held=20, after=20) + drift
     states, in_contact, hand = followed(plan_of(), frames[:1210])
@@ -127,7 +127,7 @@ def test_after_a_grasp_that_is_closed_early_the_hand_waits_until_it_is_open():
 
 
 def test_begun_anew_a_hand_that_goes_on_holding_is_not_open():
-    """Though it holds so steadily that its frames read alike."""
+    """The hand holds so steadily that its frames read alike."""
     frames = np.repeat(recording("pen", 88, before=0, held=1, after=0), 30, axis=0)
     frames = np.concatenate([recording("pen", 88, before=12, held=5, after=0), frames])
     hand = hand_of(plan_of(), frames[0])
@@ -143,7 +143,7 @@ def test_begun_anew_a_hand_that_goes_on_holding_is_not_open():
 
 
 def test_a_hand_that_is_neither_in_contact_nor_open_for_long_ends_its_grasp():
-    """As a glove that goes on reading a little after it has let go."""
+    """Such a glove goes on reading a little after the hand has let go."""
     frames = recording("pen", 90, before=12, held=8, after=80)
     frames[20:, pressed("pen")] += 4
     plan = replace(plan_of(), noise=np.full(SHAPE, 1.15))  # contact from 5.75 counts on
@@ -190,7 +190,7 @@ def test_where_every_frame_counts_nothing_but_an_open_hand_at_first_is_waited_fo
 
 
 def test_without_the_training_s_noise_the_first_frames_show_it():
-    """A plan without a baseline, whose filter was the source's flags."""
+    """Return a plan without a baseline, whose filter was the flags of the source."""
     plan = plan_of(baseline="none", filter="flags", zero=7.0)
     plan = replace(plan, noise=np.full(SHAPE, np.nan))
     frames = recording("pen", 93, before=40, held=9, after=8)

@@ -1,4 +1,4 @@
-"""Lines as frames: what columns are, and which lines are no frames."""
+"""Lines as frames: what the columns hold, and which lines are no frames."""
 
 from contextlib import suppress
 
@@ -15,7 +15,7 @@ NAMES = ["thumb", "index", "palm"]
 
 
 def frames(lines, sensors=NAMES, shape=(1, 3)):
-    """The readings and times of the lines that are frames, and all notes."""
+    """Return the readings and times of the lines that are frames, and all notes."""
     reader = FrameLines(shape, sensors)
     found = [reader.frame(line.encode()) for line in lines]
     rows = [(frame.counts.ravel().tolist(), frame.time) for frame in found if frame is not None]
@@ -123,7 +123,7 @@ def test_a_time_that_is_no_number_makes_a_line_no_frame():
     ],
 )
 def test_columns_without_a_sensor_of_the_model_end_the_input(lines, message):
-    """Else the readings of other sensors would be answered."""
+    """Otherwise the readings of other sensors would be answered."""
     reader = FrameLines((1, 3), NAMES)
     with pytest.raises(UserError, match=message) as error:
         for line in lines:
@@ -145,7 +145,7 @@ def test_without_names_in_the_model_a_line_of_words_names_as_many_columns_once()
 
 
 def results(lines, sensors=NAMES):
-    """Of each line the readings, None for no frame, or the message of its error."""
+    """Return for each line the readings, None if it is no frame, or the message of its error."""
     reader = FrameLines((1, 3), sensors)
     found = []
     for line in lines:

@@ -1,4 +1,4 @@
-"""The command `live`: a bad input is one line with its number, and the stream goes on or ends."""
+"""The command `live`: a bad input is one line with its number; the stream goes on or ends."""
 
 import json
 import os
@@ -32,13 +32,13 @@ NUMBERED = "the sensor in row 1, column 2 reads"
 
 
 def with_cell(line, cell):
-    """The line with another second cell."""
+    """Return the line with another second cell."""
     first, _, *others = line.split(",")
     return ",".join([first, cell, *others])
 
 
 class Pipe:
-    """Gives bytes in parts, as `os.read` does."""
+    """Gives bytes in parts, like `os.read`."""
 
     def __init__(self, *parts):
         self.parts = list(parts)
@@ -55,7 +55,7 @@ class Pipe:
 
 
 def run(*parts, model=None, as_json=True, skips=False, **options):
-    """The exit code, what was printed, and the lines on standard error, of lines or bytes."""
+    """Return the exit code, the output, and the lines on standard error, for lines or bytes."""
     model = model or recogniser()
     printed, errors = [], []
     data = [part if isinstance(part, bytes | float) else text_of(part) for part in parts]
@@ -244,7 +244,7 @@ def test_without_times_the_seconds_are_those_between_the_lines():
 
 @pytest.fixture(scope="module")
 def named():
-    """A recogniser of channels that have names."""
+    """Return a recogniser of channels that have names."""
     rng = np.random.default_rng(0)
     X = []
     for number in range(12):
@@ -291,7 +291,7 @@ def test_lines_of_text_show_changes_of_the_state_and_the_object():
 
 
 def command(path, *words, **options):
-    """The command as a process of its own, which reads a pipe."""
+    """Start the command as a process of its own, which reads a pipe."""
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     pipe = subprocess.PIPE
     return subprocess.Popen(

@@ -1,4 +1,4 @@
-"""The manual's programs for a serial port and for UDP, each with what it is made for."""
+"""Runs the manual's programs for a serial port and for UDP with what they are made for."""
 
 import os
 import re
@@ -19,7 +19,7 @@ LOCAL_MODES = 3  # index into what tcgetattr returns
 
 
 def begun(library, folder, *words):
-    """The manual's program that imports a library, begun."""
+    """Start the manual's program that imports a library."""
     programs = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.MULTILINE | re.DOTALL)
     (program,) = (text for text in programs if f"\nimport {library}\n" in text)
     (folder / "program.py").write_text(program)
@@ -32,19 +32,21 @@ def begun(library, folder, *words):
 
 
 def has_printed(process, seconds):
-    """Whether the program prints within so many seconds; all that it printed before was read."""
+    """Return whether the program prints within this number of seconds; earlier output was read
+    before.
+    """
     return bool(select.select([process.stdout], [], [], seconds)[0])
 
 
 def until_heard(process, send):
-    """Send until the program prints: before that nobody listens."""
+    """Send until the program prints, since nobody listens before that."""
     while not has_printed(process, 0.05):
         assert process.poll() is None, process.stderr.read()
         send()
 
 
 def check_end(process):
-    """Ctrl-C ends the program without a word."""
+    """Ctrl-C ends the program without a message."""
     process.send_signal(signal.SIGINT)
     assert process.stderr.read() == "" and process.wait() == -signal.SIGINT
 

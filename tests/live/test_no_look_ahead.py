@@ -1,4 +1,4 @@
-"""What a stream gives up to a frame does not depend on the frames that follow, with any system."""
+"""The answers of a stream up to a frame do not depend on later frames, with any system."""
 
 from typing import get_args
 
@@ -39,7 +39,7 @@ GRASPS = np.concatenate(
 
 
 def told(updates):
-    """Updates as values that are equal only if every digit is."""
+    """Return updates as values that are equal only if every digit is equal."""
     return [
         (
             *(update.state, update.frame, update.time, update.object, update.probability),
@@ -51,7 +51,7 @@ def told(updates):
 
 
 def pushed(stream, frames):
-    """What each frame brought, and the end of the input."""
+    """Return what each frame changed, and what the end of the input changed."""
     rows = [stream.push(counts, number / 10) for number, counts in enumerate(frames)]
     return [told(row) for row in rows] + [told(stream.close())]
 

@@ -24,7 +24,7 @@ LOGGED = """timestamp,thumb,index
 
 
 class Clock:
-    """Stands in for the module `time`; sleeping passes the time at once."""
+    """Replaces the module `time`; sleeping lets the time pass at once."""
 
     def __init__(self):
         self.now = 100.0
@@ -37,7 +37,7 @@ class Clock:
 
 
 def played(source, monkeypatch, *, speed=1.0, name=None):
-    """The lines of a recording, the seconds at which they were printed, and the remark."""
+    """Return the lines of a recording, the seconds at which they were printed, and the note."""
     clock = Clock()
     monkeypatch.setattr(module, "time", clock)
     lines, seconds, notes = [], [], []
@@ -130,7 +130,7 @@ def test_a_speed_that_is_none_is_refused(tmp_path, monkeypatch, speed):
 
 
 def command(source, *words, stdout):
-    """The command `replay`, begun."""
+    """Start the command `replay`."""
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     return subprocess.Popen(
         [sys.executable, "-m", "tactile_viewgcn", "replay", str(source), *words],

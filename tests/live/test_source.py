@@ -6,7 +6,7 @@ from tactile_viewgcn.live.source import LONGEST_LINE, LineSource
 
 
 def read(parts, pause=0.0):
-    """A function that returns the parts in turn."""
+    """Return a function that returns the parts in turn."""
     rest = iter(parts)
 
     def next_part(_):
@@ -32,7 +32,7 @@ def test_parts_are_joined_at_the_ends_of_the_lines():
 
 
 def test_a_line_that_goes_on_for_long_is_kept_up_to_the_limit_in_linear_time():
-    """It is quadratic where each read copies the line so far."""
+    """The time would be quadratic if each read copied the line so far."""
     parts = 8192 * [b"1" * 4096]
     source = LineSource(read([*parts, b"\n1,2\n"]))
     begin = time.process_time()

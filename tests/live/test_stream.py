@@ -1,4 +1,4 @@
-"""A stream's answers: those of `predict`, early and final ones, and why there is none."""
+"""A stream's answers: the same as of `predict`, early and final answers, and why there is none."""
 
 import tracemalloc
 from dataclasses import replace
@@ -28,7 +28,7 @@ CHANNELS = ROOT / "tests/recognition/model_files/0.4.0_members.pt"
 
 
 def answered(stream, frames, **options):
-    """All updates on frames that are pushed one by one, the end of the input included."""
+    """Return all updates for frames that are pushed one by one, and for the end of the input."""
     updates = []
     for counts in frames:
         updates += stream.push(counts, **options)
@@ -58,7 +58,7 @@ def test_a_grasp_after_an_open_hand_has_the_final_probabilities_of_predict(name,
 
 @pytest.mark.parametrize("name", OBJECTS)
 def test_the_baseline_of_a_session_is_that_of_the_frames_so_far(name):
-    """`predict` has the mean of the open hand after the grasp too, and its noise."""
+    """`predict` also uses the open hand after the grasp, for the mean and for the noise."""
     frames = recording(name, 101)
     (final,) = finals(answered(recogniser().stream(), frames))
     expected = answer_of(recogniser(), frames).probabilities
@@ -162,7 +162,7 @@ def test_the_end_of_the_input_in_a_grasp_is_its_end_and_the_next_frame_begins_an
 
 
 def test_what_reads_as_little_as_an_empty_hand_has_no_answer():
-    """A touch of ten counts; in the training the weakest object presses by more than thirty."""
+    """The touch has ten counts; in the training the weakest object presses by more than thirty."""
     frames = empty_hand(112)
     frames[20:26, pressed("pen")] += 7
     updates = answered(recogniser().stream(), frames)
@@ -257,7 +257,7 @@ def test_a_frame_that_is_none_is_refused_and_nothing_of_it_is_taken(frames, mess
 
 @pytest.mark.parametrize("longest", [1, 3, 5, 7])
 def test_where_every_frame_counts_each_is_of_an_answered_grasp(longest):
-    """Those of the open hand at the beginning, which are found five at once, are too."""
+    """The frames of the open hand at the beginning, which are found five at a time, count too."""
     model = recogniser("preprocess.filter=none", GRASP)
     assert not model.separates_grasps and recogniser(GRASP).separates_grasps
     frames = recording("cup", 130, before=12, held=8, after=8)
@@ -284,7 +284,7 @@ def test_where_every_frame_counts_a_sure_answer_waits_for_an_open_hand():
 
 @pytest.mark.parametrize("dtype", [np.int16, np.float64])
 def test_an_array_that_is_reused_for_each_frame_is_copied(dtype):
-    """As a program does that reads into one buffer."""
+    """A program can do this if it reads into one buffer."""
     frames = recording("cup", 130, before=12, held=8, after=8).astype(dtype)
     buffer = np.zeros_like(frames[0])
     stream = recogniser().stream()

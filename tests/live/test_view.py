@@ -13,13 +13,13 @@ HELD = Update("answer", 41, 4.1, "mug", 0.62, np.array([0.38, 0.62], np.float32)
 
 
 def columns(text):
-    """The columns of a terminal that a text takes, whose letters are all wide or narrow."""
+    """Return the columns of a terminal that a text takes, whose letters are all wide or narrow."""
     return sum(2 if "\u4e00" <= letter <= "\u9fff" else 1 for letter in text)
 
 
 @pytest.fixture
 def clock(monkeypatch):
-    """Stands in for the module `time`; its attribute `now` is the time."""
+    """Replaces the module `time`; its attribute `now` is the time."""
 
     class Clock:
         now = 100.0

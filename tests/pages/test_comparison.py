@@ -13,7 +13,7 @@ SECONDS = {"pretrain": 10.0, "evaluate": 2.0, "total": 12.0}
 
 
 def run(name, answers, *, md5="ab", **changes):
-    """A finished run of that name.
+    """Return a finished run of that name.
 
     Args:
         name: of the run.
@@ -35,7 +35,7 @@ def test_what_differs_and_whether_it_can_be_told():
     second = run("second", worse, views=4)
     second.timing["seconds"] = SECONDS | {"pretrain": 7.5}
     lines = comparison_lines(first, second)
-    assert lines[0] == "second against first, 36 split groups in common"
+    assert lines[0] == "second compared with first, 36 split groups in common"
     assert "  views=8 -> 4" in lines
     whole = lines[lines.index("") + 1 :]
     assert whole[0].startswith("whole recordings") and "0.0 -> 33.3 %  +33.3 points (" in whole[0]
@@ -47,7 +47,7 @@ def test_what_differs_and_whether_it_can_be_told():
 
 def test_the_same_run_twice_has_no_difference():
     lines = comparison_lines(run("", RIGHT), run("again", RIGHT))
-    assert lines[0] == "again against the workspace, 36 split groups in common"
+    assert lines[0] == "again compared with the workspace, 36 split groups in common"
     assert lines[1] == "  all parameters are equal" and "  both give the same answers" in lines
     assert not any("changed most" in line for line in lines)
 
@@ -55,10 +55,10 @@ def test_the_same_run_twice_has_no_difference():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"md5": "cd"}, "other recordings.*the files of data.source have changed"),
-        ({"md5": "cd", "glove_seed": 1}, "other recordings.*glove.seed=null and 1"),
-        ({"split_folds": 4}, "other parts of the recordings: split.folds=3 and 4"),
-        ({"evaluate_side": "validation"}, "other parts of the recordings: evaluate.side="),
+        ({"md5": "cd"}, "different recordings.*the files of data.source have changed"),
+        ({"md5": "cd", "glove_seed": 1}, "different recordings.*glove.seed=null and 1"),
+        ({"split_folds": 4}, "different parts of the recordings: split.folds=3 and 4"),
+        ({"evaluate_side": "validation"}, "different parts of the recordings: evaluate.side="),
     ],
 )
 def test_runs_on_other_recordings_or_another_split_are_refused_in_one_line(changes, words):
@@ -68,19 +68,19 @@ def test_runs_on_other_recordings_or_another_split_are_refused_in_one_line(chang
 
 
 def test_a_is_the_commit_or_without_its_results_the_workspace(monkeypatch):
-    here = {"", "HEAD", "best"}
+    here = {"workspace", "HEAD", "best"}
 
-    def read(name=""):
+    def read(name):
         if name not in here:
             raise UserError(f"{name}: no runs/ingest.json")
         return name
 
     monkeypatch.setattr(comparison, "read_run", read)
-    assert read_both([]) == ("HEAD", "")
+    assert read_both([]) == ("HEAD", "workspace")
     assert read_both(["best"]) == ("HEAD", "best")
-    assert read_both(["workspace", "best"]) == ("", "best")
+    assert read_both(["workspace", "best"]) == ("workspace", "best")
     here.remove("HEAD")
-    assert read_both(["best"]) == ("", "best")
+    assert read_both(["best"]) == ("workspace", "best")
     with pytest.raises(UserError, match="the workspace's commit are not here"):
         read_both([])
     with pytest.raises(UserError, match="worst: no runs"):

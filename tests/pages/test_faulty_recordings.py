@@ -1,6 +1,4 @@
-"""Recordings with a known fault, as `inspect` shows them: what is at fault is named, and sound
-recordings are not.
-"""
+"""Recordings with a known fault, as `inspect` shows them: it names the faulty recordings only."""
 
 import warnings
 
@@ -17,7 +15,7 @@ NAMES = [f"s{number}" for number in range(6)]
 
 
 def sound(rng, label, *, frames=60):
-    """A recording (T, 6): two sensors of the object's are pressed in the middle."""
+    """Return a recording (T, 6); two sensors of the object are pressed in the middle."""
     readings = 500 + rng.normal(0, 1, (frames, 6))
     readings[frames // 4 : frames // 4 * 3, 2 * label : 2 * label + 2] += rng.uniform(20, 60, 2)
     return readings
@@ -101,14 +99,14 @@ COLUMNS[since_the_start] = "tRel"
 
 
 def inspected(folder):
-    """What `inspect` prints of a folder, in one line; its own lines alone, without the command."""
+    """Return what `inspect` prints of a folder, in one line, without the command."""
     result = CliRunner().invoke(cli, ["inspect", str(folder)], catch_exceptions=False)
     assert result.exit_code == 0
     return " ".join(result.output.partition("To use")[0].split())
 
 
 def saved(folder, fault=unchanged, columns=None):
-    """Eighteen recordings with that fault, as tables in a folder for each object."""
+    """Write eighteen recordings with that fault, as tables in a folder for each object."""
     rng = np.random.default_rng(0)
     for label, name in enumerate(OBJECTS):
         (folder / name).mkdir(parents=True)
@@ -173,8 +171,8 @@ def test_times_in_another_unit_than_seconds_are_asked_about(unit, tmp_path):
 
 
 def windows(rng):
-    """Windows (40, 4) that overlap by half, of three wandering recordings of each object, and their
-    objects.
+    """Return windows (40, 4) that overlap by half, of three wandering recordings of each object,
+    and their objects.
     """
     parts, labels = [], []
     for name in OBJECTS:

@@ -29,8 +29,8 @@ PAGE = """{% extends "page.html" %}
 
 
 def parsed(text):
-    """The tags of a page and the addresses that it names; it is XML, so that every element is
-    closed in order.
+    """Collects the tags of a page and the addresses that it names. The page is XML, so every
+    element is closed in order.
     """
     elements = list(ElementTree.fromstring(text).iter())
     addresses = [
@@ -42,7 +42,7 @@ def parsed(text):
 
 
 def text_of(page):
-    """What a reader sees of a page, in one line."""
+    """Return what a reader sees of a page, in one line."""
     return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]+>", " ", page.partition("<body>")[2])))
 
 

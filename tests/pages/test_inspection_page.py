@@ -1,4 +1,4 @@
-"""The page of an inspection, of a glove whose facts are chosen."""
+"""The page of an inspection, for a glove whose facts are chosen."""
 
 import base64
 import re
@@ -18,17 +18,9 @@ from tactile_viewgcn.messages import Note
 from tactile_viewgcn.pages import channels as channels_module
 from tactile_viewgcn.pages import html, inspection
 from tactile_viewgcn.pages.channels import channel_curves
-from tactile_viewgcn.pages.inspection import (
-    WIDTH,
-    checks,
-    command_lines,
-    each_fold_lines,
-    facts,
-    inspection_lines,
-    inspection_page,
-    verdict,
-    warnings,
-)
+from tactile_viewgcn.pages.inspection import WIDTH, inspection_lines, inspection_page
+from tactile_viewgcn.pages.inspection_commands import command_lines, each_fold_lines
+from tactile_viewgcn.pages.inspection_facts import checks, facts, verdict, warnings
 from tactile_viewgcn.pages.source_inspection import grid_notes, inspect_source, split_settings
 from tactile_viewgcn.params import PreprocessSection, default_params
 from tactile_viewgcn.readers.source import Form
@@ -39,7 +31,9 @@ NAMES = ["Öl & <b>", "mug", "$x$"]
 
 @pytest.fixture(scope="module")
 def overview(tmp_path_factory):
-    """Three objects of 8 x 12 sensors of floats, four recordings each; one sensor is dead."""
+    """Return three objects of 8 x 12 sensors of floats, with four recordings each; one sensor is
+    dead.
+    """
     rng, folder = np.random.default_rng(0), tmp_path_factory.mktemp("glove") / "my glove"
     folder.mkdir()
     load = np.clip(np.sin(np.arange(60) / 60 * 4 * np.pi), 0, None)[:, None, None]
@@ -106,8 +100,8 @@ def test_how_readings_move_is_not_checked_where_every_recording_is_one_frame(ove
 
 @pytest.fixture(scope="module")
 def channels(tmp_path_factory):
-    """Three objects, four recordings each, of five channels of unlike unit, one of which has no
-    name.
+    """Return three objects with four recordings each, of five channels in different units; one
+    channel has no name.
     """
     rng, folder = np.random.default_rng(0), tmp_path_factory.mktemp("glove") / "channels"
     scale = np.array([100, 60, 30, 0.1, 0.002])
@@ -186,14 +180,14 @@ def test_outside_a_clone_the_first_thing_to_do_is_to_go_to_one(overview, tmp_pat
 
 
 def changed(overview, **facts):
-    """The overview of recordings with other facts."""
+    """Return the overview of recordings with other facts."""
     other = copy(overview)
     vars(other).update(facts)
     return other
 
 
 def with_groups(overview, groups, **facts):
-    """The same with other numbers of groups, and the split recommended for them."""
+    """Return the same overview with other numbers of groups, and the split recommended for them."""
     groups = {by: np.array(numbers) for by, numbers in groups.items()}
     others = [note for note in overview.settings if not note.key.startswith("split.")]
     return changed(overview, groups=groups, settings=[*others, *split_settings(groups)], **facts)

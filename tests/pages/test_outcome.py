@@ -1,4 +1,4 @@
-"""The worth of a run's answers, and the next steps, of runs with chosen answers."""
+"""The verdict on a run's answers, and the next steps, for runs with chosen answers."""
 
 from dataclasses import replace
 
@@ -8,8 +8,15 @@ import pytest
 from tactile_viewgcn.evaluation.evaluate import scores_of
 from tactile_viewgcn.evaluation.finished_run import FinishedRun, read_run
 from tactile_viewgcn.evaluation.trials import WHOLE, Predictions, Trials
+from tactile_viewgcn.evaluation.versus import VERSUS
 from tactile_viewgcn.messages import Note, UserError
-from tactile_viewgcn.pages.run_page import next_steps, run_checks, verdict
+from tactile_viewgcn.pages.run_page import (
+    next_steps,
+    page_path,
+    report_lines,
+    run_checks,
+    verdict,
+)
 from tests.records import RECORD
 
 NAMES = ["ball", "cup", "pen"]
@@ -25,13 +32,13 @@ PREDICT = "tactile-viewgcn predict models/classifier.pt NEW_RECORDINGS"
 
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path, monkeypatch):
-    """A folder without params.yaml, in which each test runs."""
+    """Change to a folder without params.yaml, in which each test runs."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 def finished(answers, *, notes=(), **changes):
-    """A run of three objects with as many test recordings each as `answers` has columns.
+    """Return a run of three objects; each has as many test recordings as `answers` has columns.
 
     Args:
         answers: of each object, the answer to each of its recordings.
@@ -67,7 +74,7 @@ def finished(answers, *, notes=(), **changes):
 
 
 def advice(run):
-    """The verdict, what to do, and the commands."""
+    """Return the verdict, what to do, and the commands."""
     steps = next_steps(run)
     return verdict(run), [what for what, _ in steps], "\n".join(command for _, command in steps)
 
@@ -110,7 +117,7 @@ EVERY_FOLD = "-S views=4 -S 'data.source=\"{here}/my glove\"' -S split.by=record
             {"data_layout": "OBJECT/FILE"},
             "open",
             "below",
-            "Ask",
+            "Let the classifier",
             f"{PREDICT} --set data.layout=OBJECT/FILE",
         ),
         (
@@ -172,7 +179,7 @@ def test_a_warning_comes_first_with_the_remedies_that_are_values(elsewhere):
             finished(RIGHT, notes=[note, Note("remark", stage="preprocess")], **changes)
         )
         assert judged.kind == "unsure" and "1 warning below puts it in doubt." in judged.reasons
-        assert steps[0].startswith("Mend") and lines.split("\n")[0] == command
+        assert steps[0].startswith("Correct") and lines.split("\n")[0] == command
 
 
 DOUBTS = [
@@ -214,8 +221,35 @@ def test_a_report_says_which_checks_were_made():
     run.records["preprocess"] = replace(run.records["preprocess"], counts={"leak.error": 0.5})
     outcomes = {check.what: check.outcome for check in run_checks(run)}
     assert outcomes["equal frames at the ends of recordings"] == "nothing found"
-    assert outcomes["objects told without any contact"] == "nothing found"
+    assert outcomes["objects that are recognised without contact"] == "nothing found"
     assert outcomes["times and frame rates"] == "not checked: no times"
+
+
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [
+        ("", "report.html"),
+        ("brave-mug", "report-brave-mug.html"),
+        ("HEAD~1", "report-HEAD-1.html"),
+        ("refs/exps/a b", "report-refs-exps-a-b.html"),
+        ("../runs of/Öl/", "report-runs-of-Öl.html"),
+        ("..", "report-run.html"),
+        ("/far/" + "x" * 300, f"report-{'x' * 60}.html"),
+    ],
+)
+def test_the_page_of_a_named_run_does_not_replace_that_of_the_workspace(name, file):
+    assert str(page_path(name)) == file
+
+
+def test_the_terminal_has_the_difference_from_the_committed_run():
+    note = Note("views=8 -> 4: 16.7 % are wrong", topic=VERSUS)
+    for notes, count in (([note], 1), ([], 0)):
+        run = finished(RIGHT, notes=notes)
+        run.metrics["new_sessions"] = False
+        lines = report_lines(run, "report.html: 9 kB")
+        compared = [line for line in lines if "committed" in line]
+        assert len(compared) == count
+        assert all(line.endswith(note.text) for line in compared)
 
 
 def test_a_report_outside_a_clone_says_to_go_to_one(elsewhere, monkeypatch):

@@ -8,13 +8,12 @@ from tactile_viewgcn.members.member import Member
 
 
 def examples(labels):
-    """Training recordings of three classes."""
+    """Return training recordings of three classes."""
     return SimpleNamespace(labels=np.asarray(labels), classes=3)
 
 
 class KnownAnswers(Member):
-    """Is right about the groups that it was fitted to and wrong about all others, or the other way
-    round.
+    """Is right about the groups that it was fitted to and wrong about all others, or the reverse.
 
     Args:
         groups: (R,) of the recordings.

@@ -1,5 +1,5 @@
-"""A classifier's file that is damaged, or that somebody altered, is refused in one line, and no
-code in it runs.
+"""A classifier's file that is damaged or was altered is refused in one line, and no code in it
+runs.
 """
 
 import hashlib
@@ -71,7 +71,7 @@ for noise in (np.inf, -1.0):
 
 
 def altered(path: Path, system: str, place: str, value) -> Path:
-    """A file of one system on the small glove, with a different value in one place."""
+    """Return a file of one system on the small glove, with a different value in one place."""
     options = SMALL if system == "mvcnn" else ["model.system=sensors", f"model.members=[{system}]"]
     tree = part = torch.load(model_file(path, *options), weights_only=True)
     *keys, last = place.split("/")
@@ -93,7 +93,7 @@ def seal(path: Path) -> None:
 
 
 def refused(path: Path) -> str:
-    """The line with which the recogniser refuses a file."""
+    """Return the line with which the recogniser refuses a file."""
     with pytest.raises(UserError) as error:
         Recogniser(path)
     line = str(error.value)
@@ -116,7 +116,7 @@ CHANGES = (
 
 
 def places_of(part, place=""):
-    """The places of all tensors in a file's content."""
+    """Return the places of all tensors in a file's content."""
     if isinstance(part, torch.Tensor):
         return [place.removeprefix("/")]
     return (
@@ -127,8 +127,8 @@ def places_of(part, place=""):
 
 
 def asked(path):
-    """Probabilities of a grasp, of one without an open hand, and of one of two frames; None of a
-    refused file.
+    """Return the probabilities of a grasp, of a grasp without an open hand, and of a grasp of two
+    frames; None if the file is refused.
     """
     new = (
         recording("cup", 81),
@@ -174,8 +174,8 @@ def test_a_file_with_any_bit_flipped_is_refused(tmp_path):
 
 
 def of_view_sets(model):
-    """Answers of a classifier on the sensors to view sets of each size, of the frames that its file
-    holds.
+    """Return the answers of a classifier on the sensors to view sets of each size, of the frames
+    that its file holds.
     """
     content, classifier = model.content, model.classifier
     read = [
@@ -189,8 +189,8 @@ def of_view_sets(model):
 
 @pytest.mark.parametrize("system", ["trees", "svm", "pooled_kernel"])
 def test_an_altered_estimator_of_view_sets_is_refused_or_answers_alike(tmp_path, system):
-    """As do estimators of whole recordings; a member that reads an order has one of view sets
-    beside it.
+    """Estimators of whole recordings do the same. A member that reads an order also has an
+    estimator of view sets.
     """
     path, rng = tmp_path / "classifier.pt", np.random.default_rng(0)
     tree = torch.load(altered(path, system, "precision", "float32"), weights_only=True)
@@ -212,7 +212,9 @@ def test_an_altered_estimator_of_view_sets_is_refused_or_answers_alike(tmp_path,
 
 @pytest.mark.parametrize("system", ["trees", "svm", "mvcnn"])
 def test_a_file_with_a_single_stored_answer_altered_is_refused(tmp_path, system):
-    """Altered by more than two processors differ in the precision of the training, bfloat16."""
+    """The answers are altered by more than two processors differ in bfloat16, the precision of the
+    training.
+    """
     path = tmp_path / "classifier.pt"
     tree = torch.load(altered(path, system, "precision", "bfloat16"), weights_only=True)
     for place in ("answers", "set_answers"):

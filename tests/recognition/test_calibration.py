@@ -19,7 +19,7 @@ from tests.glove_data import CPU, pretrained, recipe, table, trained, views_of
 
 
 def drawn(true, shape, rng, logits=None):
-    """Logits, and labels drawn with the probabilities softmax(logits / true)."""
+    """Return logits, and labels drawn with the probabilities softmax(logits / true)."""
     logits = 3 * rng.normal(size=shape) if logits is None else logits
     shares = softmax(logits / true, axis=1).cumsum(axis=1)
     return logits, (shares < rng.random(shape[0])[:, None]).sum(axis=1).clip(max=shape[1] - 1)
@@ -32,7 +32,9 @@ def test_the_temperature_is_that_of_the_drawn_labels(true):
 
 
 def test_weights_are_those_of_the_drawn_labels_and_a_member_that_knows_nothing_has_none():
-    """Labels are drawn by the sum of a member, and half of a second one; a third one is noise."""
+    """Labels are drawn by the sum of one member and half of a second member; a third member is
+    noise.
+    """
     rng = np.random.default_rng(0)
     members = rng.normal(size=(3, 20_000, 5))
     _, labels = drawn(1.0, members[0].shape, rng, logits=members[0] + members[1] / 2)
@@ -41,8 +43,8 @@ def test_weights_are_those_of_the_drawn_labels_and_a_member_that_knows_nothing_h
 
 
 def test_answers_that_are_all_right_are_believed_by_laplaces_rule():
-    """Each logit is 6 above the two others: of 8 recordings, all right, 9 in 10 should be, and e^(6
-    / T) is 9 * 2.
+    """Each logit is 6 above the two others. All 8 recordings are right, so 9 in 10 should be, and
+    e^(6 / T) is 9 * 2.
     """
     labels = np.arange(8) % 3
     temperature = fit_temperature(6 * np.eye(3)[labels], labels)
@@ -80,7 +82,7 @@ def test_labels_at_random_get_a_high_temperature_and_a_warning():
 
 
 def test_a_network_s_probabilities_are_as_often_right_as_they_say():
-    """The confidence in recordings of the validation side, and the share of right answers by
+    """Return the confidence in recordings of the validation set, and the share of right answers by
     Laplace's rule.
     """
     frames, network = table("split.validation=0.25"), trained()

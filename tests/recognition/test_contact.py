@@ -1,4 +1,4 @@
-"""Contact and baseline of new recordings, by the preprocessing of a training."""
+"""Contact and baseline of new recordings, by the plan of a training."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ from tests.glove_data import (
 
 
 def one_session(*arrays):
-    """A table of recordings, the last one of a pen and the others of the empty hand."""
+    """Return a table of recordings; the last is of a pen and the others of the empty hand."""
     labels = np.array([0] * (len(arrays) - 1) + [1])
     return of_arrays(arrays, ["empty_hand", "pen"], labels, 0 * labels)
 
@@ -38,8 +38,8 @@ def one_session(*arrays):
     ],
 )
 def test_contact_is_found_as_in_the_training(filtered, baseline, kept, flags, expected):
-    """The open hand of 30 frames, a grasp of 20, the open hand of 10; the flags are of frames 33 to
-    39 alone.
+    """Return the open hand for 30 frames, a grasp for 20 and the open hand for 10; only frames 33
+    to 39 are flagged.
     """
     plan = recogniser().plan
     params = replace(plan.params, filter=filtered, baseline=baseline, zero=123.0)
@@ -57,7 +57,7 @@ def test_contact_is_found_as_in_the_training(filtered, baseline, kept, flags, ex
 
 
 def test_recordings_without_an_open_hand_have_the_baseline_of_their_session_in_the_training():
-    """A third session is none of the training's: it has the mean of all."""
+    """A third session is not in the training set, so it has the mean of all sessions."""
     plan, held = recogniser().plan, recording("pen", 91, before=0, after=0)
     mean = plan.mean_baseline()
     plan = replace(
@@ -70,7 +70,9 @@ def test_recordings_without_an_open_hand_have_the_baseline_of_their_session_in_t
 
 
 def test_a_session_without_a_name_is_none_of_the_training_s():
-    """Such recordings have the mean of all, even if the training had some without a name too."""
+    """Such recordings have the mean of all sessions, even if the training also had some without a
+    name.
+    """
     plan, held = recogniser().plan, recording("pen", 91, before=0, after=0)
     mean = plan.mean_baseline()
     plan = replace(plan, sessions=["", "monday"], baselines=np.stack([mean + 4, mean - 1]))
@@ -93,8 +95,8 @@ def test_five_frames_of_the_empty_hand_are_enough_for_a_baseline(frames):
 
 
 def test_each_grasp_of_a_recording_is_above_the_open_hand_before_it():
-    """The sensors that a cup presses drift by 20 counts before a long open hand, between two grasps
-    of a pen.
+    """The sensors that a cup presses drift by 20 counts before the hand stays open, between two
+    grasps of a pen.
     """
     grasps = np.concatenate([recording("pen", 60, after=2400), recording("pen", 61)]).astype(
         np.float64

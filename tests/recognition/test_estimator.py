@@ -1,5 +1,5 @@
-"""scikit-learn's interface: the pipeline's training and guards, answers of the right form, files
-that others read.
+"""scikit-learn's interface: it trains and warns like the pipeline, gives answers of the right form,
+and writes files that others read.
 """
 
 import pickle
@@ -36,7 +36,7 @@ OPEN = 8  # frames of the open hand at the beginning of a recording
 
 
 def test_channels_are_taken_with_their_frames_first_or_last():
-    """As aeon and sktime give them, an array (n, C, T); as a list of (T, C) the answers are the
+    """X is an array (n, C, T) as aeon and sktime give it; as a list of (T, C) the answers are the
     same.
     """
     label = np.repeat(["a", "b"], 8)
@@ -56,7 +56,7 @@ def test_channels_are_taken_with_their_frames_first_or_last():
 
 
 def grasps(per_object: int = 5, *, seed: int = 0):
-    """Recordings of raw counts, each of an object longer than the one before, and their objects."""
+    """Return recordings of raw counts, each longer than the one before, and their objects."""
     each = [(name, number) for number in range(per_object) for name in OBJECTS]
     seeds = [100 * seed + place for place in range(len(each))]  # no two have frames in common
     recordings = [
@@ -156,7 +156,7 @@ def test_a_row_without_contact_is_the_empty_hand_or_any_object():
 
 
 def test_a_channel_that_is_the_label_and_a_copy_are_warned_of_as_by_ingest():
-    """Of two objects that differ in every channel."""
+    """Return recordings of two objects that differ in every channel."""
     y, rng = np.repeat(["a", "b"], 8), np.random.default_rng(0)
     X = [
         np.hstack(
@@ -179,7 +179,7 @@ def test_a_channel_that_is_the_label_and_a_copy_are_warned_of_as_by_ingest():
 
 
 def test_columns_called_time_or_label_or_left_out_by_name_are_not_read_and_sensors_keep_order():
-    """By the time, or the one left out by its name, alone the objects would be told apart."""
+    """By the time, or by the column left out by its name, the objects could be told apart."""
     label, rng = np.repeat(["a", "b"], 9), np.random.default_rng(0)
 
     def table(number, name):
@@ -223,7 +223,7 @@ def test_columns_called_time_or_label_or_left_out_by_name_are_not_read_and_senso
     ],
 )
 def test_what_fit_takes_predict_takes_and_answers_a_row_each(shape, params):
-    """One array of recordings, also of a single frame each."""
+    """X is one array of recordings, also if each recording is a single frame."""
     label = np.tile(["a", "b"], 12)
     X = np.random.default_rng(0).normal(0, 1, shape) + np.reshape(
         8.0 * (label == "b"), (24, *[1] * (len(shape) - 1))

@@ -1,4 +1,6 @@
-"""What a user of the estimator can get wrong: one line each that names it, and nothing trained."""
+"""What a user of the estimator can get wrong: each mistake is named in one line, and nothing is
+trained.
+"""
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ Y = ["a", "a", "b", "b"]
 
 
 def recordings(count: int = 4) -> list[np.ndarray]:
-    """Recordings (5, 4, 4) of counts above baseline."""
+    """Return recordings (5, 4, 4) of counts above baseline."""
     return list(np.random.default_rng(0).integers(0, 50, (count, 5, 4, 4), dtype=np.int16))
 
 
@@ -60,8 +62,8 @@ IN_FIT = {
 
 
 def one_line(line: str, call, *arguments, **options) -> None:
-    """The call ends in an error that names something; in one line, if it is ours: scikit-learn's
-    may have more.
+    """Check that the call ends in an error that names something. Our errors have one line;
+    scikit-learn's can have more.
     """
     with pytest.raises((ValueError, TypeError), match=line) as error:
         call(*arguments, **options)

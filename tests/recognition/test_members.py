@@ -9,8 +9,8 @@ ALL_CONTACT = {"preprocess.baseline": "none", "preprocess.zero": 0, "preprocess.
 
 
 def frames(count, shape, seed=0, length=1):
-    """Recordings of `length` frames of three objects, which press different sensors, and their
-    labels.
+    """Return recordings of `length` frames of three objects, which press different sensors, and
+    their labels.
     """
     rng = np.random.default_rng(seed)
     patterns = np.random.default_rng(9).random((3, *shape)) < 0.3

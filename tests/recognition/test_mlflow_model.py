@@ -1,5 +1,5 @@
-"""The recogniser as an MLflow model: called as MLflow calls it, asked as its server is, and in a
-process of its own.
+"""The recogniser as an MLflow model: called as MLflow and its server call it, and in a process of
+its own.
 """
 
 import json
@@ -36,14 +36,14 @@ def checkpoint(tmp_path_factory) -> Path:
 
 
 def changed(value) -> list:
-    """The recordings as nested lists, with a different value in one place."""
+    """Return the recordings as nested lists, with a different value in one place."""
     counts = [recording.tolist() for recording in RECORDINGS]
     counts[1][2][3][4] = value
     return counts
 
 
 def objects(recordings: list) -> np.ndarray:
-    """Recordings as an array of objects, as MLflow's server gives them."""
+    """Return recordings as an array of objects, as MLflow's server gives them."""
     return np.array(recordings, dtype=object)
 
 
@@ -135,8 +135,8 @@ def test_a_mistake_is_one_line_that_mlflow_s_server_answers_with_status_400(chec
 
 @pytest.mark.slow
 def test_a_registered_model_answers_in_a_process_of_its_own(checkpoint, store, client):
-    """PYTHONPATH is empty: the model brings its code. MLflow reads the file as its server reads a
-    request's body.
+    """PYTHONPATH is empty, since the model brings its code. MLflow reads the file as its server
+    reads the body of a request.
     """
     with tracking.stage_run(Record("evaluate")) as run:
         address = run.model("classifier", checkpoint, METADATA)

@@ -1,4 +1,4 @@
-"""A model file of the version before is read; one of an unknown format is refused in one line."""
+"""A model file of the previous version is read; an unknown format is refused in one line."""
 
 from pathlib import Path
 
@@ -36,7 +36,7 @@ EARLIER = {
 
 
 def touched(label, seed):
-    """Counts (12, 1, 6) of the ball, the cup or the pen: each presses two of six sensors."""
+    """Return counts (12, 1, 6) of the ball, the cup or the pen; each presses two of six sensors."""
     counts = np.random.default_rng([seed, label]).normal(0, 1, (12, 6))
     counts[:, 2 * label : 2 * label + 2] += 30
     return np.rint(counts).astype(np.int16)[:, None]
@@ -66,7 +66,7 @@ def test_every_format_before_this_one_has_an_upgrade():
 
 
 def changed(path, **values):
-    """A model file with some values changed."""
+    """Return a model file with some values changed."""
     torch.save(torch.load(model_file(path), weights_only=True) | values, path)
     seal(path)
     return path

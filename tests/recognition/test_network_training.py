@@ -1,5 +1,5 @@
-"""The network among the members: all its trainings or none, decided by counted work, and calibrated
-in either case.
+"""The network among the members: all its training runs are made or none, by counted work, and its
+answers are calibrated in either case.
 """
 
 import numpy as np
@@ -51,7 +51,9 @@ def test_the_member_is_the_preset_s_network():
 
 
 def test_the_work_is_the_anchors_readings_in_every_epoch_of_every_training():
-    """Two folds of three of 20 recordings, each with 12 frames of 12 x 12, half of them anchors."""
+    """Return two folds of three of 20 recordings, each with 12 frames of 12 x 12, half of them
+    anchors.
+    """
     frames = table(FOLDS)
     halved = frames.with_columns(anchor=np.arange(len(frames)) % 2 == 0)
     made = training(halved)
@@ -73,7 +75,9 @@ def names(one):
 
 
 def dealt():
-    """The frames with wrong labels in every third recording, so that every member errs."""
+    """Return the frames with wrong labels in every third recording, so that every member is
+    sometimes wrong.
+    """
     frames = table(FOLDS)
     label = np.where(frames.recording % 3 == 0, frames.label // 2, frames.label)
     return frames.with_columns(label=label)
@@ -81,7 +85,7 @@ def dealt():
 
 @pytest.fixture
 def trained(monkeypatch):
-    """The sides of the frames in each training of the network, which is small."""
+    """Collect the sets of the frames in each training run of the network, which is small."""
     sides = []
     original = PresetTraining.train
 
@@ -143,7 +147,7 @@ def test_a_network_of_little_weight_is_no_part_of_the_classifier(monkeypatch, tr
 
 @pytest.mark.parametrize("members", ["auto", "[kernel, network]"])
 def test_how_busy_the_machine_is_changes_nothing(monkeypatch, trained, members):
-    """On a machine where an hour passes between two looks at the clock."""
+    """An hour passes between two looks at the clock."""
     first = fitted(members, dealt())
     hours = iter(range(10**9))
     monkeypatch.setattr("time.perf_counter", lambda: 3600.0 * next(hours))

@@ -1,5 +1,5 @@
-"""The error for a new session: of training sessions that are held out, where the test is of known
-ones.
+"""The error for a new session, measured on held-out training sessions if the test set has known
+sessions.
 """
 
 from types import SimpleNamespace
@@ -18,7 +18,7 @@ SESSIONS = np.tile([0, 0, 0, 0, 1, 2], 3)  # of six recordings of each object
 
 
 def frames(trained, tested):
-    """A table with a frame of each training recording, and of each test recording, by their
+    """Return a table with a frame of each training recording and of each test recording, by their
     sessions.
     """
     trained, tested = np.asarray(trained), np.asarray(tested)
@@ -29,8 +29,8 @@ def frames(trained, tested):
 
 
 def notes(trained, tested, *, knows=False, weights=None):
-    """The notes on members that are right about the sessions that they were fitted to, or about all
-    others.
+    """Return the notes on members that are right about the sessions they were fitted to, or about
+    all others.
     """
     sessions = np.asarray(trained)
     return _new_session_notes(
@@ -44,7 +44,7 @@ def notes(trained, tested, *, knows=False, weights=None):
 
 
 class WrongAboutSession2(KnownAnswers):
-    """Is right about all sessions but the last one."""
+    """Is right about all sessions except the last."""
 
     def fit(self, examples, recordings, *, seed, quick=False):
         super().fit(examples, recordings, seed=seed, quick=quick)

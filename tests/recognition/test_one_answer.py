@@ -1,4 +1,4 @@
-"""One recording has one probability: by the command, the class, the served model and the
+"""A recording has the same probability in the command, the class, the served model and the
 evaluation.
 """
 
@@ -30,7 +30,9 @@ NETWORK = {
 
 
 def rising_channels(seed: int) -> np.ndarray:
-    """Three channels (40, 1, 3) that rise, or fall for an even seed, between the same readings."""
+    """Return three channels (40, 1, 3) that rise, or fall for an even seed, between the same
+    readings.
+    """
     rng = np.random.default_rng(seed)
     return (
         np.linspace(-1, 1, 40)[:, None] * (1 if seed % 2 else -1) + rng.normal(0, 0.1, (40, 3))
@@ -38,7 +40,7 @@ def rising_channels(seed: int) -> np.ndarray:
 
 
 def grasp(seed: int) -> np.ndarray:
-    """A recording of one of three objects, in contact from its first frame to its last."""
+    """Return a recording of one of three objects, in contact from its first frame to its last."""
     return recording(OBJECTS[seed % 3], seed, before=0, held=12 + seed % 5, after=0)
 
 
@@ -147,7 +149,7 @@ def test_one_recording_has_one_probability_by_all_interfaces(
 def test_recordings_in_memory_have_one_answer_whatever_the_training_s_sessions_are_called(
     tmp_path,
 ):
-    """A glove whose baseline differs between sessions, and recordings without an open hand."""
+    """This glove's baseline differs between sessions, and some recordings have no open hand."""
     rng, source = np.random.default_rng(0), tmp_path / "source"
     offsets = {"session 0": 0.0, "session 1": 25.0, "session": -25.0, "": 15.0, "X[0]": -15.0}
     for number, (session, offset) in enumerate(offsets.items()):

@@ -1,5 +1,5 @@
-"""Answers to groups that were held out, and what rests on them: weights, temperature; never on the
-test set.
+"""Answers to held-out groups, and what rests on them: weights and temperature, but never the test
+set.
 """
 
 from dataclasses import replace
@@ -23,7 +23,7 @@ from tests.recognition.answers import KnownAnswers, examples
 
 
 def out_of_fold(labels, groups, *members):
-    """The answers of members to recordings."""
+    """Return the answers of members to recordings."""
     known = OutOfFold.of(np.asarray(labels), np.asarray(groups))
     for member in members:
         known = known.with_member(member, examples(labels), seed=0)
@@ -42,7 +42,7 @@ def temperature(known, *members):
     "groups", [np.arange(24) // 2, np.arange(24) % 6], ids=["of a class", "of several"]
 )
 def test_each_group_is_answered_once_by_fits_without_any_of_it(groups):
-    """By members that know the groups that they were fitted to, and are wrong about all others."""
+    """The members know the groups that they were fitted to, and are wrong about all others."""
     labels = np.arange(24) // 8
     known = out_of_fold(labels, groups, KnownAnswers(groups, knows=True))
     assert np.sum(known.folds, axis=0).tolist() == [1] * 24
@@ -60,8 +60,8 @@ def test_the_member_itself_is_not_fitted_and_the_answers_before_stay():
 
 
 def test_a_class_that_would_not_be_fitted_stays_and_groups_are_weighed_alike():
-    """One of one group, or of a group that spans classes; a wrong answer in two is half a wrong
-    group.
+    """A class can have one group, or a group that spans classes; one wrong answer of two is half a
+    wrong group.
     """
     known = out_of_fold([0, 0, 0, 1, 1], [0, 1, 2, 3, 3])
     assert known.held_out.tolist() == [True] * 3 + [False] * 2
@@ -74,8 +74,8 @@ def test_a_class_that_would_not_be_fitted_stays_and_groups_are_weighed_alike():
 
 
 def test_the_temperature_is_that_of_the_members_answers_with_their_weights():
-    """All of 12 answers are right, so that by Laplace's rule 13 in 14 should be, each twice as
-    often as both others.
+    """All 12 answers are right. By Laplace's rule 13 in 14 should be, each twice as often as both
+    others.
     """
     groups = np.arange(12)
     shares = {"svm": 0.8, "trees": 0.9}
@@ -100,8 +100,8 @@ LABELS = np.repeat([0, 1, 2], 12)
 
 
 def with_answers(**wrong):
-    """Members that answer some of the 12 recordings of each class wrongly, from a first to a last,
-    as sure of all.
+    """Return members that answer some of the 12 recordings of each class wrongly, all with equal
+    confidence.
     """
     answers = {}
     for name, recordings in wrong.items():
@@ -124,7 +124,7 @@ def test_a_member_that_errs_more_weighs_less_and_one_that_adds_nothing_is_taken_
 def test_a_member_of_less_than_a_tenth_of_the_largest_weight_is_out_and_others_weighed_anew(
     monkeypatch,
 ):
-    """Weights of four members, and of three once the fourth is gone."""
+    """Return the weights of four members, and of three members without the fourth."""
     weights = {4: [4.0, 0.41, 1.0, 0.39], 3: [3.0, 2.0, 1.0]}
     by_number = lambda each, _: np.array(weights[len(each)])  # noqa: E731
     monkeypatch.setattr("tactile_viewgcn.recognition.out_of_fold.fit_weights", by_number)
@@ -134,7 +134,9 @@ def test_a_member_of_less_than_a_tenth_of_the_largest_weight_is_out_and_others_w
 
 
 class Training:
-    """A training of a network that answers rightly, and reads so many times what is allowed."""
+    """Return the training of a network that answers rightly, and reads this many times what is
+    allowed.
+    """
 
     most_readings = 1.0
     read = 0.0
@@ -200,7 +202,7 @@ def test_no_network_is_trained_where_the_others_err_nowhere(monkeypatch):
 
 
 def test_a_recording_has_the_mean_probabilities_of_its_frames():
-    """By the member `kernel`, of two frames each: the second one is answered otherwise."""
+    """The member `kernel` answers sets of two frames; the second set gets another answer."""
     made = [np.array([[0.0], [1.0]])] * 6
     scale = Representation(np.ones((1, 1), bool), np.zeros(1), np.ones(1))
     labels = np.repeat([0, 1, 2], 2)
@@ -215,8 +217,8 @@ def test_a_recording_has_the_mean_probabilities_of_its_frames():
 
 
 def test_the_error_for_a_new_session_is_of_fits_that_know_other_sessions_alone():
-    """An object presses rows that differ in every session: a new session's are unknown, other
-    groups' are not.
+    """An object presses other rows in every session, so a new session is unknown, and other groups
+    are not.
     """
     frames = table("split.folds=6")
     session = frames.recording % 2
@@ -255,6 +257,6 @@ def test_channels_and_arrays_are_weighed_and_the_test_side_changes_nothing():
     one_group = frames.with_columns(group=frames.label.astype(np.int64))
     alone = fitted(one_group, "model.members=auto")
     assert alone.model.members == UNWEIGHED and set(alone.classifier.weights.values()) == {1.0}
-    assert alone.temperature is None and "without a comparison" in alone.notes[0].text
+    assert alone.temperature is None and "not compared" in alone.notes[0].text
     asked = fitted(frames, "model.members=[svm, kernel]", ask_network=False)
     assert asked.classifier.weights == {"svm": 1.0, "kernel": 1.0}

@@ -23,7 +23,9 @@ from tests.readers.files import save
 
 @pytest.fixture
 def place(tmp_path):
-    """A folder with a model, an unlabelled folder of 3 recordings and a labelled one of 5."""
+    """Return a folder with a model, a folder of 3 unlabelled recordings and a folder of 5 labelled
+    ones.
+    """
     model_file(tmp_path / "classifier.pt")
     for number, name in enumerate(OBJECTS):
         write(tmp_path / "new" / f"{number}.h5", recording(name, 80 + number))
@@ -41,7 +43,7 @@ def place(tmp_path):
 
 
 def call(*words):
-    """Output of the command; it must end well."""
+    """Return the output of the command, which must end well."""
     result = CliRunner().invoke(cli, ["predict", *map(str, words)], catch_exceptions=False)
     assert result.exit_code == 0, result.output
     return result.output.splitlines()
@@ -52,13 +54,13 @@ def answers_in(path):
 
 
 def test_unlabelled_recordings_have_a_line_each(place):
-    head, columns, *lines, last, errs = call(place / "classifier.pt", place / "new")
+    head, columns, *lines, last, hint = call(place / "classifier.pt", place / "new")
     assert head == "model: kernel + pooled_kernel, 3 classes; probabilities are calibrated"
     assert [line.split()[:3] for line in lines] == [
         [str(i), "20", name] for i, name in enumerate(OBJECTS)
     ]
     assert columns.split() == ["recording", "contact", "answer"]
-    assert last == "answers: 3 with an object" and errs.startswith("how often it errs")
+    assert last == "answers: 3 with an object" and "how often the model is wrong" in hint
     uncalibrated = call(model_file(place / "full.pt", "model.system=mvcnn"), place / "new")[0]
     assert uncalibrated == "model: mvcnn, 3 classes; probabilities are not calibrated"
 
@@ -80,7 +82,7 @@ NAMES = ["thumb", "index", "middle", "ring", "little", "palm"]
 
 
 def grasps(seed):
-    """A table of two objects' grasps in turn, which press other sensors."""
+    """Return a table of two objects' grasps in turn, which press different sensors."""
     rng = np.random.default_rng(seed)
     for number in range(8):
         readings = 500 + rng.normal(0, 1, (40, 6))
@@ -90,7 +92,7 @@ def grasps(seed):
 
 @pytest.fixture(scope="module")
 def of_names(tmp_path_factory):
-    """A classifier of tables whose columns have names."""
+    """Return a classifier of tables whose columns have names."""
     labels, tables = zip(*grasps(0), strict=True)
     path = tmp_path_factory.mktemp("named") / "c.pt"
     TactileClassifier().fit(list(tables), list(labels)).save(path)
@@ -132,8 +134,8 @@ def test_sensors_are_taken_by_the_names_that_the_model_knows_and_others_are_name
 
 
 def test_a_table_of_several_recordings_says_how_its_objects_are_named(of_names, tmp_path):
-    """The model knows no column `activity`; by the key that the line prints, both objects are
-    answered apart.
+    """The model knows no column `activity`; with the key that the line prints, both objects are
+    answered.
     """
     tables = [table.assign(activity=label) for label, table in islice(grasps(1), 2)]
     pd.concat(tables).to_csv(tmp_path / "all.csv", index=False)

@@ -36,7 +36,7 @@ from tests.glove_data import (
 
 
 def answered(model, path):
-    """Answers to the recordings at a path, by their names, and notes."""
+    """Return the answers to the recordings at a path, by their names, and notes."""
     with recordings_of(path, Form(labelled=False)) as recordings:
         answers, notes = model.answer_table(recordings)
     return {answer.recording: answer for answer in answers}, notes
@@ -92,7 +92,7 @@ def test_an_answer_that_is_not_finite_is_refused(monkeypatch):
 def test_readings_may_be_four_times_weaker_or_stronger_than_in_the_training_and_no_more(
     kind, edge, times, outside, sign
 ):
-    """Above the baseline, kind 0, and raw; a shear force has both signs."""
+    """Kind 0 is above the baseline, the other is raw; a shear force has both signs."""
     plan = replace(recogniser().plan, dtype="float64")
     limit = plan.strong_readings[kind][edge] * times
     for reading, fault in (limit, False), (np.nextafter(limit, outside), True):
@@ -116,8 +116,8 @@ def test_only_an_object_has_a_strength_that_is_compared_with_the_training_s(name
 
 
 def channels(folder, names, rate):
-    """Two tables (40, 2) of each of two objects, at that rate, and with those names of the sensors;
-    clocks differ.
+    """Return two tables (40, 2) of each of two objects, with that rate and those names; the clocks
+    differ.
     """
     rng, lines = np.random.default_rng(0), np.arange(40)
     for label, number in product(("left", "right"), (1, 2)):
@@ -184,8 +184,8 @@ def test_sensors_in_a_different_order_are_refused_and_a_different_rate_is_warned
 def test_a_recording_without_an_open_hand_has_the_baseline_of_its_empty_hand_or_of_the_training(
     tmp_path, changes, others, instead, high
 ):
-    """The counts may be higher than in the training; no recording is answered by what others are
-    asked beside it.
+    """The counts can be higher than in the training. No answer depends on other recordings in the
+    same call.
     """
     model, offset = recogniser(*changes), np.int16(high)
     write(tmp_path / "held.h5", recording("pen", 62, before=0, after=0) + offset)

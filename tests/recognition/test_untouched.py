@@ -17,8 +17,8 @@ EMPTY = 3  # number of the empty hand
 
 
 def array(number, rng, *, opened=0, offset=500.0, side=16, floor=-np.inf):
-    """A recording (30, side, side) of an object that presses a few rows, the first `opened` frames
-    without it.
+    """Return a recording (30, side, side) of an object that presses a few rows, with `opened`
+    frames without it first.
     """
     counts = offset + rng.normal(0, 1, (30, side, side))
     rows = side // 4
@@ -30,7 +30,7 @@ def array(number, rng, *, opened=0, offset=500.0, side=16, floor=-np.inf):
 
 
 def channels(number, rng):
-    """A recording (30, 6) of six channels, of which an object presses two."""
+    """Return a recording (30, 6) of six channels; an object presses two of them."""
     counts = rng.normal(0, 1, (30, 6))
     if number < EMPTY:
         counts[:, 2 * number : 2 * number + 2] += rng.uniform(20, 60, (30, 2))
@@ -55,8 +55,8 @@ SETTINGS = {"chosen by the recordings": {}, "every frame": EVERY_FRAME}
 
 
 def fitted(glove, params, *, with_empty_hand):
-    """A classifier, its recordings and their labels; 5 of each object, and of the empty hand if it
-    is a class.
+    """Return a classifier, its recordings and their labels: 5 of each object, and of the empty hand
+    if it is a class.
     """
     rng, number = np.random.default_rng(0), np.tile(np.arange(EMPTY), 5)
     if with_empty_hand:
@@ -117,7 +117,7 @@ def test_a_single_frame_shows_no_noise_and_may_still_be_of_an_open_hand(name):
 @pytest.mark.parametrize("times", [1 / 300, 1 / 1000, 300])
 @pytest.mark.parametrize("with_empty_hand", [False, True])
 def test_another_unit_is_no_open_hand_where_every_frame_is_taken(name, times, with_empty_hand):
-    """Its noise is smaller too."""
+    """The noise is smaller too."""
     classifier, X, _ = fitted(GLOVES[name], EVERY_FRAME, with_empty_hand=with_empty_hand)
     with pytest.raises(UserError, match="unit"):
         classifier.predict([times * X[0]])

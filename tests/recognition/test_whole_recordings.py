@@ -22,7 +22,7 @@ PARAMS = {
 
 
 def recording(label, seed, lengths):
-    """Counts (T, 8, 10) of four grips of those numbers of frames, and the grip (T,) of each frame.
+    """Return counts (T, 8, 10) of four grips of those lengths, and the grip (T,) of each frame.
 
     Each grip presses twenty sensors of its own, far harder than objects differ.
     """
@@ -36,7 +36,7 @@ def recording(label, seed, lengths):
 
 
 def view_sets_asked(classifier, counts, monkeypatch):
-    """The view sets that the network answers for one recording, and the answer."""
+    """Return the view sets that the network answers for one recording, and the answer."""
     asked = []
     answer = ViewNetwork.view_sets
 

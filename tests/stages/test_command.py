@@ -12,9 +12,7 @@ import torch
 
 from stages import pipeline
 from stages.command import run
-from stages.evaluate import next_line
 from stages.job import Job
-from tactile_viewgcn.evaluation.versus import VersusHead
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.provenance import Record
 from tactile_viewgcn.tracking import Run
@@ -182,16 +180,3 @@ def test_another_parameter_input_or_code_is_another_training(monkeypatch, tmp_pa
     ):
         (tmp_path / "tactile_viewgcn" / name).write_text("# another version\n")
         assert (checkpoint_key(frames) == key) == same
-
-
-@pytest.mark.parametrize(
-    ("experiment", "beside", "line"),
-    [
-        ({}, None, "tactile-viewgcn report"),
-        ({"dvc.experiment": "brave-mug"}, None, "tactile-viewgcn report"),
-        ({}, VersusHead(None, "views"), "tactile-viewgcn compare"),
-        ({"dvc.experiment": "a b"}, VersusHead(None, ""), "tactile-viewgcn compare 'a b'"),
-    ],
-)
-def test_a_run_that_can_be_compared_says_how(experiment, beside, line):
-    assert next_line(Record("evaluate", origin=experiment), beside) == line

@@ -27,7 +27,7 @@ NEUTRAL = {
     f"tactile_viewgcn/{name}.py"
     for name in (
         *("params", "schema", "messages", "files", "training/checkpoint"),
-        *("device", "provenance", "tracking", "plots", "progress"),
+        *("device", "provenance", "tracking", "mlflow_store", "plots", "progress"),
         *("pages/checks", "pages/html", "pages/run_page"),
     )
 }

@@ -13,7 +13,8 @@ import pytest
 from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.evaluation.finished_run import read_run
 from tactile_viewgcn.intervals import percent_interval
-from tactile_viewgcn.pages.inspection import command_lines, facts, warnings
+from tactile_viewgcn.pages.inspection_commands import command_lines
+from tactile_viewgcn.pages.inspection_facts import facts, warnings
 from tactile_viewgcn.pages.run_page import run_page
 from tactile_viewgcn.pages.source_inspection import inspect_source
 from tactile_viewgcn.params import preset_changes

@@ -1,6 +1,7 @@
 """`tactile-viewgcn report` for a run that the stages have left in a workspace."""
 
 import json
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -38,6 +39,7 @@ def test_the_page_says_what_the_files_say(workspace):
         and "`" not in page
         and "python -m studies each_fold" in page
     )
+    assert re.search(r"Repeat this run.*?<pre><code>.*?dvc exp run --temp -S", page, re.DOTALL)
     assert (
         "It was tested on 8 recordings, 2 of each object." in text and "Little was tested" in text
     )
@@ -52,8 +54,10 @@ def test_the_page_says_what_the_files_say(workspace):
 
 def test_the_page_has_live_errors_where_the_run_measured_them(workspace):
     text = text_of(run_page(read_run()))
-    assert "While the hand still holds the object" in text and "sure by 95 %" in text
-    Path("results/live.csv").unlink()  # an earlier version did not write it
+    assert (
+        "While the hand still holds the object" in text and "first answer of 95 % or more" in text
+    )
+    Path("results/live.csv").unlink()  # as of an earlier version
     assert "While the hand still holds the object" not in text_of(run_page(read_run()))
 
 
@@ -86,7 +90,7 @@ def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, m
     assert lines[-1].startswith(("dvc exp run ", "python -m studies each_fold "))
     assert 1e4 < Path("new/page.html").stat().st_size < 3e6
     for name, says in (
-        ("nowhere", "nowhere: no experiment"),
+        ("nowhere", "nowhere: no such run"),
         ("0" * 32, "no MLflow store: disabled"),
     ):
         monkeypatch.setattr(sys, "argv", ["tactile-viewgcn", "report", name])
@@ -95,6 +99,24 @@ def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, m
         err = capsys.readouterr().err
         assert len(err.splitlines()) == 1 and says in err
     assert not Path("report.html").exists()
+
+
+def test_compare_answers_a_name_that_no_run_has_by_all_that_a_name_can_be(workspace):
+    error = CliRunner().invoke(cli.cli, ["compare", "no-such-run"]).exception
+    assert isinstance(error, UserError) and str(error).startswith("no-such-run: no such run")
+    for kind in ("DVC experiment or revision", "MLflow run", "`runs` and `results`", "`workspace`"):
+        assert kind in str(error)
+
+
+def test_the_page_of_a_named_run_has_its_name(workspace):
+    for name in ("runs", "results"):
+        (workspace / "first try" / name).parent.mkdir(exist_ok=True)
+        shutil.copytree(name, workspace / "first try" / name)
+    Path("report.html").write_text("of the workspace")
+    run = CliRunner().invoke(cli.cli, ["report", "first try"], catch_exceptions=False)
+    assert "\nreport-first-try.html: " in run.output
+    assert Path("report-first-try.html").exists()
+    assert Path("report.html").read_text() == "of the workspace"
 
 
 @pytest.mark.parametrize(
