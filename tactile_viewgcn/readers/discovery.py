@@ -19,7 +19,7 @@ from tactile_viewgcn.readers.text import read_text
 
 EXPECTED = (
     f"expected a STAG metadata.mat or folder, a folder of {PLACES} with .npy, .npz, .mat, .csv, "
-    ".txt or .h5, a .csv with a column `object`, or a catalogue "
+    ".tsv, .csv.gz, .txt or .h5, a .csv with a column `object`, or a catalogue "
     "(see the manual's page on data)"
 )
 RAW_DEPTH = 3  # parts of the path [batch]/[recording]/pressuredata.mat
