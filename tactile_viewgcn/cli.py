@@ -18,6 +18,7 @@ from tactile_viewgcn.messages import UserError, program, several, shown
 from tactile_viewgcn.params import MAX_SIDE, PreprocessSection, default_params, preset_changes
 
 if TYPE_CHECKING:
+    from tactile_viewgcn.evaluation.finished_run import FinishedRun
     from tactile_viewgcn.readers.source import Form
 
 _SET_DATA = click.option(
@@ -227,7 +228,12 @@ def replay(recording: str, speed: float, name: str | None, changes: tuple[str, .
 @cli.command()
 @click.argument("run", default="")
 @click.option("--out", type=click.Path(path_type=Path), default="report.html", show_default=True)
-def report(run: str, out: Path) -> None:
+@click.option(
+    "--card",
+    type=click.Path(path_type=Path),
+    help="Write a model card of the classifier, in Markdown, to this file too.",
+)
+def report(run: str, out: Path, card: Path | None) -> None:
     """Write one HTML page of the workspace's last run, or of RUN.
 
     RUN is the name of a DVC experiment, or the id of an MLflow run.
@@ -238,7 +244,20 @@ def report(run: str, out: Path) -> None:
 
     with readable(f"{run or 'the workspace'}: a file of runs/ or results/"):
         finished = read_run(run)
+    if card:
+        _say(_write_card(card, finished))
     _say(*report_lines(finished, write(out, run_page(finished))))
+
+
+def _write_card(path: Path, finished: "FinishedRun") -> str:
+    """Write the model card of a run, and return a line that says so."""
+    from tactile_viewgcn.evaluation.finished_run import model_file
+    from tactile_viewgcn.pages.card import model_card, write_card
+    from tactile_viewgcn.recognition.recogniser import Recogniser
+
+    with model_file(finished.name) as file:
+        recogniser = Recogniser(file)
+    return write_card(path, model_card(finished, recogniser))
 
 
 @cli.command()
