@@ -18,6 +18,7 @@ from tactile_viewgcn.evaluation.row import description, figures_of, model_metada
 from tactile_viewgcn.evaluation.trials import WHOLE
 from tactile_viewgcn.evaluation.versus import VERSUS, VersusHead, versus_head
 from tactile_viewgcn.messages import Note
+from tactile_viewgcn.pages.card import model_card
 from tactile_viewgcn.pages.run_page import run_page
 from tactile_viewgcn.provenance import ROW, Record, peak_mb
 from tactile_viewgcn.recognition.recogniser import Recogniser
@@ -59,7 +60,7 @@ def evaluate(
         job.run.dataset(source["path"], source["md5"][:8])
     address = ""
     if job.run.id:
-        address = _log(job, finished, numbers, versus, classifier, table) or ""
+        address = _log(job, finished, numbers, versus, classifier, recogniser, table) or ""
         job.run.log("log_artifacts", str(out))
         job.run.log("log_artifacts", str(records))
     lines = results.summary_lines(metrics, timing, live)
@@ -76,9 +77,10 @@ def _log(
     numbers: dict[str, float],
     versus: VersusHead | None,
     classifier: Path,
+    recogniser: Recogniser,
     table: Frames,
 ) -> str | None:
-    """Log the pipeline's row to MLflow: model, numbers, figures and the report's page.
+    """Log the pipeline's row to MLflow: model, numbers, figures, the report's page, the model card.
 
     Args:
         job: of this run.
@@ -86,6 +88,7 @@ def _log(
         numbers: content of summary.json.
         versus: the run beside that of its commit.
         classifier: file of the model.
+        recogniser: the same, read.
         table: frames that it was trained and tested on.
 
     Returns:
@@ -100,8 +103,10 @@ def _log(
     def log_pages(mlflow: Any) -> None:
         for file, figure in figures_of(finished.predictions, finished.live).items():
             mlflow.log_figure(figure, file)
-        page = run_page(replace(finished, name=job.run.id or ""))
-        mlflow.log_text(page, "report.html")
+        named = replace(finished, name=job.run.id or "")
+        mlflow.log_text(run_page(named), "report.html")
+        if address:
+            job.run.card(address, model_card(named, recogniser))
 
     job.run.attempt(log_pages)
     job.run.description = description(finished, name)

@@ -27,7 +27,7 @@ NEUTRAL = {
     for name in (
         *("params", "schema", "messages", "files", "training/checkpoint"),
         *("device", "provenance", "tracking", "plots", "progress"),
-        *("pages/checks", "pages/html", "pages/run_page"),
+        *("pages/card", "pages/checks", "pages/html", "pages/run_page"),
     )
 }
 CASES = [

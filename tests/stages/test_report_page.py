@@ -138,3 +138,20 @@ def test_the_card_needs_the_model(workspace):
     error = CliRunner().invoke(cli.cli, ["report", "--card", "card.md"]).exception
     assert "the workspace: no models/classifier.pt; run the line" in str(error)
     assert not Path("card.md").exists() and not Path("report.html").exists()
+
+
+@pytest.mark.filterwarnings("default")  # MLflow's own
+def test_mlflow_has_the_card_as_the_description_of_the_model(workspace, monkeypatch):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{workspace / 'mlflow.db'}")
+    from mlflow import MlflowClient
+
+    run_id = read_run().records["evaluate"].run_id
+    client = MlflowClient(f"sqlite:///{workspace / 'mlflow.db'}")
+    (output,) = client.get_run(run_id).outputs.model_outputs
+    card = client.get_logged_model(output.model_id).tags["mlflow.note.content"]
+    assert "model_card.md" in {file.path for file in client.list_artifacts(run_id)}
+    # the command gives the same card of the run
+    shown = CliRunner().invoke(cli.cli, ["report", run_id, "--card", "card.md"])
+    assert shown.exit_code == 0, shown.output
+    assert Path("card.md").read_text("utf-8") == card
+    assert f"tactile-viewgcn predict {run_id} NEW_RECORDINGS" in card
