@@ -3,6 +3,7 @@
 Writes error rates with their intervals, run times, and which objects are taken for which.
 """
 
+from functools import partial
 from pathlib import Path
 
 from stages.command import run
@@ -13,6 +14,7 @@ from tactile_viewgcn.evaluation.finished_run import FinishedRun
 from tactile_viewgcn.evaluation.live import answer_live
 from tactile_viewgcn.evaluation.row import log_row
 from tactile_viewgcn.evaluation.versus import next_line, versus_head
+from tactile_viewgcn.pages.card import model_card
 from tactile_viewgcn.pages.run_page import run_page
 from tactile_viewgcn.provenance import ROW, peak_mb
 from tactile_viewgcn.recognition.recogniser import Recogniser
@@ -49,8 +51,9 @@ def evaluate(
     for folder in (out, records):
         job.run.log("log_artifacts", str(folder))
     lines = results.summary_lines(metrics, timing, live)
+    card = partial(model_card, recogniser=recogniser)
     lines += log_row(
-        job.run, finished, numbers, versus, model=classifier, table=table, page=run_page
+        job.run, finished, numbers, versus, model=classifier, table=table, page=run_page, card=card
     )
     return "\n".join([*lines, f"  next: {next_line(job.record, versus)}"])
 

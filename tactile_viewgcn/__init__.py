@@ -1,6 +1,9 @@
 """Recognises the object in a hand from several frames of a tactile glove."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tactile_viewgcn.recognition.estimator import TactileClassifier
 
 __all__ = ["TactileClassifier"]
 

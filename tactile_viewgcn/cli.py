@@ -18,6 +18,7 @@ from tactile_viewgcn.messages import UserError, program, several, shown
 from tactile_viewgcn.params import MAX_SIDE, PreprocessSection, default_params, preset_changes
 
 if TYPE_CHECKING:
+    from tactile_viewgcn.evaluation.finished_run import FinishedRun
     from tactile_viewgcn.readers.source import Form
 
 _SET_DATA = click.option(
@@ -236,7 +237,12 @@ def replay(recording: str, speed: float, name: str | None, changes: tuple[str, .
     type=click.Path(path_type=Path),
     help="File of the page. By default it is report.html, or report-RUN.html if you name a RUN.",
 )
-def report(run: str, out: Path | None) -> None:
+@click.option(
+    "--card",
+    type=click.Path(path_type=Path),
+    help="Write a model card of the classifier, in Markdown, to this file too.",
+)
+def report(run: str, out: Path | None, card: Path | None) -> None:
     """Write an HTML page on the workspace's last run, or on RUN.
 
     RUN is the name of a DVC experiment or revision, the id of an MLflow run, a folder with the
@@ -248,7 +254,20 @@ def report(run: str, out: Path | None) -> None:
 
     with readable(f"{run or 'the workspace'}: a file of runs/ or results/"):
         finished = read_run(run)
+    if card:
+        _say(_write_card(card, finished))
     _say(*report_lines(finished, write(out or page_path(finished.name), run_page(finished))))
+
+
+def _write_card(path: Path, finished: "FinishedRun") -> str:
+    """Write the model card of a run, and return a line that says so."""
+    from tactile_viewgcn.evaluation.finished_run import model_file
+    from tactile_viewgcn.pages.card import model_card, write_card
+    from tactile_viewgcn.recognition.recogniser import Recogniser
+
+    with model_file(finished.name) as file:
+        recogniser = Recogniser(file)
+    return write_card(path, model_card(finished, recogniser))
 
 
 @cli.command()

@@ -38,7 +38,7 @@ LONGEST = 5000  # letters of a tag
 MOST_METRICS = 1000  # values in one call of MLflow's `log_batch`
 # with this tag MLflow's pages show training runs, not chats
 KIND = {"mlflow.experimentKind": "custom_model_development"}
-NOTE = "mlflow.note.content"  # tag with the description of a run or an experiment
+NOTE = "mlflow.note.content"  # tag with the description of a run, a model or an experiment
 VIEW = "results"  # name of the saved view; the address of the table ends with it
 VIEW_TAG = f"mlflow.sharedViewState.{VIEW}"
 # columns of the saved view, and their widths
@@ -201,6 +201,20 @@ class Run:
 
         address: str | None = self.attempt(log)
         return address
+
+    def card(self, address: str, text: str) -> None:
+        """Log the card of a logged model: MLflow shows it as the model's description.
+
+        Args:
+            address: of `model`.
+            text: the card as Markdown, which the artifact model_card.md has too.
+        """
+
+        def log(mlflow: Any) -> None:
+            mlflow.log_text(text, "model_card.md")
+            mlflow.set_logged_model_tags(address.rpartition("/")[2], {NOTE: text})
+
+        self.attempt(log)
 
     def record(self, record: Record) -> None:
         """Log what a stage did, by its record.

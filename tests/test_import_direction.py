@@ -25,7 +25,7 @@ ALLOWED = {
     "recognition": {"readers", "tables", "frames", "views", "nn", "members", "systems", "training"}
     | {"live"},
     "evaluation": {"tables", "views", "systems", "live", "recognition"},
-    "pages": {"readers", "tables", "frames", "members", "systems", "evaluation"},
+    "pages": {"readers", "tables", "frames", "members", "systems", "recognition", "evaluation"},
     "glove": set(),
 }
 # what may use all of the package: its commands, and what `from tactile_viewgcn import` gives

@@ -2,11 +2,13 @@
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from hashlib import md5
 from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ REMEDY = (
     "run the line that `tactile-viewgcn inspect` prints, or name a DVC experiment or an MLflow run"
 )
 WORKSPACE = "workspace"  # the workspace's name, as DVC's
+MODEL = "models/classifier.pt"  # of a workspace
 MLFLOW_ID = re.compile(r"[0-9a-f]{32}")
 WIDE = 0.25  # width of an interval above which an error is uncertain
 ROUNDING = 1e-9  # of a share
@@ -180,6 +183,31 @@ def read_run(name: str = "", *, fetch: bool = True) -> FinishedRun:
         records,
         _live_rows(read),
     )
+
+
+@contextmanager
+def model_file(name: str = "") -> Iterator[Path]:
+    """Yield the file of a run's classifier, which is copied to a temporary folder if need be.
+
+    Args:
+        name: see `read_run`.
+
+    Raises:
+        UserError: no such run, or it has no classifier here.
+    """
+    place = Path(name) / MODEL
+    if place.is_file():
+        yield place
+        return
+    with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
+        if MLFLOW_ID.fullmatch(name):
+            from tactile_viewgcn.mlflow_store import download_model
+
+            yield download_model(f"runs:/{name}", Path(folder))
+        else:
+            file = Path(folder) / Path(MODEL).name
+            file.write_bytes(_content(_reader(name, fetch=True), MODEL, name))
+            yield file
 
 
 def _live_rows(read: Callable[[str], bytes]) -> list[dict[str, Any]]:

@@ -50,8 +50,9 @@ def log_row(
     model: Path,
     table: Frames,
     page: Callable[[FinishedRun], str],
+    card: Callable[[FinishedRun], str],
 ) -> list[str]:
-    """Log the pipeline's row to MLflow: data set, model, numbers, pictures and report.
+    """Log the pipeline's row to MLflow: data set, model and its card, numbers, pictures, report.
 
     Args:
         run: the run in MLflow.
@@ -61,6 +62,7 @@ def log_row(
         model: file of the classifier.
         table: frames that the classifier was trained and tested on.
         page: function that returns the report's page as HTML.
+        card: function that returns the model card as Markdown.
 
     Returns:
         Lines for the terminal: how a program loads the model, and where MLflow shows the row. There
@@ -80,7 +82,10 @@ def log_row(
     def log_pages(mlflow: Any) -> None:
         for file, figure in figures_of(finished.predictions, finished.live).items():
             mlflow.log_figure(figure, file)
-        mlflow.log_text(page(replace(finished, name=run.id or "")), "report.html")
+        named = replace(finished, name=run.id or "")
+        mlflow.log_text(page(named), "report.html")
+        if address:
+            run.card(address, card(named))
 
     run.attempt(log_pages)
     run.description = description(finished, name)

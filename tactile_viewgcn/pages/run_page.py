@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tactile_viewgcn import plots
-from tactile_viewgcn.evaluation.finished_run import FinishedRun
+from tactile_viewgcn.evaluation.finished_run import MODEL, FinishedRun
 from tactile_viewgcn.evaluation.results import SCORED, errors_by_frames
 from tactile_viewgcn.evaluation.trials import TITLES, WHOLE
 from tactile_viewgcn.evaluation.versus import VERSUS
@@ -21,7 +21,6 @@ from tactile_viewgcn.params import VIRTUAL, on_sensors
 from tactile_viewgcn.provenance import PACKAGES, data_name
 from tactile_viewgcn.schema import as_change
 
-MODEL = "models/classifier.pt"  # of the workspace
 LONGEST_NAME = 60  # letters of a run's name that its page's name takes over
 
 
@@ -108,7 +107,7 @@ def next_steps(run: FinishedRun) -> list[tuple[str, str]]:
         steps.append((what, f"{inspect} --html inspection.html"))
     else:
         what = "Let the classifier answer new recordings of the same glove, without labels."
-        steps.append((what, _prediction(run)))
+        steps.append((what, prediction_command(run)))
     return steps
 
 
@@ -163,7 +162,7 @@ def _by_session(run: FinishedRun) -> str:
     return again(run.repeated | split)
 
 
-def _prediction(run: FinishedRun) -> str:
+def prediction_command(run: FinishedRun) -> str:
     """Return the commands that answer new recordings by the model in MLflow or the workspace."""
     model = MODEL
     fetch = ""

@@ -28,7 +28,7 @@ NEUTRAL = {
     for name in (
         *("params", "schema", "messages", "files", "training/checkpoint"),
         *("device", "provenance", "tracking", "mlflow_store", "plots", "progress"),
-        *("pages/checks", "pages/html", "pages/run_page"),
+        *("pages/card", "pages/checks", "pages/html", "pages/run_page"),
     )
 }
 CASES = [

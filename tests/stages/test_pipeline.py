@@ -1,12 +1,15 @@
 """The whole pipeline under DVC, with tiny data in a clone: the stages that run, and results."""
 
 import json
+import shutil
 from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
+from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.params import load
 from tests.glove_data import SMALL
 from tests.stag_files import metadata, save_matlab5
@@ -109,3 +112,36 @@ def test_a_system_without_a_backbone_is_not_pretrained_for_and_the_backbone_of_o
     output = switch_to("sensors", "[trees]", "--temp")
     assert stages_of(output) == again and restored in output
     restore(clone)
+
+
+def test_another_machine_gets_the_model_by_its_name_and_pulls_the_results(clone, tmp_path):
+    published = tmp_path / "published"
+    shutil.copytree(clone, published)
+    sh("dvc", "remote", "add", "-d", "storage", tmp_path / "storage", cwd=published)
+    sh("git", "commit", "-qam", "remote", cwd=published)
+    sh("gto", "register", "classifier", "--version", "v0.1.0", cwd=published)
+    sh("dvc", "push", cwd=published)
+    # what follows comes from the remote
+    shutil.rmtree(published / ".dvc" / "cache")
+    shutil.rmtree(published / "models")
+
+    desk = tmp_path / "desk"
+    desk.mkdir()
+    sh("dvc", "artifacts", "get", published, "classifier", cwd=desk)
+    model = (clone / "models" / "classifier.pt").read_bytes()
+    assert (desk / "classifier.pt").read_bytes() == model
+    classifier = TactileClassifier.load(desk / "classifier.pt")
+    assert classifier.classes_.tolist() == classes_of(clone)
+
+    fresh = tmp_path / "fresh"
+    sh("git", "clone", "-q", published, fresh, cwd=tmp_path)
+    assert not (fresh / "results" / "metrics.json").exists()
+    sh("dvc", "pull", "dvc.yaml", cwd=fresh)
+    for name in ("results/metrics.json", "results/predictions.npz", "models/classifier.pt"):
+        assert (fresh / name).read_bytes() == (clone / name).read_bytes(), name
+
+
+def classes_of(place) -> list[str]:
+    """Return the classes of a workspace's results."""
+    with np.load(place / "results" / "predictions.npz") as results:
+        return results["classes"].tolist()

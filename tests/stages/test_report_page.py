@@ -134,3 +134,46 @@ def test_a_damaged_file_ends_in_one_line(workspace, path, content):
     assert "damaged, or not written by this version" in str(
         CliRunner().invoke(cli.cli, ["report"]).exception
     )
+
+
+def test_the_card_is_of_the_model_in_the_workspace(workspace, monkeypatch):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "disabled")
+    shown = CliRunner().invoke(cli.cli, ["report", "--card", "new/card.md"])
+    assert shown.exit_code == 0, shown.output
+    assert shown.output.startswith("new/card.md: the model card, ")
+    lines = Path("new/card.md").read_text("utf-8").splitlines()
+    metrics = json.loads(Path("results/metrics.json").read_text())
+    for name in ("whole", "recording", "object"):
+        error = metrics[name]["error"]
+        interval = percent_interval(error["mean"], error["low"], error["high"])
+        (line,) = [line for line in lines if line.startswith(f"| `{name}` |")]
+        assert f"| {interval} |" in line
+    assert "4 objects: `empty_hand`, `<b>Öl & $x$`, " in "\n".join(lines)
+    assert any(line.startswith(r"| \<b\>Öl \& \$x\$ | ") for line in lines)
+    # by what the model's file says
+    assert "| Shape of a frame | 32 rows, 32 columns |" in lines
+    assert "They are calibrated for whole recordings: " in "\n".join(lines)
+
+
+def test_the_card_needs_the_model(workspace):
+    Path("models/classifier.pt").unlink()
+    error = CliRunner().invoke(cli.cli, ["report", "--card", "card.md"]).exception
+    assert "the workspace: no models/classifier.pt; run the line" in str(error)
+    assert not Path("card.md").exists() and not Path("report.html").exists()
+
+
+@pytest.mark.filterwarnings("default")  # MLflow's own
+def test_mlflow_has_the_card_as_the_description_of_the_model(workspace, monkeypatch):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{workspace / 'mlflow.db'}")
+    from mlflow import MlflowClient
+
+    run_id = read_run().records["evaluate"].run_id
+    client = MlflowClient(f"sqlite:///{workspace / 'mlflow.db'}")
+    (output,) = client.get_run(run_id).outputs.model_outputs
+    card = client.get_logged_model(output.model_id).tags["mlflow.note.content"]
+    assert "model_card.md" in {file.path for file in client.list_artifacts(run_id)}
+    # the command gives the same card of the run
+    shown = CliRunner().invoke(cli.cli, ["report", run_id, "--card", "card.md"])
+    assert shown.exit_code == 0, shown.output
+    assert Path("card.md").read_text("utf-8") == card
+    assert f"tactile-viewgcn predict {run_id} NEW_RECORDINGS" in card

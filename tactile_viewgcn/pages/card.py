@@ -1,0 +1,181 @@
+"""The model card of a finished run, in Markdown: what its classifier is, and how often it is wrong.
+
+Its headings follow Mitchell et al., "Model cards for model reporting" (2019). Every value from a
+file is escaped, so that no name of an object or a folder becomes markup.
+"""
+
+import re
+from datetime import datetime
+from hashlib import md5
+from itertools import starmap
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from tactile_viewgcn.evaluation.finished_run import MODEL, FinishedRun
+from tactile_viewgcn.evaluation.results import SCORED
+from tactile_viewgcn.files import write_file
+from tactile_viewgcn.intervals import percent, percent_interval
+from tactile_viewgcn.messages import EMPTY_HAND, NEW_SESSION, UserError, several, shown
+from tactile_viewgcn.pages.checks import UNKNOWN
+from tactile_viewgcn.pages.run_page import prediction_command, run_checks, verdict
+from tactile_viewgcn.params import VIRTUAL, on_sensors
+from tactile_viewgcn.provenance import PACKAGES
+from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.schema import as_change
+
+MARKUP = r"[\\`*{}\[\]<>#|~&$]"  # letters that Markdown reads as markup
+# an underscore within a word is none; a list begins with a hyphen, a plus sign or a number
+AT_AN_EDGE = r"(?<![^\W_])_|_(?![^\W_])|^[-+](?=\s)|(?<=^\d)[.)](?=\s)"
+SIGNATURE = "<!-- Written by tactile-viewgcn report. md5 of the lines above: {} -->"
+
+
+def model_card(run: FinishedRun, recogniser: Recogniser) -> str:
+    """Return the card of a run's classifier as Markdown.
+
+    Args:
+        run: the finished run.
+        recogniser: the classifier of the run.
+
+    Raises:
+        UserError: the classifier is not of the run.
+    """
+    if recogniser.classes != run.predictions.classes.tolist():
+        raise UserError(
+            "the model and the results have different objects; run `dvc repro`, which brings both "
+            "up to date"
+        )
+    origin = run.records["evaluate"].origin
+    simulated = Path(run.params["data.source"]) == Path(VIRTUAL)
+    text = (
+        _environment()
+        .get_template("card.md")
+        .render(
+            run=run,
+            recogniser=recogniser,
+            plan=recogniser.plan,
+            content=recogniser.content,
+            name=run.records["evaluate"].name or run.params["model.system"],
+            verdict=verdict(run),
+            simulated=simulated,
+            of_stag=not simulated and of_stag(run.params["data.source"]),
+            on_sensors=on_sensors(run.params["model.system"]),
+            scores={name: run.metrics[name] for name in SCORED if name in run.metrics},
+            checks=run_checks(run),
+            unknown=UNKNOWN,
+            sure=[row for row in run.live if row["answer"] == "sure" and row["share"]],
+            frame_rate=_frame_rate(recogniser.plan.rates),
+            model_file=MODEL,
+            predict=prediction_command(run),
+            origin=origin,
+            trained=_date(run.records["finetune"].origin["time"]),
+            evaluated=_date(origin["time"]),
+            changed=list(starmap(as_change, run.changed.items())),
+            versions=[f"{name} {origin[name]}" for name in ("python", *PACKAGES) if name in origin],
+        )
+    )
+    return f"{text}\n{SIGNATURE.format(_digest(text))}\n"
+
+
+def write_card(path: Path, card: str) -> str:
+    """Write a card, and return a line that says so.
+
+    Args:
+        path: of the file; a card there is replaced, unless somebody has edited it.
+        card: of `model_card`.
+
+    Raises:
+        UserError: at `path` is a file that is no card, or one that was edited.
+    """
+    write_file(path, card, _is_unedited_card)
+    return f"{path}: the model card, {several(len(card.split()), 'word')}"
+
+
+def _is_unedited_card(text: str) -> bool:
+    content, _, signature = text.removesuffix("\n").rpartition("\n")
+    return signature == SIGNATURE.format(_digest(content))
+
+
+def _digest(text: str) -> str:
+    return md5(text.encode(), usedforsecurity=False).hexdigest()
+
+
+def of_stag(source: str) -> bool:
+    """Return whether a path is called as STAG's files are: `metadata.mat`, or `stag` in a name."""
+    path = Path(source)
+    return path.name == "metadata.mat" or any("stag" in part.lower() for part in path.parts)
+
+
+def _frame_rate(rates: list[float]) -> str:
+    """Return the lowest and the highest frame rate in words; "" where the times are unknown."""
+    low, high = (f"{rate:.3g}" for rate in rates)
+    if rates[0] == 0:
+        return ""
+    if low == high:
+        return f"{low} Hz"
+    return f"{low} to {high} Hz"
+
+
+def _date(time: str) -> str:
+    return f"{datetime.fromisoformat(time):%d %B %Y, %H:%M} UTC"
+
+
+def _environment() -> Environment:
+    """Return the environment of the template; a name that the template lacks is an error."""
+    templates = Environment(
+        loader=PackageLoader("tactile_viewgcn.pages"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=_printed,
+    )
+    templates.globals |= {
+        "empty_hand": EMPTY_HAND,
+        "new_session": NEW_SESSION,
+        "interval": percent_interval,
+        "titles": SCORED,
+    }
+    templates.filters |= {
+        "several": several,
+        "percent": percent,
+        "prose": _prose,
+        "code": _code,
+        "command": _command,
+    }
+    return templates
+
+
+def _printed(value: Any) -> str:
+    """Return a value as the card prints it: markup as it is, all else escaped."""
+    if isinstance(value, Markup):
+        return value
+    return escaped(value)
+
+
+def escaped(value: Any) -> str:
+    """Return a value as Markdown that shows its text, and no markup."""
+    text = re.sub(MARKUP, r"\\\g<0>", shown(value))
+    return re.sub(AT_AN_EDGE, r"\\\g<0>", text)
+
+
+def _prose(text: str) -> Markup:
+    """Return a text for people, with what stands in backticks as code."""
+    parts = re.split("(`[^`|]+`)", shown(text))
+    for index in range(0, len(parts), 2):
+        parts[index] = escaped(parts[index])
+    return Markup("".join(parts))
+
+
+def _code(value: Any) -> Markup:
+    """Return a value as code within a line; with a backtick or a bar in it, as plain text."""
+    text = shown(value)
+    if re.search("[`|]", text):
+        return Markup(escaped(text))
+    return Markup(f"`{text}`")
+
+
+def _command(text: str) -> Markup:
+    """Return the lines of a command, for a block of code."""
+    return Markup("\n".join(map(shown, text.split("\n"))))
