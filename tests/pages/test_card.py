@@ -201,7 +201,7 @@ def test_warnings_and_checks_are_those_of_the_stages():
     note = Note("see `split.by` of <a>.", "warning", "leak check", stage="preprocess")
     text = card_of(a_run(notes=[note]))
     assert r"- **preprocess**: leak check: see `split.by` of \<a\>." in text
-    assert "| objects told without any contact | 1 warning |" in text
+    assert "| objects that are recognised without contact | 1 warning |" in text
     assert "No stage gave a warning" not in text and "No stage gave a warning" in card_of()
 
 
