@@ -11,7 +11,7 @@ import sys
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,8 @@ EARLIER = ("ingest", "preprocess", "cluster", "pretrain", "finetune")
 WRITTEN = ("params.yaml", "dvc.lock", "results/summary.json")
 SEPARATOR = " · "  # between the parts of a run's name
 ANY_NAME = ("metadata", "recordings", "data")  # names of files that say nothing about the data
-PACKAGES = ("torch", "scikit-learn", "numpy")  # packages whose versions a record has
+# packages whose versions a record has
+PACKAGES = ("torch", "scikit-learn", "numpy", "scipy", "dvc", "mlflow")
 
 
 @dataclass
@@ -199,7 +200,8 @@ def origin(stage: str) -> dict[str, str]:
     tags["cores"] = str(cpu_count())
     tags["python"] = platform.python_version()
     for name in PACKAGES:
-        tags[name] = version(name)
+        with suppress(PackageNotFoundError):  # DVC can be installed outside this environment
+            tags[name] = version(name)
     return tags
 
 

@@ -2,11 +2,15 @@
 
 import subprocess
 import sys
+from importlib.metadata import version
 
+import numpy as np
 import pytest
+import torch
 
+from tactile_viewgcn import provenance
 from tactile_viewgcn.params import default_params, preset_changes, presets
-from tactile_viewgcn.provenance import changed_params, git_revision, peak_mb, run_name
+from tactile_viewgcn.provenance import changed_params, git_revision, origin, peak_mb, run_name
 from tactile_viewgcn.schema import flatten
 
 WRITTEN = ("dvc.lock", "data/dvc.lock", "results/summary.json", "params.yaml")
@@ -103,6 +107,18 @@ def test_the_revision_says_whether_the_code_differs_and_what_every_run_writes_is
     assert len(clean["mlflow.source.git.commit"]) == 40 and clean["git.dirty"] == "false"
     git(tmp_path, "mv", "code -> öl", "new")
     assert git_revision() == clean | {"git.dirty": "true"}
+
+
+def test_a_record_names_the_versions_that_were_used_and_none_of_a_package_that_is_not_here(
+    monkeypatch,
+):
+    record = origin("evaluate")
+    assert (record["torch"], record["numpy"]) == (torch.__version__, np.__version__)
+    for name in ("scikit-learn", "dvc", "mlflow"):
+        assert record[name] == version(name)
+    monkeypatch.setattr(provenance, "PACKAGES", ("numpy", "no-such-package"))
+    record = origin("evaluate")
+    assert record["numpy"] == np.__version__ and "no-such-package" not in record
 
 
 @pytest.mark.parametrize(

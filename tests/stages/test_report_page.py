@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,8 @@ def test_the_page_says_what_the_files_say(workspace):
     )
     notes = run.notes("choice") + run.notes("info")
     assert len(notes) > 3 and [note for note in notes if note.text not in text] == []
+    versions = {f"{name} {version(name)}" for name in ("torch", "numpy", "dvc", "mlflow")}
+    assert [entry for entry in versions if entry not in text] == []
     assert "pretrain skipped: this system needs no pretrained backbone" in text
     assert (
         parsed(page).tags.isdisjoint({"script", "link", "iframe"})
