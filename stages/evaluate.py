@@ -1,7 +1,4 @@
-"""Run ten trials on the test set, and answer its recordings once and as a live stream.
-
-Writes error rates with their intervals, run times, and which objects are taken for which.
-"""
+"""Run ten trials on the test set, and answer its recordings once and as a live stream."""
 
 from functools import partial
 from pathlib import Path

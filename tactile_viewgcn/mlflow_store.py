@@ -112,16 +112,3 @@ def _model_of(mlflow: Any, run_id: str) -> str | None:
     for model in outputs.model_outputs if outputs else []:
         return f"models:/{model.model_id}"
     return None
-
-
-def bad_request(message: str) -> Exception:
-    """Return MLflow's exception for a mistake of the user.
-
-    The server answers with 400 and the message, without a traceback.
-    """
-    from mlflow.exceptions import MlflowException
-
-    exception: Exception = MlflowException.invalid_parameter_value(message)
-    # else the server puts the whole input before the message
-    exception.json_kwargs = {"message": message}  # type: ignore[attr-defined]
-    return exception

@@ -20,13 +20,16 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext, supp
 from getpass import getuser
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from filelock import FileLock
 
 from tactile_viewgcn.mlflow_store import DISABLED, SQLITE, database_file, error_line, store_address
 from tactile_viewgcn.provenance import ROW, Record
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 EXPERIMENT = "tactile-viewgcn"
 # packages that a logged model needs
@@ -201,6 +204,17 @@ class Run:
 
         address: str | None = self.attempt(log)
         return address
+
+    def pages(self, figures: Mapping[str, "Figure"], texts: Mapping[str, str]) -> None:
+        """Log figures and texts as artifacts, by the names of their files."""
+
+        def log(mlflow: Any) -> None:
+            for file, figure in figures.items():
+                mlflow.log_figure(figure, file)
+            for file, text in texts.items():
+                mlflow.log_text(text, file)
+
+        self.attempt(log)
 
     def card(self, address: str, text: str) -> None:
         """Log the card of a logged model: MLflow shows it as the model's description.

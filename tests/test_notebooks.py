@@ -4,9 +4,9 @@ import base64
 import re
 from pathlib import Path
 
+import nbclient
+import nbformat
 import pytest
-
-nbformat = pytest.importorskip("nbformat")  # comes with nbclient
 
 ROOT = Path(__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
@@ -44,6 +44,13 @@ def kinds(cell) -> list[tuple[str, ...]]:
         (output.output_type, output.get("name", ""), *sorted(output.get("data", {})))
         for output in cell.outputs
     ]
+
+
+def inspected(notebook) -> str:
+    """What `tactile-viewgcn inspect` printed, in one line, with # in place of each number."""
+    cells = [cell for cell in code_cells(notebook) if '"inspect"' in cell.source]
+    text = "".join(output.text for cell in cells for output in cell.outputs)
+    return re.sub(r"[\d.,]+", "#", " ".join(text.split()))
 
 
 def printed(notebook) -> str:
@@ -84,7 +91,6 @@ def test_a_notebook_is_committed_with_the_output_of_one_run_from_top_to_bottom(p
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_and_prints_what_is_committed(path, tmp_path, monkeypatch):
-    nbclient = pytest.importorskip("nbclient")
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
@@ -102,6 +108,7 @@ def test_a_notebook_runs_and_prints_what_is_committed(path, tmp_path, monkeypatc
     for before, after in zip(code_cells(committed), code_cells(new), strict=True):
         assert kinds(after) == kinds(before), after.source
     text = printed(new)
+    assert inspected(new) == inspected(committed)
     assert str(tmp_path) not in text
     checks = re.findall(r"(?:equal|same).*: (\w+)", text)
     assert checks and set(checks) == {"True"}

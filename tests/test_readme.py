@@ -17,7 +17,7 @@ NAMES = {
     "recording protocol": "recording",
     "whole recordings": "whole",
 }
-LARGE = 0.2  # difference between the errors of two processors that is no rounding
+MOST_APART = 0.1  # difference of an error, a share: another CPU changes some of 81 answers
 
 
 def first_fence(language: str) -> str:
@@ -65,4 +65,4 @@ def test_the_set_up_commands_work_in_a_fresh_clone(tmp_path):
     committed = json.loads(SUMMARY.read_text())
     assert sorted(errors) == sorted(NAMES.values())
     for name, error in errors.items():
-        assert error / 100 == pytest.approx(committed[f"error.{name}"], abs=LARGE)
+        assert error / 100 == pytest.approx(committed[f"error.{name}"], abs=MOST_APART)

@@ -6,6 +6,7 @@ import pandas as pd
 
 from benchmarks.command import markdown
 from benchmarks.recordings.__main__ import ERROR, OURS, SIMPLE
+from tactile_viewgcn.messages import UserError
 
 FOLDER = Path(__file__).parent
 
@@ -36,9 +37,10 @@ def summary_sentence() -> str:
     errors = errors[errors["again"].isna()]
     lower = int((errors["more"] < 0).sum())
     higher = int((errors["more"] > 0).sum())
+    equal = len(errors) - lower - higher
     return (
-        f"Of {len(errors)} sets, `best` has the lower error on {lower} and the higher one on "
-        f"{higher}. The mean errors are {errors['ours'].mean():.1f} and "
+        f"Of {len(errors)} sets, `best` has the lower error on {lower}, the same on {equal} and "
+        f"the higher one on {higher}. The mean errors are {errors['ours'].mean():.1f} and "
         f"{errors['simple'].mean():.1f} %."
     )
 
@@ -47,7 +49,9 @@ def _errors() -> pd.DataFrame:
     """Return sets.csv with the errors in %: ours, simple (the lowest of three), and more."""
     errors = pd.read_csv(FOLDER / "results.csv", index_col="set")
     sets = pd.read_csv(FOLDER / "sets.csv", index_col="set")
-    table = sets.join(errors, how="inner", validate="one_to_one")
+    if set(sets.index) != set(errors.index):
+        raise UserError(f"{FOLDER}: sets.csv and results.csv name different sets")
+    table = sets.join(errors, validate="one_to_one")
     table["ours"] = table[ERROR.format(OURS)]
     table["simple"] = table[[ERROR.format(name) for name in SIMPLE]].min(axis=1)
     table["more"] = table["ours"] - table["simple"]

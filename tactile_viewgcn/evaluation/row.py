@@ -79,15 +79,10 @@ def log_row(
     row = row_of(finished, numbers, versus)
     run.batch(row.tags, row.parameters, row.metrics, model=address)
 
-    def log_pages(mlflow: Any) -> None:
-        for file, figure in figures_of(finished.predictions, finished.live).items():
-            mlflow.log_figure(figure, file)
-        named = replace(finished, name=run.id or "")
-        mlflow.log_text(page(named), "report.html")
-        if address:
-            run.card(address, card(named))
-
-    run.attempt(log_pages)
+    named = replace(finished, name=run.id or "")
+    run.pages(figures_of(finished.predictions, finished.live), {"report.html": page(named)})
+    if address:
+        run.card(address, card(named))
     run.description = description(finished, name)
     lines = list[str]()
     if address:
@@ -153,7 +148,7 @@ def description(run: FinishedRun, name: str) -> str:
     error = run.score["error"]
     interval = percent_interval(error["mean"], error["low"], error["high"])
     seconds = run.timing["seconds"]["total"]
-    text = f"**{name}**: {interval} % of whole recordings are wrong, {seconds:,.0f} s"
+    text = f"**{name}**: {interval} % error on whole recordings, {seconds:,.0f} s"
     return f"{text}.\n\n`tactile-viewgcn report {run.records[ROW].run_id}`"
 
 

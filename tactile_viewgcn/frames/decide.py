@@ -189,7 +189,7 @@ def _contact_sensors(live: int) -> Reasoned:
     """Return the fewest sensors in a frame of contact, by the number of sensors that vary."""
     sensors = sensors_in_contact(live)
     if sensors == 1:
-        return sensors, f"of {several(live, 'sensor')}, an object can press only one"
+        return sensors, f"of {several(live, 'sensor')}, an object may press a single one"
     return sensors, f"a fortieth of {several(live, 'sensor')}, at least 2 and at most 14"
 
 
@@ -205,8 +205,9 @@ def _baseline(
 ) -> Reasoned:
     """Return the kind of baseline.
 
-    Recordings like the paper's recordings get the paper's baseline. Recordings without an open hand
-    get none.
+    Arrays and channels with an empty hand in every session get `empty_hand`, arrays only if the
+    split is published. All other channels get `none`, as do arrays that show no open hand. All
+    other arrays get `grasp`.
     """
     array = is_array(training.live)
     if has_empty_hand and published:

@@ -9,8 +9,8 @@ recording; here each frame is judged by the frames before it:
 - The baseline then follows the open hand, as in `frames/open_hand.py`. The baseline of a grasp is
   the mean of the open-hand frames since the previous grasp, as in `apply`. The last 256 of these
   frames are kept.
-- A grasp begins with the first frames in contact above the baseline, by the noise of the training
-  set. It ends when the hand has been open for five successive frames.
+- A grasp begins when enough sensors exceed the baseline by a threshold, which comes from the noise
+  of the training set. It ends when the hand has been open for five successive frames.
 - The baseline is given up after fifty frames that are neither in contact nor of an open hand. It is
   also given up after five frames below it, since the hand was then not open when it began. The
   stream then waits for an open hand.

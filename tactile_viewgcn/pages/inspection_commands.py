@@ -1,4 +1,4 @@
-"""The commands that an inspection advises: to train and test on recordings, with every setting."""
+"""The commands that an inspection advises: to train and test on recordings."""
 
 import shlex
 from dataclasses import asdict
@@ -85,7 +85,7 @@ def _named_values(overview: Overview, advised: dict[str, Any]) -> dict[str, Any]
 
     Later values replace earlier values:
 
-    1. defaults, if params.yaml has another value;
+    1. defaults of `split` and `preprocess`, if params.yaml has another value;
     2. settings of `preprocess` that the user has fixed;
     3. defaults of the parameters that are always named;
     4. the source and its form;

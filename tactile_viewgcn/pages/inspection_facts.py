@@ -181,7 +181,7 @@ def verdict(overview: Overview, warned: list[Note]) -> html.Verdict:
     by = overview.setting("split.by")
     groups = overview.groups[by]
     if (groups > 1).sum() < 2:
-        answer = f"Not yet: there are no two objects with two recordings each. {TWICE}"
+        answer = f"Not yet: there are no two objects with two {by}s each. {TWICE}"
         return html.Verdict("bad", answer, [])
     reason = "Each object is in both published sets."
     if by != "source":

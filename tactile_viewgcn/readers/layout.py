@@ -151,7 +151,8 @@ def layout_of(places: Sequence[str], form: Form) -> tuple[str, list[Note]]:
     has_session = "SESSION" in order
     if not has_session or EMPTY_HAND in levels[order.index("OBJECT")]:
         return layout, [Note(note, topic="folders")]
-    note += f". If not, {setting(f'data.layout={other_order(layout)}')}; else data.layout={layout}"
+    note += f". If that is wrong, {setting(f'data.layout={other_order(layout)}')}. If it is right, "
+    note += f"data.layout={layout} says so"
     return layout, [Note(note, "warning", "folders", "data.layout", layout)]
 
 

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.mlflow_store import bad_request
 from tactile_viewgcn.readers.source import Recording
 from tactile_viewgcn.recognition.recogniser import Recogniser, recording_of
 
@@ -52,7 +51,7 @@ class RecogniserModel:
                 recordings.append(recording_of(counts, f"recording {number}"))
             answers, _ = self.recogniser.answer_recordings(recordings)
         except UserError as error:
-            raise bad_request(str(error)) from None
+            raise _bad_request(str(error)) from None
         probabilities = [answer.probabilities for answer in answers]
         return DataFrame(np.reshape(probabilities, (-1, len(classes))), columns=classes)
 
@@ -63,3 +62,16 @@ def _load_pyfunc(path: str) -> RecogniserModel:
     if file.is_dir():
         file = next(file.glob("*.pt"))
     return RecogniserModel(Recogniser(file))
+
+
+def _bad_request(message: str) -> Exception:
+    """Return MLflow's exception for a mistake of the user.
+
+    The server answers with 400 and the message, without a traceback.
+    """
+    from mlflow.exceptions import MlflowException
+
+    exception: Exception = MlflowException.invalid_parameter_value(message)
+    # else the server puts the whole input before the message
+    exception.json_kwargs = {"message": message}  # type: ignore[attr-defined]
+    return exception
