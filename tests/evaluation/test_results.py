@@ -186,7 +186,7 @@ def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation)
     assert scores == pytest.approx(expected | {"peak_mb": 1300.5})  # of the hungriest stage
     whole = [metrics["whole"]["error"][name] for name in ("mean", "low", "high")]
     assert description(run, "glove · best") == (
-        f"**glove · best**: {percent_interval(*whole)} % of whole recordings are wrong, "
+        f"**glove · best**: {percent_interval(*whole)} % error on whole recordings, "
         "1,297 s.\n\n`tactile-viewgcn report 12ab`"
     )
     assert [metric for metric in row.metrics if metric[2] > 0] == [
