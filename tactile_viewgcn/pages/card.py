@@ -23,12 +23,14 @@ from tactile_viewgcn.pages.checks import UNKNOWN
 from tactile_viewgcn.pages.run_page import prediction_command, run_checks, verdict
 from tactile_viewgcn.params import VIRTUAL, on_sensors
 from tactile_viewgcn.provenance import PACKAGES
+from tactile_viewgcn.readers.formats import STAG_METADATA
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.schema import as_change
 
 MARKUP = r"[\\`*{}\[\]<>#|~&$]"  # letters that Markdown reads as markup
-# an underscore within a word is none; a list begins with a hyphen, a plus sign or a number
-AT_AN_EDGE = r"(?<![^\W_])_|_(?![^\W_])|^[-+](?=\s)|(?<=^\d)[.)](?=\s)"
+UNDERSCORE = r"(?<![^\W_])_|_(?![^\W_])"  # at an edge of a word; within a word it is no markup
+LIST_MARK = r"^(\d*)([-+.)])(?=\s)"  # begins a list: a hyphen, a plus sign, or a number such as 12.
+STAG = r"(?<![a-z])stag(?![a-z])"  # as a word of its own, unlike `staging`
 SIGNATURE = "<!-- Written by tactile-viewgcn report. md5 of the lines above: {} -->"
 
 
@@ -60,7 +62,8 @@ def model_card(run: FinishedRun, recogniser: Recogniser) -> str:
             name=run.records["evaluate"].name or run.params["model.system"],
             verdict=verdict(run),
             simulated=simulated,
-            of_stag=not simulated and of_stag(run.params["data.source"]),
+            of_stag=of_stag(run.params["data.source"]),
+            is_metadata=Path(run.params["data.source"]).name == STAG_METADATA,
             on_sensors=on_sensors(run.params["model.system"]),
             scores={name: run.metrics[name] for name in SCORED if name in run.metrics},
             checks=run_checks(run),
@@ -103,9 +106,8 @@ def _digest(text: str) -> str:
 
 
 def of_stag(source: str) -> bool:
-    """Return whether a path is called as STAG's files are: `metadata.mat`, or `stag` in a name."""
-    path = Path(source)
-    return path.name == "metadata.mat" or any("stag" in part.lower() for part in path.parts)
+    """Return whether a path names STAG, in any of its parts."""
+    return bool(re.search(STAG, source.lower()))
 
 
 def _frame_rate(rates: list[float]) -> str:
@@ -156,8 +158,8 @@ def _printed(value: Any) -> str:
 
 def escaped(value: Any) -> str:
     """Return a value as Markdown that shows its text, and no markup."""
-    text = re.sub(MARKUP, r"\\\g<0>", shown(value))
-    return re.sub(AT_AN_EDGE, r"\\\g<0>", text)
+    text = re.sub(f"{MARKUP}|{UNDERSCORE}", r"\\\g<0>", shown(value))
+    return re.sub(LIST_MARK, r"\1\\\2", text)
 
 
 def _prose(text: str) -> Markup:

@@ -183,6 +183,7 @@ def test_what_is_said_of_probabilities_follows_from_the_model_and_the_stream():
         (VIRTUAL, "The recordings are computed by the same code."),
         ("data/stag/metadata.mat", "STAG is for research only"),
         ("my glove", "The files do not say under which licence the recordings are."),
+        ("/data/staging/my_glove", "The files do not say under which licence the recordings are."),
     ],
 )
 def test_the_licence_and_the_simulation_are_of_the_source(source, words):
@@ -193,8 +194,17 @@ def test_the_licence_and_the_simulation_are_of_the_source(source, words):
 
 
 def test_files_of_stag_are_known_by_their_names():
-    assert of_stag("metadata.mat") and of_stag("/data/STAG/classification")
-    assert not of_stag("my_glove/recordings") and not of_stag(VIRTUAL)
+    for source in ("/data/STAG/classification", "data/stag_lite", "data/my-stag.zip", "stag2/x"):
+        assert of_stag(source), source
+    for source in ("my_glove/recordings", "/data/staging/my_glove", "nostag", VIRTUAL):
+        assert not of_stag(source), source
+
+
+def test_a_metadata_mat_is_of_stag_perhaps():
+    text = card_of(a_run(**{"data.source": "data/metadata.mat"})).partition("## Licence")[2]
+    assert "The files do not say under which licence the recordings are." in text
+    assert "If these are recordings of STAG, the following holds. STAG is for research only: " in text
+    assert "If these" not in card_of(a_run(**{"data.source": "stag/metadata.mat"}))
 
 
 def test_warnings_and_checks_are_those_of_the_stages():
@@ -220,6 +230,8 @@ def test_names_are_no_markup():
         ("_x_ *y*", r"\_x\_ \*y\*"),
         ("- a", r"\- a"),
         ("1. a", r"1\. a"),
+        ("12. a", r"12\. a"),
+        ("123) a - b", r"123\) a - b"),
         ("1.5 a-b", "1.5 a-b"),
         ("[a](b) `c` #", r"\[a\](b) \`c\` \#"),
         ("a\n\n# b", r"a\\n\\n\# b"),
