@@ -100,8 +100,8 @@ def _check_own(path: Path, is_own: Callable[[str], bool]) -> None:
         return
     if size > MOST_READ or not is_own(path.read_text("utf-8", errors="replace")):
         raise UserError(
-            f"{path}: this file was edited, or this command did not write it; name another file, or "
-            "move this one away"
+            f"{path}: this file was edited, or this command did not write it; name another file "
+            "or move this one away"
         )
 
 

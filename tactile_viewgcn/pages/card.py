@@ -5,27 +5,20 @@ file is escaped, so that no name of an object or a folder becomes markup.
 """
 
 import re
-from datetime import datetime
 from hashlib import md5
-from itertools import starmap
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment
 from markupsafe import Markup
 
 from tactile_viewgcn.evaluation.finished_run import MODEL, FinishedRun
-from tactile_viewgcn.evaluation.results import SCORED
 from tactile_viewgcn.files import write_file
-from tactile_viewgcn.intervals import percent, percent_interval
-from tactile_viewgcn.messages import EMPTY_HAND, NEW_SESSION, UserError, several, shown
-from tactile_viewgcn.pages.checks import UNKNOWN
-from tactile_viewgcn.pages.run_page import prediction_command, run_checks, verdict
-from tactile_viewgcn.params import VIRTUAL, on_sensors
-from tactile_viewgcn.provenance import PACKAGES
+from tactile_viewgcn.messages import EMPTY_HAND, UserError, several, shown
+from tactile_viewgcn.pages.html import environment
+from tactile_viewgcn.pages.run_page import date_in_words, prediction_command, run_facts
 from tactile_viewgcn.readers.formats import STAG_METADATA
 from tactile_viewgcn.recognition.recogniser import Recogniser
-from tactile_viewgcn.schema import as_change
 
 MARKUP = r"[\\`*{}\[\]<>#|~&$]"  # letters that Markdown reads as markup
 UNDERSCORE = r"(?<![^\W_])_|_(?![^\W_])"  # at an edge of a word; within a word it is no markup
@@ -50,33 +43,24 @@ def model_card(run: FinishedRun, recogniser: Recogniser) -> str:
             "up to date"
         )
     origin = run.records["evaluate"].origin
-    simulated = Path(run.params["data.source"]) == Path(VIRTUAL)
+    source = run.params["data.source"]
     text = (
         _environment()
         .get_template("card.md")
         .render(
-            run=run,
+            run_facts(run),
             recogniser=recogniser,
             plan=recogniser.plan,
             content=recogniser.content,
             name=run.records["evaluate"].name or run.params["model.system"],
-            verdict=verdict(run),
-            simulated=simulated,
-            of_stag=of_stag(run.params["data.source"]),
-            is_metadata=Path(run.params["data.source"]).name == STAG_METADATA,
-            on_sensors=on_sensors(run.params["model.system"]),
-            scores={name: run.metrics[name] for name in SCORED if name in run.metrics},
-            checks=run_checks(run),
-            unknown=UNKNOWN,
+            of_stag=of_stag(source),
+            is_metadata=Path(source).name == STAG_METADATA,
             sure=[row for row in run.live if row["answer"] == "sure" and row["share"]],
             frame_rate=_frame_rate(recogniser.plan.rates),
             model_file=MODEL,
             predict=prediction_command(run),
             origin=origin,
-            trained=_date(run.records["finetune"].origin["time"]),
-            evaluated=_date(origin["time"]),
-            changed=list(starmap(as_change, run.changed.items())),
-            versions=[f"{name} {origin[name]}" for name in ("python", *PACKAGES) if name in origin],
+            trained=date_in_words(run.records["finetune"].origin["time"]),
         )
     )
     return f"{text}\n{SIGNATURE.format(_digest(text))}\n"
@@ -120,40 +104,12 @@ def _frame_rate(rates: list[float]) -> str:
     return f"{low} to {high} Hz"
 
 
-def _date(time: str) -> str:
-    return f"{datetime.fromisoformat(time):%d %B %Y, %H:%M} UTC"
-
-
 def _environment() -> Environment:
-    """Return the environment of the template; a name that the template lacks is an error."""
-    templates = Environment(
-        loader=PackageLoader("tactile_viewgcn.pages"),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=_printed,
-    )
-    templates.globals |= {
-        "empty_hand": EMPTY_HAND,
-        "new_session": NEW_SESSION,
-        "interval": percent_interval,
-        "titles": SCORED,
-    }
-    templates.filters |= {
-        "several": several,
-        "percent": percent,
-        "prose": _prose,
-        "code": _code,
-        "command": _command,
-    }
+    """Return the environment of the card's template, whose values are escaped for Markdown."""
+    templates = environment(escaped)
+    templates.globals |= {"empty_hand": EMPTY_HAND}
+    templates.filters |= {"prose": _prose, "code": _code, "command": _command}
     return templates
-
-
-def _printed(value: Any) -> str:
-    """Return a value as the card prints it: markup as it is, all else escaped."""
-    if isinstance(value, Markup):
-        return value
-    return escaped(value)
 
 
 def escaped(value: Any) -> str:

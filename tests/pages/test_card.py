@@ -10,6 +10,7 @@ from tactile_viewgcn.evaluation.finished_run import FinishedRun
 from tactile_viewgcn.evaluation.trials import WHOLE, Predictions, Trials
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.pages.card import escaped, model_card, of_stag, write_card
+from tactile_viewgcn.pages.run_page import run_facts
 from tactile_viewgcn.params import VIRTUAL
 from tests.glove_data import OBJECTS, recogniser
 from tests.records import RECORD
@@ -125,8 +126,8 @@ def test_the_card_has_the_numbers_of_the_run():
         "| training | 500 | 12 | 12 |",
         "| test | 500 | 12 | 12 |",
         # 3 of 12 recordings
-        "| `whole` | whole recordings: one answer to each recording, from all its frames, as in use"
-        " | 25.0 (12.5 to 50.0) |  |",
+        "| `whole` | whole recordings: one answer to each recording, from all its frames, as a user "
+        "gets it | 25.0 (12.5 to 50.0) |  |",
         "| `recording` | recording protocol: 8 frames of one recording | 37.5 (25.0 to 62.5)"
         " | 6.2 |",
         "| `object` | object protocol: 8 frames of any test recordings of the object, as in the "
@@ -160,8 +161,19 @@ def test_the_errors_of_sessions_are_named_by_what_was_tested():
     assert "No session is in both the training set and the test set." in tested
     assert "Error `whole` is of new sessions." in tested and not_measured not in tested
     held_out = card_of(a_run(metrics={"new_session": error(0.5, 0.375, 0.625)}))
-    assert "each held out from the fits that answer it | 50.0 (37.5 to 62.5) |" in held_out
+    assert "was held out of the fits that answered it | 50.0 (37.5 to 62.5) |" in held_out
     assert not_measured not in held_out
+
+
+def test_the_card_and_the_page_say_the_same_of_an_error():
+    validated = {"groups": {"validation": 12}, "new_session": error(0.5, 0.375, 0.625)}
+    run = a_run(metrics=validated, **{"split.by": "grasp"})
+    meanings = run_facts(run)["meanings"]
+    assert meanings["recording"] == "8 frames of one grasp"
+    assert meanings["object"].startswith("8 frames of any validation recordings of the object")
+    assert run_facts(a_run(metrics={"views": 1}))["meanings"]["recording"].startswith("1 frame of")
+    text = card_of(run)
+    assert [name for name, meaning in meanings.items() if f": {meaning} |" not in text] == []
 
 
 def test_what_is_said_of_probabilities_follows_from_the_model_and_the_stream():
@@ -203,7 +215,7 @@ def test_files_of_stag_are_known_by_their_names():
 def test_a_metadata_mat_is_of_stag_perhaps():
     text = card_of(a_run(**{"data.source": "data/metadata.mat"})).partition("## Licence")[2]
     assert "The files do not say under which licence the recordings are." in text
-    assert "If these are recordings of STAG, the following holds. STAG is for research only: " in text
+    assert "If these are recordings of STAG, the following holds. STAG is for research" in text
     assert "If these" not in card_of(a_run(**{"data.source": "stag/metadata.mat"}))
 
 
