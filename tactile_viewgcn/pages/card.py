@@ -13,12 +13,20 @@ from jinja2 import Environment
 from markupsafe import Markup
 
 from tactile_viewgcn.evaluation.finished_run import MODEL, FinishedRun
+from tactile_viewgcn.evaluation.live import SURE
 from tactile_viewgcn.files import write_file
 from tactile_viewgcn.messages import EMPTY_HAND, UserError, several, shown
 from tactile_viewgcn.pages.html import environment
-from tactile_viewgcn.pages.run_page import date_in_words, prediction_command, run_facts
+from tactile_viewgcn.pages.run_page import (
+    date_in_words,
+    model_name,
+    prediction_command,
+    run_facts,
+    versions,
+)
 from tactile_viewgcn.readers.formats import STAG_METADATA
 from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.schema import as_change
 
 MARKUP = r"[\\`*{}\[\]<>#|~&$]"  # letters that Markdown reads as markup
 UNDERSCORE = r"(?<![^\W_])_|_(?![^\W_])"  # at an edge of a word; within a word it is no markup
@@ -42,7 +50,6 @@ def model_card(run: FinishedRun, recogniser: Recogniser) -> str:
             "the model and the results have different objects; run `dvc repro`, which brings both "
             "up to date"
         )
-    origin = run.records["evaluate"].origin
     source = run.params["data.source"]
     text = (
         _environment()
@@ -57,10 +64,12 @@ def model_card(run: FinishedRun, recogniser: Recogniser) -> str:
             is_metadata=Path(source).name == STAG_METADATA,
             sure=[row for row in run.live if row["answer"] == "sure" and row["share"]],
             frame_rate=_frame_rate(recogniser.plan.rates),
+            lowest_sure=SURE[0],
+            model=model_name(run),
             model_file=MODEL,
             predict=prediction_command(run),
-            origin=origin,
             trained=date_in_words(run.records["finetune"].origin["time"]),
+            made=_how_it_was_made(run, recogniser.content.version),
         )
     )
     return f"{text}\n{SIGNATURE.format(_digest(text))}\n"
@@ -102,6 +111,53 @@ def _frame_rate(rates: list[float]) -> str:
     if low == high:
         return f"{low} Hz"
     return f"{low} to {high} Hz"
+
+
+def _how_it_was_made(run: FinishedRun, version: str) -> list[tuple[str, str]]:
+    """Return the rows of a table: what made the recordings, the classifier and its evaluation.
+
+    Args:
+        run: the finished run.
+        version: of this package, at the training of the classifier.
+    """
+    trained = run.records["finetune"].origin
+    evaluated = run.records["evaluate"].origin
+    of_training = _circumstances(trained)
+    of_evaluation = {
+        what: text for what, text in _circumstances(evaluated).items() if text != of_training[what]
+    }
+    changed = [as_change(key, value) for key, value in run.changed.items()]
+    parameters = {"Changed parameters": ", ".join(changed) or "none"}
+    if "Code" in of_evaluation:  # the parameters differ from those of this commit
+        of_evaluation |= parameters
+    else:
+        of_training |= parameters
+    of_training["Versions"] = f"tactile-viewgcn {version}, {of_training['Versions']}"
+    return [
+        ("Recordings", f"md5 {run.records['ingest'].inputs['source']['md5']}"),
+        ("Trained", date_in_words(trained["time"])),
+        *of_training.items(),
+        ("Evaluated", date_in_words(evaluated["time"])),
+        *((f"{what}, in the evaluation", text) for what, text in of_evaluation.items()),
+        ("MLflow run", run.records["evaluate"].run_id or "none"),
+    ]
+
+
+def _circumstances(origin: dict[str, str]) -> dict[str, str]:
+    """Return by what code, on which machine and with which versions a stage ran, in words.
+
+    Args:
+        origin: of the stage's record.
+    """
+    code = origin.get("mlflow.source.git.commit", "outside git")
+    if origin.get("git.dirty") == "true":
+        code += ", with changes that were not committed: the commit does not restore it"
+    return {
+        "Code": code,
+        "Machine": f"{origin['processor']}, {several(int(origin['cores']), 'core')}",
+        "Computed on": f"{origin['device']} in {origin['precision']}",
+        "Versions": ", ".join(versions(origin)),
+    }
 
 
 def _environment() -> Environment:

@@ -164,15 +164,19 @@ def _by_session(run: FinishedRun) -> str:
 
 def prediction_command(run: FinishedRun) -> str:
     """Return the commands that answer new recordings by the model in MLflow or the workspace."""
-    model = MODEL
+    model = model_name(run)
     fetch = ""
-    if run.name:
-        run_id = run.records["evaluate"].run_id
-        if run_id:
-            model = run_id
-        else:
-            fetch = f"dvc exp apply {shlex.quote(run.name)}\n"
+    if run.name and model == MODEL:
+        fetch = f"dvc exp apply {shlex.quote(run.name)}\n"
     return again(_form(run), f"{fetch}tactile-viewgcn predict {model} NEW_RECORDINGS", "--set")
+
+
+def model_name(run: FinishedRun) -> str:
+    """Return what names a run's model: its run in MLflow, or else the file in the workspace."""
+    run_id = run.records["evaluate"].run_id
+    if run.name and run_id:
+        return run_id
+    return MODEL
 
 
 def _form(run: FinishedRun) -> dict[str, Any]:

@@ -126,8 +126,8 @@ def test_the_card_has_the_numbers_of_the_run():
         "| training | 500 | 12 | 12 |",
         "| test | 500 | 12 | 12 |",
         # 3 of 12 recordings
-        "| `whole` | whole recordings: one answer to each recording, from all its frames, as a user "
-        "gets it | 25.0 (12.5 to 50.0) |  |",
+        "| `whole` | whole recordings: one answer to each recording, from all its frames, as a "
+        "user gets it | 25.0 (12.5 to 50.0) |  |",
         "| `recording` | recording protocol: 8 frames of one recording | 37.5 (25.0 to 62.5)"
         " | 6.2 |",
         "| `object` | object protocol: 8 frames of any test recordings of the object, as in the "
@@ -186,7 +186,64 @@ def test_what_is_said_of_probabilities_follows_from_the_model_and_the_stream():
     never = {"answer": "sure", "level": 0.95, "share": 0.0, "error": None, "low": None}
     text = card_of(a_run(live=[reached, never | {"high": None}]))
     assert "| 90 % or more | 50.0 % | 12.5 (0.0 to 25.0) |" in text and "95 % or" not in text
-    assert "No answer reached 80 %." in card_of(a_run(live=[never | {"high": None}]))
+    assert "answer to each grasp that reached a probability before the hand opened." in text
+    never |= {"high": None}
+    assert "No answer reached 80 % before the hand opened." in card_of(a_run(live=[never]))
+    assert "as a stream" not in card_of()
+
+
+def test_the_card_names_the_set_that_was_answered_and_how_much_of_it_as_a_stream():
+    final = {"answer": "final", "level": None, "share": 1.0, "error": 0.25, "low": 0, "high": 0.5}
+    part = Note("3 of 12 recordings, evenly chosen, were answered", topic="live", stage="evaluate")
+    for tested_set in ("test", "validation"):
+        run = a_run(live=[final], notes=[part], metrics={"groups": {tested_set: 12}})
+        text = card_of(run).partition("## Probabilities")[2].partition("## ")[0]
+        assert f"with the errors on whole recordings of the {tested_set} set was not" in text
+        answered = f"Recordings of the {tested_set} set were also answered as a stream, grasp by "
+        assert f"{answered}grasp; 3 of 12 recordings, evenly chosen, were answered." in text
+        assert ("test" in text) == (tested_set == "test")
+
+
+def test_the_training_and_the_evaluation_have_rows_of_their_own():
+    run = a_run()
+    record = run.records["finetune"]
+    trained = {"mlflow.source.git.commit": "d" * 40, "processor": "CPU 7", "git.dirty": "true"}
+    trained |= {"device": "A GPU", "torch": "2.9.1"}
+    run.records["finetune"] = replace(record, origin=record.origin | trained)
+    run.changed = {"views": 12}
+    restores = "with changes that were not committed: the commit does not restore it"
+    lines = model_card(run, recogniser()).splitlines()
+    start = lines.index("| Trained | 01 January 2026, 00:00 UTC |")
+    assert lines[start - 1 : start + 11] == [
+        "| Recordings | md5 a1b2 |",
+        "| Trained | 01 January 2026, 00:00 UTC |",
+        f"| Code | {'d' * 40}, {restores} |",
+        "| Machine | CPU 7, 2 cores |",
+        "| Computed on | A GPU in float32 |",
+        "| Versions | tactile-viewgcn 0.4.0, python 3.11.7, torch 2.9.1 |",
+        "| Evaluated | 02 January 2026, 03:04 UTC |",
+        f"| Code, in the evaluation | {'c' * 40} |",
+        "| Machine, in the evaluation | A CPU, 2 cores |",
+        "| Computed on, in the evaluation | cpu in float32 |",
+        "| Versions, in the evaluation | python 3.11.7, torch 2.10.0 |",
+        "| Changed parameters, in the evaluation | views=12 |",
+    ]
+    same = model_card(a_run(), recogniser())
+    assert ", in the evaluation" not in same and restores not in same
+    assert "| Changed parameters | none |" in same.splitlines()
+
+
+def test_python_code_stands_only_beside_a_command_that_names_the_file():
+    python = 'TactileClassifier.load("models/classifier.pt")'
+    assert python in card_of()
+    logged = card_of(replace(a_run(), name="f" * 32))
+    assert f"tactile-viewgcn predict {'f' * 32} NEW_RECORDINGS ``` Use it for" in logged
+    assert "TactileClassifier" not in logged and "models/classifier.pt" not in logged
+    run = replace(a_run(), name="brave-mug")
+    run.records["evaluate"] = replace(run.records["evaluate"], run_id=None)
+    applied = card_of(run)
+    assert "dvc exp apply brave-mug tactile-viewgcn predict models/classifier.pt" in applied
+    assert python in applied
 
 
 @pytest.mark.parametrize(
