@@ -233,7 +233,7 @@ def test_the_training_and_the_evaluation_have_rows_of_their_own():
     assert "| Changed parameters | none |" in same.splitlines()
 
 
-def test_python_code_stands_only_beside_a_command_that_names_the_file():
+def test_python_code_stands_only_with_a_command_that_names_the_file():
     python = 'TactileClassifier.load("models/classifier.pt")'
     assert python in card_of()
     logged = card_of(replace(a_run(), name="f" * 32))
