@@ -94,13 +94,14 @@ def write_file(
 
 
 def _check_own(path: Path, is_own: Callable[[str], bool]) -> None:
-    """Raise a UserError unless a file is empty or was written by this command."""
+    """Raise a UserError unless a file is empty, or this command wrote it and nobody edited it."""
     size = path.stat().st_size
     if size == 0:
         return
     if size > MOST_READ or not is_own(path.read_text("utf-8", errors="replace")):
         raise UserError(
-            f"{path}: this command did not write this file; remove it or name another file"
+            f"{path}: this file was edited, or this command did not write it; name another file "
+            "or move this one away"
         )
 
 

@@ -246,7 +246,7 @@ def test_a_folder_that_a_link_leads_to_takes_the_files(tmp_path):
 
 def test_a_file_that_is_not_the_writer_s_own_stays(tmp_path):
     (path := tmp_path / "page").write_text("mine")
-    with pytest.raises(UserError, match=r"page: .*remove it or name another"):
+    with pytest.raises(UserError, match=r"page: .*edited, or this command did not write it"):
         write_file(path, "own 1", lambda text: text.startswith("own"))
     assert texts_in(tmp_path) == {"page": "mine"}
     path.unlink()

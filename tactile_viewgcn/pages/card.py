@@ -5,30 +5,33 @@ file is escaped, so that no name of an object or a folder becomes markup.
 """
 
 import re
-from datetime import datetime
 from hashlib import md5
-from itertools import starmap
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment
 from markupsafe import Markup
 
 from tactile_viewgcn.evaluation.finished_run import MODEL, FinishedRun
-from tactile_viewgcn.evaluation.results import SCORED
+from tactile_viewgcn.evaluation.live import SURE
 from tactile_viewgcn.files import write_file
-from tactile_viewgcn.intervals import percent, percent_interval
-from tactile_viewgcn.messages import EMPTY_HAND, NEW_SESSION, UserError, several, shown
-from tactile_viewgcn.pages.checks import UNKNOWN
-from tactile_viewgcn.pages.run_page import prediction_command, run_checks, verdict
-from tactile_viewgcn.params import VIRTUAL, on_sensors
-from tactile_viewgcn.provenance import PACKAGES
+from tactile_viewgcn.messages import EMPTY_HAND, UserError, several, shown
+from tactile_viewgcn.pages.html import environment
+from tactile_viewgcn.pages.run_page import (
+    date_in_words,
+    model_name,
+    prediction_command,
+    run_facts,
+    versions,
+)
+from tactile_viewgcn.readers.formats import STAG_METADATA
 from tactile_viewgcn.recognition.recogniser import Recogniser
 from tactile_viewgcn.schema import as_change
 
 MARKUP = r"[\\`*{}\[\]<>#|~&$]"  # letters that Markdown reads as markup
-# an underscore within a word is none; a list begins with a hyphen, a plus sign or a number
-AT_AN_EDGE = r"(?<![^\W_])_|_(?![^\W_])|^[-+](?=\s)|(?<=^\d)[.)](?=\s)"
+UNDERSCORE = r"(?<![^\W_])_|_(?![^\W_])"  # at an edge of a word; within a word it is no markup
+LIST_MARK = r"^(\d*)([-+.)])(?=\s)"  # begins a list: a hyphen, a plus sign, or a number such as 12.
+STAG = r"(?<![a-z])stag(?![a-z])"  # as a word of its own, unlike `staging`
 SIGNATURE = "<!-- Written by tactile-viewgcn report. md5 of the lines above: {} -->"
 
 
@@ -47,33 +50,26 @@ def model_card(run: FinishedRun, recogniser: Recogniser) -> str:
             "the model and the results have different objects; run `dvc repro`, which brings both "
             "up to date"
         )
-    origin = run.records["evaluate"].origin
-    simulated = Path(run.params["data.source"]) == Path(VIRTUAL)
+    source = run.params["data.source"]
     text = (
         _environment()
         .get_template("card.md")
         .render(
-            run=run,
+            run_facts(run),
             recogniser=recogniser,
             plan=recogniser.plan,
             content=recogniser.content,
             name=run.records["evaluate"].name or run.params["model.system"],
-            verdict=verdict(run),
-            simulated=simulated,
-            of_stag=not simulated and of_stag(run.params["data.source"]),
-            on_sensors=on_sensors(run.params["model.system"]),
-            scores={name: run.metrics[name] for name in SCORED if name in run.metrics},
-            checks=run_checks(run),
-            unknown=UNKNOWN,
+            of_stag=of_stag(source),
+            is_metadata=Path(source).name == STAG_METADATA,
             sure=[row for row in run.live if row["answer"] == "sure" and row["share"]],
             frame_rate=_frame_rate(recogniser.plan.rates),
+            lowest_sure=SURE[0],
+            model=model_name(run),
             model_file=MODEL,
             predict=prediction_command(run),
-            origin=origin,
-            trained=_date(run.records["finetune"].origin["time"]),
-            evaluated=_date(origin["time"]),
-            changed=list(starmap(as_change, run.changed.items())),
-            versions=[f"{name} {origin[name]}" for name in ("python", *PACKAGES) if name in origin],
+            trained=date_in_words(run.records["finetune"].origin["time"]),
+            made=_how_it_was_made(run, recogniser.content.version),
         )
     )
     return f"{text}\n{SIGNATURE.format(_digest(text))}\n"
@@ -103,9 +99,8 @@ def _digest(text: str) -> str:
 
 
 def of_stag(source: str) -> bool:
-    """Return whether a path is called as STAG's files are: `metadata.mat`, or `stag` in a name."""
-    path = Path(source)
-    return path.name == "metadata.mat" or any("stag" in part.lower() for part in path.parts)
+    """Return whether a path names STAG, in any of its parts."""
+    return bool(re.search(STAG, source.lower()))
 
 
 def _frame_rate(rates: list[float]) -> str:
@@ -118,46 +113,65 @@ def _frame_rate(rates: list[float]) -> str:
     return f"{low} to {high} Hz"
 
 
-def _date(time: str) -> str:
-    return f"{datetime.fromisoformat(time):%d %B %Y, %H:%M} UTC"
+def _how_it_was_made(run: FinishedRun, version: str) -> list[tuple[str, str]]:
+    """Return the rows of a table: what made the recordings, the classifier and its evaluation.
+
+    Args:
+        run: the finished run.
+        version: of this package, at the training of the classifier.
+    """
+    trained = run.records["finetune"].origin
+    evaluated = run.records["evaluate"].origin
+    of_training = _circumstances(trained)
+    of_evaluation = {
+        what: text for what, text in _circumstances(evaluated).items() if text != of_training[what]
+    }
+    changed = [as_change(key, value) for key, value in run.changed.items()]
+    parameters = {"Changed parameters": ", ".join(changed) or "none"}
+    if "Code" in of_evaluation:  # the parameters differ from those of this commit
+        of_evaluation |= parameters
+    else:
+        of_training |= parameters
+    of_training["Versions"] = f"tactile-viewgcn {version}, {of_training['Versions']}"
+    return [
+        ("Recordings", f"md5 {run.records['ingest'].inputs['source']['md5']}"),
+        ("Trained", date_in_words(trained["time"])),
+        *of_training.items(),
+        ("Evaluated", date_in_words(evaluated["time"])),
+        *((f"{what}, in the evaluation", text) for what, text in of_evaluation.items()),
+        ("MLflow run", run.records["evaluate"].run_id or "none"),
+    ]
+
+
+def _circumstances(origin: dict[str, str]) -> dict[str, str]:
+    """Return by what code, on which machine and with which versions a stage ran, in words.
+
+    Args:
+        origin: of the stage's record.
+    """
+    code = origin.get("mlflow.source.git.commit", "outside git")
+    if origin.get("git.dirty") == "true":
+        code += ", with changes that were not committed: the commit does not restore it"
+    return {
+        "Code": code,
+        "Machine": f"{origin['processor']}, {several(int(origin['cores']), 'core')}",
+        "Computed on": f"{origin['device']} in {origin['precision']}",
+        "Versions": ", ".join(versions(origin)),
+    }
 
 
 def _environment() -> Environment:
-    """Return the environment of the template; a name that the template lacks is an error."""
-    templates = Environment(
-        loader=PackageLoader("tactile_viewgcn.pages"),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=_printed,
-    )
-    templates.globals |= {
-        "empty_hand": EMPTY_HAND,
-        "new_session": NEW_SESSION,
-        "interval": percent_interval,
-        "titles": SCORED,
-    }
-    templates.filters |= {
-        "several": several,
-        "percent": percent,
-        "prose": _prose,
-        "code": _code,
-        "command": _command,
-    }
+    """Return the environment of the card's template, whose values are escaped for Markdown."""
+    templates = environment(escaped)
+    templates.globals |= {"empty_hand": EMPTY_HAND}
+    templates.filters |= {"prose": _prose, "code": _code, "command": _command}
     return templates
-
-
-def _printed(value: Any) -> str:
-    """Return a value as the card prints it: markup as it is, all else escaped."""
-    if isinstance(value, Markup):
-        return value
-    return escaped(value)
 
 
 def escaped(value: Any) -> str:
     """Return a value as Markdown that shows its text, and no markup."""
-    text = re.sub(MARKUP, r"\\\g<0>", shown(value))
-    return re.sub(AT_AN_EDGE, r"\\\g<0>", text)
+    text = re.sub(f"{MARKUP}|{UNDERSCORE}", r"\\\g<0>", shown(value))
+    return re.sub(LIST_MARK, r"\1\\\2", text)
 
 
 def _prose(text: str) -> Markup:

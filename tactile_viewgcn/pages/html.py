@@ -6,6 +6,8 @@ Jinja2 escapes every value, and `messages.shown` escapes control characters.
 import base64
 import re
 import warnings
+from collections.abc import Callable
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -46,16 +48,21 @@ class Verdict(NamedTuple):
     reasons: list[str]
 
 
-def environment() -> Environment:
-    """Return the templates' environment, in which an unknown name is an error."""
+def environment(escaped: Callable[[Any], str] | None = None) -> Environment:
+    """Return the templates' environment, in which an unknown name is an error.
+
+    Args:
+        escaped: returns a value as text of a page that is not HTML. Without it Jinja2 escapes every
+            value for HTML.
+    """
     loader = PackageLoader("tactile_viewgcn.pages")
     templates = Environment(
         loader=loader,
-        autoescape=True,
+        autoescape=escaped is None,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        finalize=_printed,
+        finalize=partial(_printed, escaped=escaped or shown),
     )
     glossary = loader.get_source(templates, GLOSSARY)[0]
     rows = re.findall(r"^\| (.+) \| (.+) \|$", glossary, re.MULTILINE)
@@ -75,11 +82,11 @@ def environment() -> Environment:
     return templates
 
 
-def _printed(value: Any) -> str:
-    """Return a value as a page prints it: markup unchanged, other text without control letters."""
+def _printed(value: Any, escaped: Callable[[Any], str]) -> str:
+    """Return a value as a page prints it: markup unchanged, other text `escaped`."""
     if isinstance(value, Markup):
         return value
-    return shown(value)
+    return escaped(value)
 
 
 def write(path: Path, text: str) -> str:

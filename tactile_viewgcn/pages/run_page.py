@@ -164,15 +164,19 @@ def _by_session(run: FinishedRun) -> str:
 
 def prediction_command(run: FinishedRun) -> str:
     """Return the commands that answer new recordings by the model in MLflow or the workspace."""
-    model = MODEL
+    model = model_name(run)
     fetch = ""
-    if run.name:
-        run_id = run.records["evaluate"].run_id
-        if run_id:
-            model = run_id
-        else:
-            fetch = f"dvc exp apply {shlex.quote(run.name)}\n"
+    if run.name and model == MODEL:
+        fetch = f"dvc exp apply {shlex.quote(run.name)}\n"
     return again(_form(run), f"{fetch}tactile-viewgcn predict {model} NEW_RECORDINGS", "--set")
+
+
+def model_name(run: FinishedRun) -> str:
+    """Return what names a run's model: its run in MLflow, or else the file in the workspace."""
+    run_id = run.records["evaluate"].run_id
+    if run.name and run_id:
+        return run_id
+    return MODEL
 
 
 def _form(run: FinishedRun) -> dict[str, Any]:
@@ -246,40 +250,77 @@ def page_path(name: str) -> Path:
     return Path(f"report-{cleaned or 'run'}.html")
 
 
+def run_facts(run: FinishedRun) -> dict[str, Any]:
+    """Return by name what the templates of both the page and the model card print."""
+    origin = run.records["evaluate"].origin
+    return {
+        "run": run,
+        "verdict": verdict(run),
+        "simulated": Path(run.params["data.source"]) == Path(VIRTUAL),
+        "without_network": on_sensors(run.params["model.system"]),
+        "checks": run_checks(run),
+        "unknown": UNKNOWN,
+        "scores": {name: run.metrics[name] for name in SCORED if name in run.metrics},
+        "titles": SCORED,
+        "meanings": _meanings(run),
+        "interval": percent_interval,
+        "changed": list(starmap(as_change, run.changed.items())),
+        "date": date_in_words(origin["time"]),
+        "versions": versions(origin),
+    }
+
+
+def _meanings(run: FinishedRun) -> dict[str, str]:
+    """Return by the name of an error what is answered."""
+    frames = several(run.metrics["views"], "frame")
+    undivided = "recording"
+    if run.params["split.by"] == "grasp":
+        undivided = "grasp"
+    return {
+        "whole": "one answer to each recording, from all its frames, as a user gets it",
+        "new_session": "whole recordings of training sessions; each session was held out of the "
+        "fits that answered it",
+        "recording": f"{frames} of one {undivided}",
+        "object": f"{frames} of any {run.tested_set} recordings of the object, as in the paper",
+    }
+
+
+def date_in_words(time: str) -> str:
+    """Return the time of a record in words.
+
+    Args:
+        time: in ISO format and UTC.
+    """
+    return f"{datetime.fromisoformat(time):%d %B %Y, %H:%M} UTC"
+
+
+def versions(origin: dict[str, str]) -> list[str]:
+    """Return the versions of Python and of the packages in the origin of a record."""
+    programs = ("python", *PACKAGES)
+    return [f"{name} {text}" for name, text in origin.items() if name in programs]
+
+
 def run_page(run: FinishedRun) -> str:
     """Return the page of a run as HTML.
 
     Args:
         run: the finished run.
     """
-    origin = run.records["evaluate"].origin
-    date = f"{datetime.fromisoformat(origin['time']):%d %B %Y, %H:%M} UTC"
+    facts = run_facts(run)
     by_frames = {TITLES[name]: errors for name, errors in errors_by_frames(run.metrics).items()}
-    programs = ("python", *PACKAGES)
     live_errors = None
     if run.live:
         live_errors = plots.live_errors(run.live, run.chance)
     page = html.environment().get_template("report.html")
     return page.render(
-        run=run,
-        verdict=verdict(run),
-        simulated=Path(run.params["data.source"]) == Path(VIRTUAL),
-        checks=run_checks(run),
-        unknown=UNKNOWN,
-        origin=origin,
-        title=f"Report: {run.name or run.params['model.system']}, {date}",
-        date=date,
+        facts,
+        origin=run.records["evaluate"].origin,
+        title=f"Report: {run.name or run.params['model.system']}, {facts['date']}",
         steps=next_steps(run),
-        scores={name: run.metrics[name] for name in SCORED if name in run.metrics},
-        titles=SCORED,
-        interval=percent_interval,
         by_frames=plots.errors_by_frames(by_frames, run.chance),
         live_errors=live_errors,
         confusion=plots.confusion(run.counts, run.predictions.classes.tolist()),
-        without_network=on_sensors(run.params["model.system"]),
         versus=_versus(run),
         remarks=[note for note in run.notes("info") if note.topic not in ("members", VERSUS)],
         again=again(run.repeated, "dvc exp run --temp"),
-        changed=list(starmap(as_change, run.changed.items())),
-        versions=[f"{name} {text}" for name, text in origin.items() if name in programs],
     )

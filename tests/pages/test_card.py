@@ -10,6 +10,7 @@ from tactile_viewgcn.evaluation.finished_run import FinishedRun
 from tactile_viewgcn.evaluation.trials import WHOLE, Predictions, Trials
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.pages.card import escaped, model_card, of_stag, write_card
+from tactile_viewgcn.pages.run_page import run_facts
 from tactile_viewgcn.params import VIRTUAL
 from tests.glove_data import OBJECTS, recogniser
 from tests.records import RECORD
@@ -125,8 +126,8 @@ def test_the_card_has_the_numbers_of_the_run():
         "| training | 500 | 12 | 12 |",
         "| test | 500 | 12 | 12 |",
         # 3 of 12 recordings
-        "| `whole` | whole recordings: one answer to each recording, from all its frames, as in use"
-        " | 25.0 (12.5 to 50.0) |  |",
+        "| `whole` | whole recordings: one answer to each recording, from all its frames, as a "
+        "user gets it | 25.0 (12.5 to 50.0) |  |",
         "| `recording` | recording protocol: 8 frames of one recording | 37.5 (25.0 to 62.5)"
         " | 6.2 |",
         "| `object` | object protocol: 8 frames of any test recordings of the object, as in the "
@@ -160,8 +161,19 @@ def test_the_errors_of_sessions_are_named_by_what_was_tested():
     assert "No session is in both the training set and the test set." in tested
     assert "Error `whole` is of new sessions." in tested and not_measured not in tested
     held_out = card_of(a_run(metrics={"new_session": error(0.5, 0.375, 0.625)}))
-    assert "each held out from the fits that answer it | 50.0 (37.5 to 62.5) |" in held_out
+    assert "was held out of the fits that answered it | 50.0 (37.5 to 62.5) |" in held_out
     assert not_measured not in held_out
+
+
+def test_the_card_and_the_page_say_the_same_of_an_error():
+    validated = {"groups": {"validation": 12}, "new_session": error(0.5, 0.375, 0.625)}
+    run = a_run(metrics=validated, **{"split.by": "grasp"})
+    meanings = run_facts(run)["meanings"]
+    assert meanings["recording"] == "8 frames of one grasp"
+    assert meanings["object"].startswith("8 frames of any validation recordings of the object")
+    assert run_facts(a_run(metrics={"views": 1}))["meanings"]["recording"].startswith("1 frame of")
+    text = card_of(run)
+    assert [name for name, meaning in meanings.items() if f": {meaning} |" not in text] == []
 
 
 def test_what_is_said_of_probabilities_follows_from_the_model_and_the_stream():
@@ -174,7 +186,64 @@ def test_what_is_said_of_probabilities_follows_from_the_model_and_the_stream():
     never = {"answer": "sure", "level": 0.95, "share": 0.0, "error": None, "low": None}
     text = card_of(a_run(live=[reached, never | {"high": None}]))
     assert "| 90 % or more | 50.0 % | 12.5 (0.0 to 25.0) |" in text and "95 % or" not in text
-    assert "No answer reached 80 %." in card_of(a_run(live=[never | {"high": None}]))
+    assert "answer to each grasp that reached a probability before the hand opened." in text
+    never |= {"high": None}
+    assert "No answer reached 80 % before the hand opened." in card_of(a_run(live=[never]))
+    assert "as a stream" not in card_of()
+
+
+def test_the_card_names_the_set_that_was_answered_and_how_much_of_it_as_a_stream():
+    final = {"answer": "final", "level": None, "share": 1.0, "error": 0.25, "low": 0, "high": 0.5}
+    part = Note("3 of 12 recordings, evenly chosen, were answered", topic="live", stage="evaluate")
+    for tested_set in ("test", "validation"):
+        run = a_run(live=[final], notes=[part], metrics={"groups": {tested_set: 12}})
+        text = card_of(run).partition("## Probabilities")[2].partition("## ")[0]
+        assert f"with the errors on whole recordings of the {tested_set} set was not" in text
+        answered = f"Recordings of the {tested_set} set were also answered as a stream, grasp by "
+        assert f"{answered}grasp; 3 of 12 recordings, evenly chosen, were answered." in text
+        assert ("test" in text) == (tested_set == "test")
+
+
+def test_the_training_and_the_evaluation_have_rows_of_their_own():
+    run = a_run()
+    record = run.records["finetune"]
+    trained = {"mlflow.source.git.commit": "d" * 40, "processor": "CPU 7", "git.dirty": "true"}
+    trained |= {"device": "A GPU", "torch": "2.9.1"}
+    run.records["finetune"] = replace(record, origin=record.origin | trained)
+    run.changed = {"views": 12}
+    restores = "with changes that were not committed: the commit does not restore it"
+    lines = model_card(run, recogniser()).splitlines()
+    start = lines.index("| Trained | 01 January 2026, 00:00 UTC |")
+    assert lines[start - 1 : start + 11] == [
+        "| Recordings | md5 a1b2 |",
+        "| Trained | 01 January 2026, 00:00 UTC |",
+        f"| Code | {'d' * 40}, {restores} |",
+        "| Machine | CPU 7, 2 cores |",
+        "| Computed on | A GPU in float32 |",
+        "| Versions | tactile-viewgcn 0.4.0, python 3.11.7, torch 2.9.1 |",
+        "| Evaluated | 02 January 2026, 03:04 UTC |",
+        f"| Code, in the evaluation | {'c' * 40} |",
+        "| Machine, in the evaluation | A CPU, 2 cores |",
+        "| Computed on, in the evaluation | cpu in float32 |",
+        "| Versions, in the evaluation | python 3.11.7, torch 2.10.0 |",
+        "| Changed parameters, in the evaluation | views=12 |",
+    ]
+    same = model_card(a_run(), recogniser())
+    assert ", in the evaluation" not in same and restores not in same
+    assert "| Changed parameters | none |" in same.splitlines()
+
+
+def test_python_code_stands_only_with_a_command_that_names_the_file():
+    python = 'TactileClassifier.load("models/classifier.pt")'
+    assert python in card_of()
+    logged = card_of(replace(a_run(), name="f" * 32))
+    assert f"tactile-viewgcn predict {'f' * 32} NEW_RECORDINGS ``` Use it for" in logged
+    assert "TactileClassifier" not in logged and "models/classifier.pt" not in logged
+    run = replace(a_run(), name="brave-mug")
+    run.records["evaluate"] = replace(run.records["evaluate"], run_id=None)
+    applied = card_of(run)
+    assert "dvc exp apply brave-mug tactile-viewgcn predict models/classifier.pt" in applied
+    assert python in applied
 
 
 @pytest.mark.parametrize(
@@ -183,6 +252,7 @@ def test_what_is_said_of_probabilities_follows_from_the_model_and_the_stream():
         (VIRTUAL, "The recordings are computed by the same code."),
         ("data/stag/metadata.mat", "STAG is for research only"),
         ("my glove", "The files do not say under which licence the recordings are."),
+        ("/data/staging/my_glove", "The files do not say under which licence the recordings are."),
     ],
 )
 def test_the_licence_and_the_simulation_are_of_the_source(source, words):
@@ -193,8 +263,17 @@ def test_the_licence_and_the_simulation_are_of_the_source(source, words):
 
 
 def test_files_of_stag_are_known_by_their_names():
-    assert of_stag("metadata.mat") and of_stag("/data/STAG/classification")
-    assert not of_stag("my_glove/recordings") and not of_stag(VIRTUAL)
+    for source in ("/data/STAG/classification", "data/stag_lite", "data/my-stag.zip", "stag2/x"):
+        assert of_stag(source), source
+    for source in ("my_glove/recordings", "/data/staging/my_glove", "nostag", VIRTUAL):
+        assert not of_stag(source), source
+
+
+def test_a_metadata_mat_is_of_stag_perhaps():
+    text = card_of(a_run(**{"data.source": "data/metadata.mat"})).partition("## Licence")[2]
+    assert "The files do not say under which licence the recordings are." in text
+    assert "If these are recordings of STAG, the following holds. STAG is for research" in text
+    assert "If these" not in card_of(a_run(**{"data.source": "stag/metadata.mat"}))
 
 
 def test_warnings_and_checks_are_those_of_the_stages():
@@ -220,6 +299,8 @@ def test_names_are_no_markup():
         ("_x_ *y*", r"\_x\_ \*y\*"),
         ("- a", r"\- a"),
         ("1. a", r"1\. a"),
+        ("12. a", r"12\. a"),
+        ("123) a - b", r"123\) a - b"),
         ("1.5 a-b", "1.5 a-b"),
         ("[a](b) `c` #", r"\[a\](b) \`c\` \#"),
         ("a\n\n# b", r"a\\n\\n\# b"),
@@ -237,8 +318,9 @@ def test_a_card_takes_the_place_of_a_card_and_of_no_edited_one(tmp_path):
         assert path.read_text("utf-8") == card
     for text in (card.replace("25.0", "0.0"), f"{card}\nmy notes\n", "my own\n"):
         path.write_text(text, "utf-8")
-        with pytest.raises(UserError, match=r"card\.md: "):
+        with pytest.raises(UserError, match=r"card\.md: .* edited, .* move .* away") as refused:
             write_card(path, card)
+        assert "remove" not in str(refused.value)  # that would lose the edits
         assert path.read_text("utf-8") == text
 
 

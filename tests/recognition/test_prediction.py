@@ -229,7 +229,7 @@ def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(plac
     answers = (place / "a.csv").read_text("utf-8")
     for text in (f"{answers}my notes\n", "object,colour\ncup,blue\n"):
         (place / "a.csv").write_text(text, "utf-8")
-        with pytest.raises(UserError, match="remove it or name another"):
+        with pytest.raises(UserError, match="edited, or this command did not write it"):
             call(*words)
         assert (place / "a.csv").read_text("utf-8") == text
 

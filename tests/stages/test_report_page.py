@@ -14,7 +14,7 @@ from tactile_viewgcn import cli
 from tactile_viewgcn.evaluation.finished_run import read_run
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import UserError
-from tactile_viewgcn.pages.run_page import run_page
+from tactile_viewgcn.pages.run_page import run_facts, run_page
 from tests.pages.test_html import parsed, text_of
 
 ROOT = Path(__file__).parents[2]
@@ -44,6 +44,9 @@ def test_the_page_says_what_the_files_say(workspace):
     assert (
         "It was tested on 8 recordings, 2 of each object." in text and "Little was tested" in text
     )
+    facts = run_facts(run)
+    assert {"whole", "recording", "object"} <= set(facts["scores"])
+    assert [name for name in facts["scores"] if facts["meanings"][name] not in text] == []
     notes = run.notes("choice") + run.notes("info")
     assert len(notes) > 3 and [note for note in notes if note.text not in text] == []
     versions = {f"{name} {version(name)}" for name in ("torch", "numpy", "dvc", "mlflow")}
