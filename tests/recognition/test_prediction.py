@@ -190,7 +190,7 @@ def test_a_sensor_of_the_model_that_is_empty_or_left_out_is_refused(of_names, tm
         call(of_names, tmp_path / "new")
     table.to_csv(tmp_path / "new" / "1.csv", index=False)
     with pytest.raises(
-        UserError, match=r"ring is a sensor of the model; take leave_out of it from data\.columns"
+        UserError, match=r"ring is a sensor of the model; remove its leave_out from data\.columns"
     ):
         call(of_names, tmp_path / "new", "--set", "data.columns=[leave_out:ring]")
 
