@@ -82,7 +82,7 @@ def test_the_request_that_the_manual_posts_is_answered_as_it_shows(
     """The server's own function reads the body that the manual's program writes and its `curl`
     posts.
     """
-    _, serving = (ROOT / "docs" / "experiments.md").read_text().split("## Serve it")
+    serving = (ROOT / "docs" / "serve.md").read_text()
     program, curl, shown = (
         next(
             text for text in re.findall(rf"```{kind}\n(.*?)```", serving, re.DOTALL) if word in text
