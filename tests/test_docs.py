@@ -115,13 +115,15 @@ def place(tmp_path_factory) -> Path:
     np.save(folder / "recording.npy", recording)
     for row, label in enumerate(("ball", "mug", "pen")):
         for number in range(1, 4):
-            held = recording + rng.poisson(1, recording.shape)
-            held[10:, 4 * row : 4 * row + 3] += 40  # each object presses other rows
+            grasped = recording + rng.poisson(1, recording.shape)
+            grasped[10:, 4 * row : 4 * row + 3] += 40  # each object presses other rows
             file = folder / "data" / "my_glove" / label / f"{number}.npy"
-            np.save(file, held.astype(np.int16))
-    held = recording.copy()
-    held[10:, 4:7] += 40
-    np.save(folder / "data" / "new" / "1.npy", held)  # a mug that is in no folder of the training
+            np.save(file, grasped.astype(np.int16))
+    grasped = recording.copy()
+    grasped[10:, 4:7] += 40
+    np.save(
+        folder / "data" / "new" / "1.npy", grasped
+    )  # a mug that is in no folder of the training
     for name in ("001-allen_key_set", "002-ball"):
         file = folder / "data" / "virtual" / "recordings" / "002" / f"{name}.h5"
         glove_data.write(file, recording)

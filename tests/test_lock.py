@@ -77,8 +77,10 @@ def test_a_lock_that_lacks_a_package_or_is_too_old_is_noticed():
 def test_every_pin_of_the_lock_has_hashes_and_the_constraints_have_the_same_versions():
     lock = pins((ROOT / "requirements.lock").read_text())
     constraints = pins((ROOT / "constraints.txt").read_text())
-    assert all(re.fullmatch("sha256:[0-9a-f]{64}", one) for _, hashes in lock for one in hashes)
-    assert all(hashes for _, hashes in lock)
+    for _, hashes in lock:
+        assert hashes
+        for digest in hashes:
+            assert re.fullmatch("sha256:[0-9a-f]{64}", digest)
     assert not any(hashes for _, hashes in constraints)
     assert [str(pin) for pin, _ in lock] == [str(pin) for pin, _ in constraints]
     assert all(re.fullmatch("==[^*]+", str(pin.specifier)) for pin, _ in lock)
@@ -88,9 +90,9 @@ def test_every_pin_of_the_lock_has_hashes_and_the_constraints_have_the_same_vers
 def test_no_address_of_an_index_and_no_path_is_in_it(name):
     for line in (ROOT / name).read_text().splitlines():
         if not line.startswith("#"):
-            found = re.search(
+            address = re.search(
                 r"://|(^|\s)(-i|-f|-e|--\S*index\S*|--find-links)\b|\s@\s|file:", line
             )
-            assert found is None, line
+            assert address is None, line
     for pin, _ in pins((ROOT / name).read_text()):
         assert pin.url is None and not pin.extras

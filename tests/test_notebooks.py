@@ -64,9 +64,9 @@ def printed(notebook) -> str:
 
 
 def number(pattern: str, text: str) -> float:
-    found = re.search(pattern, text)
-    assert found, f"{pattern} is not in the output:\n{text}"
-    return float(found[1].replace(",", ""))
+    match = re.search(pattern, text)
+    assert match, f"{pattern} is not in the output:\n{text}"
+    return float(match[1].replace(",", ""))
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
