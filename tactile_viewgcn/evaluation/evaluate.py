@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from tactile_viewgcn.device import Compute
+from tactile_viewgcn.evaluation.reliability import reliability
 from tactile_viewgcn.evaluation.trials import (
     MOST_PROBABLE,
     PROTOCOLS,
@@ -49,7 +50,11 @@ def evaluated_frames(classifier: Classifier, table: Frames, params: Params) -> G
 
 
 def evaluate_table(
-    classifier: Classifier, table: Frames, params: Params, compute: Compute
+    classifier: Classifier,
+    table: Frames,
+    params: Params,
+    compute: Compute,
+    temperature: float | None = None,
 ) -> tuple[Predictions, dict[str, Any]]:
     """Classify view sets and recordings of the evaluated set.
 
@@ -60,6 +65,7 @@ def evaluate_table(
         table: the kept frames.
         params: the sections `evaluate` and `cluster`, and the seed.
         compute: device and precision.
+        temperature: calibrates the probabilities; None if they are not calibrated.
 
     Returns:
         All answers, and the metrics: sizes, whether all sessions of the evaluated set are new, and
@@ -73,7 +79,7 @@ def evaluate_table(
     trials = {
         protocol: run_trials(classifier, values, table, params, protocol) for protocol in PROTOCOLS
     }
-    whole = answer_recordings(classifier, values, table, params)
+    whole = answer_recordings(classifier, values, table, params, temperature)
     trials[WHOLE] = whole
     known_sessions = np.isin(table.session[tested], table.session[train])
     anchors = {"train": int(table.anchor[train].sum()), side: int(table.anchor[tested].sum())}
@@ -135,7 +141,8 @@ def scores_of(trials: Trials, rng: np.random.Generator, classes: int) -> dict[st
         `error`, see `error_of`, with its standard deviation `std` over trials, which differ only in
             their clustering and draws; `top3_error` if there are four classes or more; `by_views`,
             the error by the number of frames. The number is of view sets up to V; for whole
-            recordings it is their median number only.
+            recordings it is their median number only. `calibration`, see `reliability`, if the
+            trials have probabilities.
     """
     error: dict[str, float | None] = error_of(trials.correct, trials.groups, rng)
     by_views = {
@@ -150,6 +157,10 @@ def scores_of(trials: Trials, rng: np.random.Generator, classes: int) -> dict[st
         in_top3 = (trials.best == trials.labels[:, None]).any(axis=-1)
         scores["top3_error"] = float(1 - in_top3.mean())
     scores["by_views"] = by_views
+    if trials.probabilities is not None:
+        scores["calibration"] = reliability(
+            trials.probabilities, trials.correct[0], trials.groups, rng
+        )
     return scores
 
 

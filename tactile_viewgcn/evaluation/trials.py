@@ -3,7 +3,7 @@
 In each trial one view set around each anchor is answered. Each whole recording is answered once.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -24,6 +24,7 @@ TITLES = {"object": "object protocol", "recording": "recording protocol", WHOLE:
 MOST_PROBABLE = 3  # classes that an answer keeps
 # attributes of `Trials` that the file holds
 OF_TRIALS = ("best", "labels", "groups", "recordings", "frames")
+PROBABILITIES = "probabilities"  # an attribute that the file holds for whole recordings only
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,8 @@ class Trials:
         fewer: bool (T, A), whether the answer is right, by number of views: 1, 2, 4 and so on below
             V. The views are the anchor and random other views of its set; a larger number adds
             views to the smaller one. Empty if the classifier takes V views only.
+        probabilities: float32 (A, classes) of the answers to whole recordings. None for view sets,
+            and for answers of an earlier version.
     """
 
     best: np.ndarray
@@ -48,6 +51,7 @@ class Trials:
     recordings: np.ndarray
     frames: int
     fewer: dict[int, np.ndarray] = field(default_factory=dict)
+    probabilities: np.ndarray | None = None
 
     @property
     def correct(self) -> np.ndarray:
@@ -122,7 +126,13 @@ def run_trials(
     return _trials(np.stack(best), table, index[anchors], views, correct_of)
 
 
-def answer_recordings(classifier: Classifier, values: Any, table: Frames, params: Params) -> Trials:
+def answer_recordings(
+    classifier: Classifier,
+    values: Any,
+    table: Frames,
+    params: Params,
+    temperature: float | None = None,
+) -> Trials:
     """Answer each recording of the evaluated set once, from all its frames.
 
     A recording of several split groups is answered once for each of them.
@@ -132,13 +142,15 @@ def answer_recordings(classifier: Classifier, values: Any, table: Frames, params
         values: (n, ...) the classifier's values of the evaluated set's frames, see `Classifier`.
         table: the kept frames.
         params: `evaluate.side`, which names the evaluated set.
+        temperature: calibrates the probabilities; None if they are not calibrated.
     """
     index = table.on(SIDES.index(params.evaluate.side))
     pool = pool_ids(table, index, "recording")
     _, first, counts = np.unique(pool, return_index=True, return_counts=True)
-    answers = recording_answers(classifier, None, values, table.points(index), pool)
+    answers = recording_answers(classifier, temperature, values, table.points(index), pool)
     best = most_probable(answers)
-    return _trials(best[None], table, index[first], int(np.median(counts)))
+    trials = _trials(best[None], table, index[first], int(np.median(counts)))
+    return replace(trials, probabilities=np.exp(answers).astype(np.float32))
 
 
 def most_probable(logits: np.ndarray) -> np.ndarray:
@@ -190,6 +202,8 @@ def write_predictions(path: Path, predictions: Predictions) -> None:
     for protocol, trials in predictions.trials.items():
         for name in OF_TRIALS:
             arrays[f"{protocol}.{name}"] = getattr(trials, name)
+        if trials.probabilities is not None:
+            arrays[f"{protocol}.{PROBABILITIES}"] = trials.probabilities
     np.savez_compressed(path, **arrays)
 
 
@@ -199,7 +213,10 @@ def read_predictions(path: Path | BinaryIO) -> Predictions:
         arrays = {name: file[name] for name in file.files}
     protocols = dict.fromkeys(name.partition(".")[0] for name in arrays if "." in name)
     trials = {
-        protocol: Trials(*(arrays[f"{protocol}.{name}"] for name in OF_TRIALS))
+        protocol: Trials(
+            **{name: arrays[f"{protocol}.{name}"] for name in OF_TRIALS},
+            probabilities=arrays.get(f"{protocol}.{PROBABILITIES}"),
+        )
         for protocol in protocols
     }
     return Predictions(trials, arrays["classes"])

@@ -264,6 +264,8 @@ def run_facts(run: FinishedRun) -> dict[str, Any]:
         "titles": SCORED,
         "meanings": _meanings(run),
         "interval": percent_interval,
+        "calibration": run.score.get("calibration"),
+        "agreement": _agreement(run),
         "changed": list(starmap(as_change, run.changed.items())),
         "date": date_in_words(origin["time"]),
         "versions": versions(origin),
@@ -283,6 +285,34 @@ def _meanings(run: FinishedRun) -> dict[str, str]:
         "recording": f"{frames} of one {undivided}",
         "object": f"{frames} of any {run.tested_set} recordings of the object, as in the paper",
     }
+
+
+def _agreement(run: FinishedRun) -> str:
+    """Return in words how well the probabilities agree with the errors on whole recordings.
+
+    Args:
+        run: the finished run; "" is returned if an earlier version made it.
+    """
+    calibration = run.score.get("calibration")
+    if not calibration:
+        return ""
+    excess = calibration["excess"]
+    low, high = excess["low"], excess["high"]
+    if low is None:
+        judged = "One split group cannot show whether they are too high or too low"
+    elif low > 0:
+        judged = "They are too high on average"
+    elif high < 0:
+        judged = "They are too low on average"
+    else:
+        judged = "On average they are neither too high nor too low, as far as these recordings tell"
+    right = 1 - run.score["error"]["mean"]
+    difference = percent_interval(excess["mean"], low, high)
+    return (
+        f"{judged}: the mean probability of an answer is {percent(calibration['probability'])}, "
+        f"and {percent(right)} of the answers are right. The difference is {difference} "
+        "percentage points."
+    )
 
 
 def date_in_words(time: str) -> str:

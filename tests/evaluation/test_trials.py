@@ -156,3 +156,22 @@ def test_answers_belong_to_the_anchors_of_the_evaluated_side(tmp_path, side, cod
         assert trials.errors == pytest.approx((answers != trials.labels).mean(axis=1))
         expected = confusion_matrix(np.tile(trials.labels, count), answers.ravel(), labels=range(4))
         np.testing.assert_array_equal(trials.confusion(4), expected)
+    (tested,) = metrics["groups"].values()
+    probabilities = predictions.whole.probabilities
+    assert probabilities.shape == (tested, 4)
+    assert probabilities.sum(axis=1) == pytest.approx(1)
+    assert (probabilities.argmax(axis=1) == predictions.whole.best[0, :, 0]).all()
+    assert predictions.trials["object"].probabilities is None
+    mean = metrics["whole"]["calibration"]["probability"]
+    assert mean == pytest.approx(probabilities.max(axis=1).mean())
+
+
+def test_the_temperature_flattens_the_probabilities_and_changes_no_answer():
+    params, frames = recipe(), table()
+    (plain, _), (flat, _) = (
+        evaluate_table(trained(), frames, params, CPU, temperature) for temperature in (None, 2.0)
+    )
+    np.testing.assert_array_equal(flat.whole.best, plain.whole.best)
+    root = np.sqrt(plain.whole.probabilities)
+    expected = root / root.sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(flat.whole.probabilities, expected, rtol=1e-4)

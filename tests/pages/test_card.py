@@ -67,7 +67,18 @@ def error(mean, low, high, **others):
     return {"error": {"mean": mean, "low": low, "high": high}} | others
 
 
-def a_run(*, notes=(), live=(), names=OBJECTS, metrics=None, **changes):
+CALIBRATION = {
+    "probability": 0.875,
+    "excess": {"mean": 0.125, "low": -0.25, "high": 0.375},
+    "calibration_error": 0.1875,
+    "bins": [
+        {"answers": 6, "probability": 0.8125, "right": {"mean": 0.5, "low": 0.25, "high": 0.875}},
+        {"answers": 5, "probability": 0.9375, "right": {"mean": 1.0, "low": 0.5, "high": 1.0}},
+    ],
+}
+
+
+def a_run(*, notes=(), live=(), names=OBJECTS, metrics=None, calibration=CALIBRATION, **changes):
     """A run of 12 test recordings, of which 3 are answered wrongly."""
     labels = np.repeat(np.arange(3), 4)
     answers = np.array(ANSWERS).reshape(1, -1, 1)
@@ -77,7 +88,7 @@ def a_run(*, notes=(), live=(), names=OBJECTS, metrics=None, **changes):
         "views": 8,
         "groups": {"test": 12},
         "new_sessions": False,
-        WHOLE: error(0.25, 0.125, 0.5),
+        WHOLE: error(0.25, 0.125, 0.5, calibration=calibration),
         "recording": error(0.375, 0.25, 0.625, top3_error=0.0625),
         "object": error(0.3125, 0.1875, 0.5),
     }
@@ -198,10 +209,36 @@ def test_the_card_names_the_set_that_was_answered_and_how_much_of_it_as_a_stream
     for tested_set in ("test", "validation"):
         run = a_run(live=[final], notes=[part], metrics={"groups": {tested_set: 12}})
         text = card_of(run).partition("## Probabilities")[2].partition("## ")[0]
-        assert f"with the errors on whole recordings of the {tested_set} set was not" in text
+        assert f"The table has the {tested_set} recordings in the order of" in text
         answered = f"Recordings of the {tested_set} set were also answered as a stream, grasp by "
         assert f"{answered}grasp; 3 of 12 recordings, evenly chosen, were answered." in text
         assert ("test" in text) == (tested_set == "test")
+
+
+def test_the_card_has_the_probabilities_beside_the_share_of_right_answers():
+    text = card_of().partition("## Probabilities")[2].partition("## ")[0]
+    assert "| 6 | 81.2 | 50.0 (25.0 to 87.5) | | 5 | 93.8 | 100.0 (50.0 to 100.0) |" in text
+    assert "between the last two columns: 18.8 percentage points" in text
+    assert (
+        "the mean probability of an answer is 87.5 %, and 75.0 % of the answers are right. "
+        "The difference is 12.5 (-25.0 to 37.5) percentage points."
+    ) in text
+    assert "was not measured by the version" in card_of(a_run(calibration=None))
+
+
+@pytest.mark.parametrize(
+    ("ends", "judged"),
+    [
+        ((0.01, 0.2), "too high on average"),
+        ((-0.2, -0.01), "too low on average"),
+        ((0.0, 0.2), "neither too high nor too low, as far as these recordings tell"),
+        ((None, None), "One split group cannot show whether they are too high or too low"),
+    ],
+)
+def test_the_card_says_whether_the_probabilities_are_too_high(ends, judged):
+    low, high = ends
+    excess = {"mean": 0.1, "low": low, "high": high}
+    assert judged in card_of(a_run(calibration=CALIBRATION | {"excess": excess}))
 
 
 def test_the_training_and_the_evaluation_have_rows_of_their_own():
