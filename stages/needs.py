@@ -41,8 +41,9 @@ def check_source(source: Path) -> None:
     if in_clone.exists():
         remedy = f"data.source={in_clone}"
     raise UserError(
-        f"data.source in params.yaml is {source}: no such file or folder; name another with "
-        f"`dvc exp run -S {quote(remedy)}`, or go back with `git checkout params.yaml`"
+        f"data.source in params.yaml is {source}: no such file or folder; name your recordings "
+        f"with `dvc exp run -S {quote(remedy)}`, or take the simulated ones with "
+        f"`dvc exp run -S data.source={VIRTUAL}`"
     )
 
 

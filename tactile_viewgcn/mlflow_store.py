@@ -16,6 +16,7 @@ from tactile_viewgcn.messages import UserError
 
 DISABLED = "disabled"
 SQLITE = "sqlite:///"
+RUN_ID = "[0-9a-f]{32}"  # a pattern of the id of a run
 SHOWN = 400  # letters of a message, since a server can answer with a whole page
 SETTINGS = {  # MLflow reads these variables when it is imported
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",  # by default MLflow tries a dead server for minutes
@@ -98,7 +99,7 @@ def _download(name: str, folder: Path) -> Path:
 
     try:
         mlflow.set_tracking_uri(uri)
-        whole_run = re.fullmatch("runs:/([0-9a-f]{32})(/classifier)?", name)
+        whole_run = re.fullmatch(f"runs:/({RUN_ID})(/classifier)?", name)
         if whole_run:
             name = _model_of(mlflow, whole_run[1]) or name
         return Path(mlflow.artifacts.download_artifacts(name, dst_path=str(folder)))

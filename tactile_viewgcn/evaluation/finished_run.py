@@ -18,6 +18,7 @@ from tactile_viewgcn.evaluation.trials import WHOLE, Predictions, read_predictio
 from tactile_viewgcn.files import way_to_the_clone
 from tactile_viewgcn.intervals import FEW, percent
 from tactile_viewgcn.messages import Note, UserError, several
+from tactile_viewgcn.mlflow_store import RUN_ID, download_model, read_artifact
 from tactile_viewgcn.params import everywhere, unlike_the_file
 from tactile_viewgcn.provenance import EARLIER, ROW, Record
 
@@ -26,7 +27,6 @@ REMEDY = (
 )
 WORKSPACE = "workspace"  # the workspace's name, as DVC's
 MODEL = "models/classifier.pt"  # of a workspace
-MLFLOW_ID = re.compile(r"[0-9a-f]{32}")
 WIDE = 0.25  # width of an interval above which an error is uncertain
 ROUNDING = 1e-9  # of a share
 
@@ -200,9 +200,7 @@ def model_file(name: str = "") -> Iterator[Path]:
         yield place
         return
     with TemporaryDirectory(prefix="tactile-viewgcn-") as folder:
-        if MLFLOW_ID.fullmatch(name):
-            from tactile_viewgcn.mlflow_store import download_model
-
+        if re.fullmatch(RUN_ID, name):
             yield download_model(f"runs:/{name}", Path(folder))
         else:
             file = Path(folder) / Path(MODEL).name
@@ -252,9 +250,7 @@ def _reader(name: str, *, fetch: bool) -> Callable[[str], bytes]:
         return _read_from_workspace
     if Path(name).is_dir():
         return lambda path: (Path(name) / path).read_bytes()
-    if MLFLOW_ID.fullmatch(name):
-        from tactile_viewgcn.mlflow_store import read_artifact
-
+    if re.fullmatch(RUN_ID, name):
         return lambda path: read_artifact(name, Path(path).name)
     from dvc.api import DVCFileSystem
 

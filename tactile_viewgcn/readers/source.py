@@ -243,7 +243,7 @@ def framed(values: Any, form: Form, where: str) -> Any:
     if is_stack_of_lines or is_stack_of_grids:
         return values[()].reshape(*axes[:2], rows, columns)
     expected = f"(frames, {rows}, {columns}) or (frames, {rows * columns})"
-    remedy = f"{setting('data.shape=auto')}, or take recordings of one glove"
+    remedy = "take recordings of one glove, or leave data.shape at auto if you have set it"
     raise UserError(
         f"{where}: an array {axes}; expected {expected}, by data.shape or the model; {remedy}"
     )

@@ -15,12 +15,12 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
 from tactile_viewgcn.messages import Note, UserError, listed, several
-from tactile_viewgcn.readers.child import UNPACKED, UNPACKED_TIMES, check_unpacked, library
+from tactile_viewgcn.readers.child import check_unpacked, library
 from tactile_viewgcn.readers.numerals import GROUPED_BY_BLANKS, check_numerals
 from tactile_viewgcn.readers.serial import check_is_table
 from tactile_viewgcn.readers.source import Form, Recording
@@ -35,6 +35,7 @@ NUMBER = re.compile(r"(?i)[-+]?(\d+([.,]\d*)?|[.,]\d+)(e[-+]?\d+)?|[-+]?(nan|inf
 # a comment, or a line of empty cells
 NOT_NUMBERS = re.compile(r"^[ \t]*[#%].*$|^[ \t,;]+$", re.MULTILINE)
 BEGINS_OF_NUMBERS = re.compile(r"(?<![\w.])[-+]?\d")
+PIECE = 1 << 20  # bytes that are unpacked at once
 GZIP = b"\x1f\x8b"  # the first bytes of a file that gzip packed
 UTF16 = (b"\xff\xfe", b"\xfe\xff")  # the first bytes of a text in UTF-16
 
@@ -48,10 +49,7 @@ def read_text(file: Path) -> str:
     """
     with file.open("rb") as stream:
         if stream.peek(len(GZIP)).startswith(GZIP):
-            most = UNPACKED + UNPACKED_TIMES * file.stat().st_size
-            with library(file), gzip.open(stream) as packed:
-                data = packed.read(most + 1)
-            check_unpacked(file, len(data))
+            data = _unpacked(file, stream)
         else:
             data = stream.read()
     try:
@@ -62,6 +60,19 @@ def read_text(file: Path) -> str:
     if "\0" in text:
         raise UserError(f"{file}: this is no text; save a table of numbers in UTF-8")
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _unpacked(file: Path, stream: BinaryIO) -> bytes:
+    """Return what a packed file unpacks to; raise a UserError if that is too much, see `read_text`.
+
+    It is read in pieces, since one call would hold all bytes twice.
+    """
+    data = io.BytesIO()
+    with library(file), gzip.open(stream) as packed:
+        while piece := packed.read(PIECE):
+            data.write(piece)
+            check_unpacked(file, data.tell())
+    return data.getvalue()
 
 
 def table_in(file: Path, text: str, form: Form) -> Recording:

@@ -1,5 +1,6 @@
 """The command `predict`: prints answers to recordings as a table and writes them as CSV."""
 
+import re
 import tempfile
 from collections import Counter
 from collections.abc import Callable
@@ -11,6 +12,7 @@ import numpy as np
 
 from tactile_viewgcn.files import write_file
 from tactile_viewgcn.messages import EMPTY_HAND, csv_text, several, warnings_of
+from tactile_viewgcn.mlflow_store import RUN_ID, download_model
 from tactile_viewgcn.readers.source import MODEL_TOPIC, Form
 from tactile_viewgcn.recognition.recogniser import Answer, Recogniser
 from tactile_viewgcn.tables.recordings import recordings_of
@@ -20,8 +22,6 @@ MODELS = (
     "models/classifier.pt, the id of an MLflow run, runs:/ID, models:/NAME/VERSION "
     "or models:/NAME@ALIAS"
 )
-RUN_ID_LETTERS = set("0123456789abcdef")
-RUN_ID_LENGTH = 32
 NO_CONTACT = "no contact"
 TOP = 3  # classes that are shown
 NAME_WIDTH = 20
@@ -94,15 +94,13 @@ def load_model(name: str) -> Recogniser:
     """
     if Path(name).is_file():
         return Recogniser(name)
-    is_run = len(name) == RUN_ID_LENGTH and set(name) <= RUN_ID_LETTERS
+    is_run = re.fullmatch(RUN_ID, name)
     if not (is_run or name.startswith(("runs:/", "models:/"))):
         kind = "no such file"
         if Path(name).is_dir():
             kind = "a folder"
         remedy = "the line that `tactile-viewgcn inspect` prints trains one"
         raise FileNotFoundError(f"{name}: {kind}; expected {MODELS}; {remedy}")
-    from tactile_viewgcn.mlflow_store import download_model
-
     address = name
     if is_run:
         address = f"runs:/{name}"
