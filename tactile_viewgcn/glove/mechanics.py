@@ -228,8 +228,8 @@ class Mechanics:
             offset = position - now["position"]
             pressed = gradient[:, :, 2:].sum(axis=1)
             residual[:, JOINT_COORDINATES:] = HOLDING * offset + pressed - now["load"]
-            held = 0.5 * HOLDING * (offset**2).sum(axis=1)
-            energy += held - (now["load"] * position).sum(axis=1)
+            holding_energy = 0.5 * HOLDING * (offset**2).sum(axis=1)
+            energy += holding_energy - (now["load"] * position).sum(axis=1)
         return Balance(
             residual=residual,
             energy=energy,
