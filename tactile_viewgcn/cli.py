@@ -195,7 +195,9 @@ def _live(model: str, *, as_json: bool, every: int | None, **options: Any) -> in
     view = view_of(stream.classes, as_json=as_json)
     view.say(first_line(recogniser))
     if "sure" in set_options and not recogniser.calibrated:
-        view.say("warning: --sure: probabilities that are not calibrated are usually too high")
+        view.say(
+            "warning: --sure: probabilities that are not calibrated can be far too high or too low"
+        )
     if not recogniser.separates_grasps:
         view.say(EVERY_FRAME)
     reader = FrameLines(recogniser.shape, recogniser.plan.channel_names)

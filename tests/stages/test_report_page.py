@@ -125,6 +125,16 @@ def test_the_page_of_a_named_run_has_its_name(workspace):
     assert Path("report.html").read_text() == "of the workspace"
 
 
+def test_the_page_has_a_row_for_the_time_of_each_stage(workspace):
+    timing = json.loads(Path("results/timing.json").read_text())
+    timing["seconds"] = {"simulate": 20.0} | timing["seconds"]
+    Path("results/timing.json").write_text(json.dumps(timing))
+    assert CliRunner().invoke(cli.cli, ["report"]).exit_code == 0
+    page = Path("report.html").read_text("utf-8")
+    rows = re.findall(r"<tr><td>\s*<b>(\w+)</b>", page.partition("<h3>Time</h3>")[2])
+    assert rows[: len(timing["seconds"])] == list(timing["seconds"])
+
+
 @pytest.mark.parametrize(
     "path",
     [
