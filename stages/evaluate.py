@@ -29,8 +29,9 @@ def evaluate(
     for stage in earlier:
         job.record.inputs[stage] = {"path": str(records / f"{stage}.json")}
         job.md5(stage)  # by which `report` sees that a stage ran again
+    temperature = recogniser.content.temperature
     predictions, metrics = evaluate_table(
-        recogniser.classifier, table, job.params, job.compute(), recogniser.content.temperature
+        recogniser.classifier, table, job.params, job.compute(), temperature=temperature
     )
     metrics |= earlier_stages.new_session(earlier)
     inputs = evaluated_frames(recogniser.classifier, table, job.params)

@@ -196,7 +196,8 @@ def _live(model: str, *, as_json: bool, every: int | None, **options: Any) -> in
     view.say(first_line(recogniser))
     if "sure" in set_options and not recogniser.calibrated:
         view.say(
-            "warning: --sure: probabilities that are not calibrated can be far too high or too low"
+            "warning: --sure: the probabilities are not calibrated; `tactile-viewgcn report` has "
+            "the errors of sure answers"
         )
     if not recogniser.separates_grasps:
         view.say(EVERY_FRAME)

@@ -74,9 +74,17 @@ def proportion_interval(
     if not interval:
         return None
     low, high = interval
-    # the largest share of mistakes that all groups together can fail to show
-    unseen = 1 - (OUTSIDE / 2) ** (1 / len(np.unique(groups)))
+    unseen = unseen_share(groups)
     return min(low, 1 - unseen), max(high, unseen)
+
+
+def unseen_share(groups: np.ndarray) -> float:
+    """Return the largest share of mistakes that all groups together can fail to show.
+
+    Args:
+        groups: (A,) split group of each answer.
+    """
+    return float(1 - (OUTSIDE / 2) ** (1 / len(np.unique(groups))))
 
 
 def percent_interval(value: float, low: float | None, high: float | None) -> str:

@@ -127,7 +127,7 @@ def evaluated(subject: Subject, precision: str) -> tuple[torch.Tensor, np.ndarra
         subject.params, evaluate=replace(subject.params.evaluate, trials=2, side="test")
     )
     trials = [run_trials(classifier, nodes, table, params, protocol) for protocol in PROTOCOLS]
-    trials.append(answer_recordings(classifier, nodes, table, params))
+    trials.append(answer_recordings(classifier, nodes, table, params, temperature=None))
     answers = np.concatenate([one.best[..., 0].ravel() for one in trials])
     return subject.head_logits(
         classifier.head, nodes, subject.sets(inputs, 100), precision

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.evaluation.reliability import reliability
 from tactile_viewgcn.evaluation.trials import (
     MOST_PROBABLE,
     PROTOCOLS,
@@ -54,7 +53,8 @@ def evaluate_table(
     table: Frames,
     params: Params,
     compute: Compute,
-    temperature: float | None = None,
+    *,
+    temperature: float | None,
 ) -> tuple[Predictions, dict[str, Any]]:
     """Classify view sets and recordings of the evaluated set.
 
@@ -79,7 +79,7 @@ def evaluate_table(
     trials = {
         protocol: run_trials(classifier, values, table, params, protocol) for protocol in PROTOCOLS
     }
-    whole = answer_recordings(classifier, values, table, params, temperature)
+    whole = answer_recordings(classifier, values, table, params, temperature=temperature)
     trials[WHOLE] = whole
     known_sessions = np.isin(table.session[tested], table.session[train])
     anchors = {"train": int(table.anchor[train].sum()), side: int(table.anchor[tested].sum())}
@@ -141,8 +141,7 @@ def scores_of(trials: Trials, rng: np.random.Generator, classes: int) -> dict[st
         `error`, see `error_of`, with its standard deviation `std` over trials, which differ only in
             their clustering and draws; `top3_error` if there are four classes or more; `by_views`,
             the error by the number of frames. The number is of view sets up to V; for whole
-            recordings it is their median number only. `calibration`, see `reliability`, if the
-            trials have probabilities.
+            recordings it is their median number only.
     """
     error: dict[str, float | None] = error_of(trials.correct, trials.groups, rng)
     by_views = {
@@ -157,10 +156,6 @@ def scores_of(trials: Trials, rng: np.random.Generator, classes: int) -> dict[st
         in_top3 = (trials.best == trials.labels[:, None]).any(axis=-1)
         scores["top3_error"] = float(1 - in_top3.mean())
     scores["by_views"] = by_views
-    if trials.probabilities is not None:
-        scores["calibration"] = reliability(
-            trials.probabilities, trials.correct[0], trials.groups, rng
-        )
     return scores
 
 

@@ -131,7 +131,8 @@ def answer_recordings(
     values: Any,
     table: Frames,
     params: Params,
-    temperature: float | None = None,
+    *,
+    temperature: float | None,
 ) -> Trials:
     """Answer each recording of the evaluated set once, from all its frames.
 

@@ -333,9 +333,11 @@ def leak_note(leak: QuickError, *, advised: bool) -> Note:
         text += f"; {objects} left out, with such frames in a single group only"
     if not leak.beats_chance:
         return Note(text, topic=TOPIC)
-    text += ". A low error rate says little about touch then, unless the sensors only keep an "
-    text += "imprint of the last grasp for a moment: "
+    text += (
+        ". A low error rate says little about touch then. Touches too light to count as contact "
+        "look the same to this check. "
+    )
     if not advised:
-        return Note(f"{text}choose another split.by", "warning", TOPIC)
-    text += "set preprocess.baseline to grasp, or choose another split.by"
+        return Note(f"{text}Choose another split.by", "warning", TOPIC)
+    text += "Set preprocess.baseline to grasp, or choose another split.by"
     return Note(text, "warning", TOPIC, "preprocess.baseline", "grasp")

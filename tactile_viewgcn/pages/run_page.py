@@ -9,19 +9,25 @@ from typing import Any
 
 from tactile_viewgcn import plots
 from tactile_viewgcn.evaluation.finished_run import MODEL, FinishedRun
+from tactile_viewgcn.evaluation.reliability import Reliability, reliability
 from tactile_viewgcn.evaluation.results import SCORED, errors_by_frames
 from tactile_viewgcn.evaluation.trials import TITLES, WHOLE
 from tactile_viewgcn.evaluation.versus import VERSUS
-from tactile_viewgcn.intervals import percent, percent_interval
+from tactile_viewgcn.intervals import FEW, percent, percent_interval
 from tactile_viewgcn.messages import NEW_SESSION, Note, several
 from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.checks import CHECKS, UNKNOWN, Check, outcomes
 from tactile_viewgcn.pages.html import Verdict
 from tactile_viewgcn.params import VIRTUAL, on_sensors
 from tactile_viewgcn.provenance import PACKAGES, data_name
+from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.schema import as_change
 
 LONGEST_NAME = 60  # letters of a run's name that its page's name takes over
+BINS_TEXT = (
+    "The table divides the answers into parts of about equal size, from low to high probability. "
+    "The expected error is the one that the probabilities say."
+)
 
 
 def verdict(run: FinishedRun) -> Verdict:
@@ -253,6 +259,7 @@ def page_path(name: str) -> Path:
 def run_facts(run: FinishedRun) -> dict[str, Any]:
     """Return by name what the templates of both the page and the model card print."""
     origin = run.records["evaluate"].origin
+    measured = reliability(run.predictions.whole, stream(0, "reliability"))
     return {
         "run": run,
         "verdict": verdict(run),
@@ -264,8 +271,9 @@ def run_facts(run: FinishedRun) -> dict[str, Any]:
         "titles": SCORED,
         "meanings": _meanings(run),
         "interval": percent_interval,
-        "calibration": run.score.get("calibration"),
-        "agreement": _agreement(run),
+        "reliability": measured,
+        "reliability_text": _reliability_in_words(run, measured),
+        "bins_text": BINS_TEXT,
         "changed": list(starmap(as_change, run.changed.items())),
         "date": date_in_words(origin["time"]),
         "versions": versions(origin),
@@ -287,32 +295,28 @@ def _meanings(run: FinishedRun) -> dict[str, str]:
     }
 
 
-def _agreement(run: FinishedRun) -> str:
-    """Return in words how well the probabilities agree with the errors on whole recordings.
-
-    Args:
-        run: the finished run; "" is returned if an earlier version made it.
-    """
-    calibration = run.score.get("calibration")
-    if not calibration:
+def _reliability_in_words(run: FinishedRun, measured: Reliability | None) -> str:
+    """Return how far probabilities and errors are apart; "" for a run of an earlier version."""
+    if not measured:
         return ""
-    excess = calibration["excess"]
-    low, high = excess["low"], excess["high"]
-    if low is None:
-        judged = "One split group cannot show whether they are too high or too low"
-    elif low > 0:
-        judged = "They are too high on average"
-    elif high < 0:
-        judged = "They are too low on average"
-    else:
-        judged = "On average they are neither too high nor too low, as far as these recordings tell"
-    right = 1 - run.score["error"]["mean"]
-    difference = percent_interval(excess["mean"], low, high)
-    return (
-        f"{judged}: the mean probability of an answer is {percent(calibration['probability'])}, "
-        f"and {percent(right)} of the answers are right. The difference is {difference} "
-        "percentage points."
+    low, high = measured.low, measured.high
+    difference = percent_interval(measured.error - measured.expected, low, high)
+    text = (
+        f"By their probabilities, {percent(measured.expected)} of the answers to whole recordings "
+        f"would be wrong, and {percent(measured.error)} are: a difference of {difference} "
+        f"percentage points. "
     )
+    if low is None or high is None or run.groups < FEW:
+        text += "Too few split groups were tested to say more."
+    elif low > 0:
+        text += "The probabilities are too high on average."
+    elif high < 0:
+        text += "The probabilities are too low on average."
+    else:
+        text += "That the probabilities are too high or too low on average is not shown."
+    if run.tested_set == "validation" and not on_sensors(run.params["model.system"]):
+        text += " They were calibrated on these same recordings, so the comparison favours them."
+    return text
 
 
 def date_in_words(time: str) -> str:

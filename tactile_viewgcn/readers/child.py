@@ -199,6 +199,6 @@ def check_unpacked(file: Path, unpacked: int, stored: int | None = None) -> None
     most = UNPACKED + UNPACKED_TIMES * stored
     if unpacked > most:
         raise UserError(
-            f"{file}: {stored:,} bytes unpack to {unpacked:,} bytes; expected at most {most:,}, "
-            "since more can fill the memory; save it uncompressed"
+            f"{file}: {stored:,} bytes unpack to more than {most:,} bytes, which can "
+            "fill the memory; save it uncompressed"
         )

@@ -243,7 +243,7 @@ def framed(values: Any, form: Form, where: str) -> Any:
     if is_stack_of_lines or is_stack_of_grids:
         return values[()].reshape(*axes[:2], rows, columns)
     expected = f"(frames, {rows}, {columns}) or (frames, {rows * columns})"
-    remedy = "take recordings of one glove, or leave data.shape at auto if you have set it"
+    remedy = "take recordings of one glove; if you set data.shape, set it back to auto"
     raise UserError(
         f"{where}: an array {axes}; expected {expected}, by data.shape or the model; {remedy}"
     )

@@ -63,16 +63,22 @@ def read_text(file: Path) -> str:
 
 
 def _unpacked(file: Path, stream: BinaryIO) -> bytes:
-    """Return what a packed file unpacks to; raise a UserError if that is too much, see `read_text`.
+    """Return the unpacked bytes of a file that gzip packed.
 
-    It is read in pieces, since one call would hold all bytes twice.
+    They are read in pieces, since one call would hold all of them twice.
+
+    Raises:
+        UserError: there are too many, see `read_text`.
     """
     data = io.BytesIO()
-    with library(file), gzip.open(stream) as packed:
-        while piece := packed.read(PIECE):
+    with gzip.open(stream) as packed:
+        while True:
+            with library(file):
+                piece = packed.read(PIECE)
+            if not piece:
+                return data.getvalue()
             data.write(piece)
             check_unpacked(file, data.tell())
-    return data.getvalue()
 
 
 def table_in(file: Path, text: str, form: Form) -> Recording:

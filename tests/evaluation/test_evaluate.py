@@ -30,7 +30,8 @@ def drawn(monkeypatch):
 
 
 def evaluated(*changes, classifier=None, frames=None):
-    return evaluate_table(classifier or trained(), frames or table(), recipe(*changes), CPU)
+    subject, tested = classifier or trained(), frames or table()
+    return evaluate_table(subject, tested, recipe(*changes), CPU, temperature=None)
 
 
 def test_each_test_frame_passes_the_backbone_once():

@@ -1,76 +1,102 @@
-"""How well probabilities agree with errors, on answers whose agreement is known."""
+"""Probabilities beside errors, on answers whose agreement is known."""
 
 import numpy as np
 import pytest
 
-from tactile_viewgcn.evaluation.reliability import BINS, FEWEST, reliability
+from tactile_viewgcn.evaluation.reliability import ANSWERS, BINS, reliability
+from tactile_viewgcn.evaluation.trials import Trials
 
 
-def answers(confidence):
-    """Probabilities of three classes, of which the second is the answer."""
-    rest = (1 - np.array(confidence)) / 2
-    return np.column_stack([rest, confidence, rest])
-
-
-def measured(confidence, correct, groups=None):
-    correct = np.array(correct, dtype=bool)
-    groups = np.arange(len(correct)) if groups is None else np.array(groups)
-    return reliability(answers(confidence), correct, groups, np.random.default_rng(0))
+def measured(probability, correct, groups=None):
+    """Return the reliability of answers with these probabilities, each a group by default."""
+    probability = np.array(probability, dtype=np.float32)
+    labels = np.zeros(len(probability), dtype=int)
+    best = np.where(correct, 0, 1)[None, :, None]
+    if groups is None:
+        groups = np.arange(len(probability))
+    probabilities = np.column_stack([probability, 1 - probability])
+    trials = Trials(best, labels, groups, labels, 8, probabilities=probabilities)
+    return reliability(trials, np.random.default_rng(0))
 
 
 def test_the_numbers_are_those_computed_by_hand():
-    # the answers with 0.9 are right in 5 of 10 cases, those with 0.5 in 7 of 10, in mixed order
-    confidence = [0.9, 0.5] * 10
+    # 5 of the 10 answers with 0.9 are right, and 7 of the 10 with 0.6, in mixed order
+    probability = [0.9, 0.6] * 10
     correct = [1, 1] * 5 + [0, 1] * 2 + [0, 0] * 3
-    found = measured(confidence, correct)
-    assert found["probability"] == pytest.approx(0.7)
-    assert found["excess"]["mean"] == pytest.approx(0.7 - 12 / 20)
-    assert found["calibration_error"] == pytest.approx((0.4 + 0.2) / 2)
-    low, high = found["bins"]
-    assert (low["answers"], high["answers"]) == (10, 10)
-    assert (low["probability"], high["probability"]) == pytest.approx((0.5, 0.9))
-    assert (low["right"]["mean"], high["right"]["mean"]) == pytest.approx((0.7, 0.5))
-    assert low["right"]["low"] < 0.7 < low["right"]["high"]
+    found = measured(probability, correct)
+    assert (found.expected, found.error) == pytest.approx((0.25, 8 / 20))
+    assert found.low < 0.15 < found.high
+    low, high = found.bins  # from low to high probability
+    assert (low.answers, low.expected, low.error) == pytest.approx((10, 0.4, 0.3))
+    assert (high.answers, high.expected, high.error) == pytest.approx((10, 0.1, 0.5))
+    assert low.low < 0.3 < low.high
 
 
-def test_equal_probabilities_are_in_one_bin_whichever_order_the_answers_have():
-    in_order = [1] * 30 + [0] * 10
-    found = measured(np.full(40, 0.75), in_order)
-    assert found["calibration_error"] == pytest.approx(0)
-    assert [part["answers"] for part in found["bins"]] == [40]
-
-
-def test_differences_of_two_bins_do_not_cancel():
-    found = measured(np.repeat([0.6, 0.8], 10), [1] * 10 + [0] * 5 + [1] * 5)
-    assert found["excess"]["mean"] == pytest.approx(0.7 - 0.75)
-    assert found["calibration_error"] == pytest.approx((0.4 + 0.3) / 2)
+def test_answers_without_probabilities_have_no_reliability():
+    labels = np.zeros(4, dtype=int)
+    trials = Trials(labels[None, :, None], labels, labels, labels, 8)
+    assert reliability(trials, np.random.default_rng(0)) is None
 
 
 @pytest.mark.parametrize(("shift", "sign"), [(0.0, 0), (0.15, 1), (-0.15, -1)])
 def test_the_interval_tells_exact_probabilities_from_others(shift, sign):
     rng = np.random.default_rng(1)
-    chance = rng.uniform(0.5, 0.8, 2000)
-    excess = measured(chance + shift, rng.random(2000) < chance)["excess"]
-    assert excess["mean"] == pytest.approx(shift, abs=0.04)
-    ends = np.sign([excess["low"], excess["high"]]).tolist()
+    chance = rng.uniform(0.65, 0.8, 2000)
+    found = measured(chance + shift, rng.random(2000) < chance)
+    assert found.error - found.expected == pytest.approx(shift, abs=0.04)
+    ends = np.sign([found.low, found.high]).tolist()
     assert ends == ([-1, 1] if sign == 0 else [sign, sign])
 
 
+def test_exact_probabilities_of_few_answers_are_not_said_to_be_wrong():
+    rng = np.random.default_rng(2)
+    for count, low, high in [(2, 0.5, 0.9), (5, 0.5, 0.9), (12, 0.85, 0.99), (40, 0.95, 0.995)]:
+        verdicts = 0
+        for _ in range(50):
+            chance = rng.uniform(low, high, count)
+            found = measured(chance, rng.random(count) < chance)
+            verdicts += found.low > 0 or found.high < 0
+        assert verdicts <= 4, (count, verdicts)
+
+
+@pytest.mark.parametrize("correct", [True, False], ids=["all right", "all wrong"])
+def test_the_interval_reaches_what_no_group_could_show(correct):
+    found = measured(np.full(12, 0.75), [correct] * 12)
+    unseen = 1 - 0.025 ** (1 / 12)  # Clopper and Pearson
+    ends = (0.75 - 1, unseen - 0.25) if correct else (1 - unseen - 0.25, 1 - 0.25)
+    assert (found.low + 0.0, found.high) == pytest.approx((ends[0] + 0.0, ends[1]))
+
+
 def test_the_interval_resamples_groups():
-    confidence, correct = np.full(40, 0.75), [1] * 20 + [0] * 20
-    alone = measured(confidence, correct)["excess"]
-    in_four = measured(confidence, correct, np.repeat(range(4), 10))["excess"]
-    assert in_four["high"] - in_four["low"] > 2 * (alone["high"] - alone["low"])
-    in_one = measured(confidence, correct, np.zeros(40))
-    assert in_one["excess"]["low"] is None and in_one["bins"][0]["right"]["high"] is None
+    probability, correct = np.full(40, 0.75), [1] * 20 + [0] * 20
+    alone = measured(probability, correct)
+    in_four = measured(probability, correct, np.repeat(range(4), 10))
+    assert in_four.high - in_four.low > 2 * (alone.high - alone.low)
+    in_one = measured(probability, correct, np.zeros(40))
+    assert (in_one.low, in_one.high, in_one.bins[0].high) == (None, None, None)
+
+
+@pytest.mark.parametrize("order", ["rising", "falling", "mixed"])
+def test_equal_probabilities_are_in_one_bin(order):
+    probability = np.r_[np.linspace(0.5, 0.9, 39), np.full(61, 1.0)]
+    index = {
+        "rising": np.arange(100),
+        "falling": np.arange(100)[::-1],
+        "mixed": np.random.default_rng(0).permutation(100),
+    }[order]
+    bins = measured(probability[index], (np.arange(100) >= 39)[index]).bins
+    assert bins[-1].answers == 61 and bins[-1].error == bins[-1].expected == 0
+    assert sum(part.answers for part in bins) == 100
+    expected = [part.expected for part in bins]
+    assert expected == sorted(expected, reverse=True)
 
 
 @pytest.mark.parametrize(
     ("count", "bins"),
-    [(1, 1), (2 * FEWEST - 1, 1), (2 * FEWEST, 2), (BINS * FEWEST, BINS), (1000, BINS)],
+    [(1, 1), (2 * ANSWERS - 1, 1), (2 * ANSWERS, 2), (BINS * ANSWERS, BINS), (1000, BINS)],
 )
-def test_bins_have_about_the_same_size_and_at_least_ten_answers(count, bins):
-    found = measured(np.linspace(0.4, 0.9, count), np.ones(count))["bins"]
-    sizes = [part["answers"] for part in found]
+def test_bins_of_different_probabilities_have_about_the_same_size(count, bins):
+    found = measured(np.linspace(0.55, 0.9, count), np.ones(count)).bins
+    sizes = [part.answers for part in found]
     assert (len(sizes), sum(sizes)) == (bins, count)
     assert max(sizes) - min(sizes) <= 1

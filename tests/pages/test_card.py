@@ -1,7 +1,9 @@
 """The model card of a run whose numbers are known."""
 
+import re
 from copy import copy
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -67,18 +69,7 @@ def error(mean, low, high, **others):
     return {"error": {"mean": mean, "low": low, "high": high}} | others
 
 
-CALIBRATION = {
-    "probability": 0.875,
-    "excess": {"mean": 0.125, "low": -0.25, "high": 0.375},
-    "calibration_error": 0.1875,
-    "bins": [
-        {"answers": 6, "probability": 0.8125, "right": {"mean": 0.5, "low": 0.25, "high": 0.875}},
-        {"answers": 5, "probability": 0.9375, "right": {"mean": 1.0, "low": 0.5, "high": 1.0}},
-    ],
-}
-
-
-def a_run(*, notes=(), live=(), names=OBJECTS, metrics=None, calibration=CALIBRATION, **changes):
+def a_run(*, notes=(), live=(), names=OBJECTS, metrics=None, **changes):
     """A run of 12 test recordings, of which 3 are answered wrongly."""
     labels = np.repeat(np.arange(3), 4)
     answers = np.array(ANSWERS).reshape(1, -1, 1)
@@ -88,7 +79,7 @@ def a_run(*, notes=(), live=(), names=OBJECTS, metrics=None, calibration=CALIBRA
         "views": 8,
         "groups": {"test": 12},
         "new_sessions": False,
-        WHOLE: error(0.25, 0.125, 0.5, calibration=calibration),
+        WHOLE: error(0.25, 0.125, 0.5),
         "recording": error(0.375, 0.25, 0.625, top3_error=0.0625),
         "object": error(0.3125, 0.1875, 0.5),
     }
@@ -209,36 +200,65 @@ def test_the_card_names_the_set_that_was_answered_and_how_much_of_it_as_a_stream
     for tested_set in ("test", "validation"):
         run = a_run(live=[final], notes=[part], metrics={"groups": {tested_set: 12}})
         text = card_of(run).partition("## Probabilities")[2].partition("## ")[0]
-        assert f"The table has the {tested_set} recordings in the order of" in text
+        assert f"did not keep the probabilities of the {tested_set} set" in text
         answered = f"Recordings of the {tested_set} set were also answered as a stream, grasp by "
         assert f"{answered}grasp; 3 of 12 recordings, evenly chosen, were answered." in text
         assert ("test" in text) == (tested_set == "test")
 
 
-def test_the_card_has_the_probabilities_beside_the_share_of_right_answers():
-    text = card_of().partition("## Probabilities")[2].partition("## ")[0]
-    assert "| 6 | 81.2 | 50.0 (25.0 to 87.5) | | 5 | 93.8 | 100.0 (50.0 to 100.0) |" in text
-    assert "between the last two columns: 18.8 percentage points" in text
+def answered(*, right, probability, groups=None, tested_set="test"):
+    """Return a run whose answers have these probabilities; each is a split group by default."""
+    count = len(right)
+    labels = np.arange(count) % 3
+    answers = np.where(right, labels, (labels + 1) % 3)
+    numbers = np.arange(count) if groups is None else np.array(groups)
+    probabilities = np.full((count, 3), 0.0)
+    probabilities[np.arange(count), answers] = probability
+    whole = Trials(
+        answers[None, :, None], labels, numbers, labels.astype(str), 48, probabilities=probabilities
+    )
+    predictions = Predictions({WHOLE: whole}, np.array(OBJECTS))
+    run = a_run(metrics={"groups": {tested_set: len(set(numbers.tolist()))}})
+    return replace(run, predictions=predictions)
+
+
+def test_the_card_has_the_probabilities_beside_the_errors():
+    right = [True] * 9 + [False] + [True] * 5 + [False] * 5
+    run = answered(right=right, probability=np.repeat([0.95, 0.75], 10))
+    text = card_of(run).partition("## Probabilities")[2].partition("## ")[0]
     assert (
-        "the mean probability of an answer is 87.5 %, and 75.0 % of the answers are right. "
-        "The difference is 12.5 (-25.0 to 37.5) percentage points."
-    ) in text
-    assert "was not measured by the version" in card_of(a_run(calibration=None))
+        "By their probabilities, 15.0\xa0% of the answers to whole recordings would be wrong, and "
+        "30.0\xa0% are: a difference of 15.0 ("
+    ) in text.replace(" %", "\xa0%")
+    low, high = re.findall(r"\| 10 \| (\S+) \| (\S+) \(\S+ to \S+\) \|", text)
+    assert (low, high) == (("25.0", "50.0"), ("5.0", "10.0"))
+    few = answered(right=right[:12], probability=0.75)
+    assert "expected error" not in card_of(few)  # a table of one row says nothing new
+    assert "An earlier version made this run" in card_of()
 
 
 @pytest.mark.parametrize(
-    ("ends", "judged"),
+    ("right", "probability", "groups", "says"),
     [
-        ((0.01, 0.2), "too high on average"),
-        ((-0.2, -0.01), "too low on average"),
-        ((0.0, 0.2), "neither too high nor too low, as far as these recordings tell"),
-        ((None, None), "One split group cannot show whether they are too high or too low"),
+        (0.5, 0.95, None, "too high on average."),
+        (0.9, 0.4, None, "too low on average."),
+        (0.5, 0.5, None, "too high or too low on average is not shown."),
+        (0.5, 0.95, np.repeat(range(8), 10), "Too few split groups were tested to say more."),
+        (0.5, 0.95, np.zeros(80, int), "Too few split groups were tested to say more."),
     ],
 )
-def test_the_card_says_whether_the_probabilities_are_too_high(ends, judged):
-    low, high = ends
-    excess = {"mean": 0.1, "low": low, "high": high}
-    assert judged in card_of(a_run(calibration=CALIBRATION | {"excess": excess}))
+def test_the_card_says_whether_probabilities_are_too_high(right, probability, groups, says):
+    is_right = np.arange(80) % 10 < 10 * right
+    assert says in card_of(answered(right=is_right, probability=probability, groups=groups))
+
+
+def test_the_card_says_if_the_probabilities_were_calibrated_on_these_same_recordings():
+    same = "They were calibrated on these same recordings, so the comparison favours them."
+    for system, tested_set in product(("view_gcn", "sensors"), ("validation", "test")):
+        run = answered(right=[True] * 12, probability=0.75, tested_set=tested_set)
+        run.params["model.system"] = system
+        is_said = same in card_of(run)
+        assert is_said == ((system, tested_set) == ("view_gcn", "validation"))
 
 
 def test_the_training_and_the_evaluation_have_rows_of_their_own():

@@ -218,7 +218,7 @@ def test_the_same_fault_in_many_files_is_one_sentence(tmp_path, ending):
         save(tmp_path / "lab" / OBJECTS[number % 3] / f"{number}.{ending}", content)
     line = inspected(tmp_path / "lab", "--shape", "2", "3")
     assert line.count(": an array (") == 1 and "11 more files" in line and "report.html" not in line
-    assert "leave data.shape at auto" in line
+    assert "set it back to auto" in line
 
 
 def test_faults_at_unlike_lines_are_one_sentence(tmp_path):

@@ -4,17 +4,22 @@ import json
 import re
 import shutil
 import sys
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from tactile_viewgcn import cli
 from tactile_viewgcn.evaluation.finished_run import read_run
+from tactile_viewgcn.evaluation.trials import Trials
 from tactile_viewgcn.intervals import percent_interval
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.pages.run_page import run_facts, run_page
+from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.tables.recordings import Recordings
 from tests.pages.test_html import parsed, text_of
 
 ROOT = Path(__file__).parents[2]
@@ -123,6 +128,34 @@ def test_the_page_of_a_named_run_has_its_name(workspace):
     assert "\nreport-first-try.html: " in run.output
     assert Path("report-first-try.html").exists()
     assert Path("report.html").read_text() == "of the workspace"
+
+
+def test_the_results_keep_the_probabilities_that_the_model_answers_with(workspace):
+    whole = read_run().predictions.whole
+    recogniser = Recogniser("models/classifier.pt")
+    assert recogniser.content.temperature not in (None, 1.0)
+    answers, _ = recogniser.answer_table(Recordings.read(Path("data/recordings")))
+    # the model does not ask its classifier about recordings without contact
+    answered = {answer.recording: answer.probabilities for answer in answers if answer.contact}
+    tested = [name in answered for name in whole.recordings]
+    assert sum(tested) == 6  # 2 of each of the 3 objects
+    expected = [answered[name] for name in whole.recordings[tested]]
+    np.testing.assert_allclose(whole.probabilities[tested], expected, atol=1e-6)
+
+
+def test_the_page_compares_probabilities_with_errors(workspace):
+    assert "By their probabilities, " in text_of(run_page(read_run()))
+    run = read_run()
+    count = 30
+    labels = np.arange(count) % 4
+    probabilities = np.eye(4)[labels] * np.linspace(0.6, 0.9, count)[:, None]
+    whole = Trials(
+        labels[None, :, None], labels, labels, labels.astype(str), 8, probabilities=probabilities
+    )
+    page = run_page(replace(run, predictions=replace(run.predictions, trials={"whole": whole})))
+    # three parts of 10 answers each
+    expected_errors = re.findall(r'<td class="n">10</td><td class="n">([\d.]+)', page)
+    assert expected_errors == ["35.3", "25.0", "14.7"]
 
 
 def test_the_page_has_a_row_for_the_time_of_each_stage(workspace):

@@ -1,0 +1,42 @@
+"""The benchmark of a first run, on few recordings and without the installation."""
+
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from benchmarks.first_run import page
+from benchmarks.first_run.__main__ import first_run
+
+ROWS = [
+    {"step": "installation", "seconds": 100.4},
+    {"step": "dvc repro", "threads": 2, "seconds": 149.6, "whole": 55.55},
+    {"step": "dvc repro", "threads": 1, "seconds": 200.2, "whole": 54.32},
+]
+
+
+@pytest.mark.slow
+def test_each_number_of_threads_runs_in_a_clone_of_its_own(tmp_path):
+    ran = CliRunner().invoke(first_run, ["--quick", "--out", str(tmp_path)], catch_exceptions=False)
+    assert ran.exit_code == 0
+    rows = pd.read_csv(tmp_path / "results.csv")
+    assert rows["step"].tolist() == ["dvc repro", "dvc repro"]
+    assert rows["threads"].tolist() == [1, 2]
+    # a second run in the same clone would find all stages up to date
+    assert (rows["seconds"] > 10).all()
+    assert rows[["whole", "recording", "object"]].stack().between(0, 100).all()
+
+
+def test_the_pages_have_the_rows_by_their_threads(tmp_path, monkeypatch):
+    rows = [{"recording": 50.0, "object": 40.0} | row for row in ROWS]
+    pd.DataFrame(rows).to_csv(tmp_path / "results.csv", index=False)
+    monkeypatch.setattr(page, "FOLDER", tmp_path)
+    assert page.seconds_sentence() == (
+        "The installation took 100 seconds, the first run 150 seconds with two threads and 200 "
+        "with one."
+    )
+    cells = [
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in page.threads_table().splitlines()
+    ]
+    assert cells[0] == ["threads", "`whole`", "`recording`", "`object`"]
+    assert cells[2:] == [["1", "54.3", "50.0", "40.0"], ["2", "55.5", "50.0", "40.0"]]
