@@ -84,7 +84,7 @@ def test_a_leak_is_a_warning_whose_remedy_is_the_baseline_of_each_grasp(high, ad
     assert f"(2.0 to {100 * high:.1f}), chance 96.0 %; 2,000 frames in 1 group" in note.text
     assert [(note.key, note.value) for note in warnings_of([note])] == warning
     assert ("another split.by" in note.text) == bool(warning)
-    assert ("set preprocess.baseline to grasp" in note.text) == (bool(warning) and advised)
+    assert ("Set preprocess.baseline to grasp" in note.text) == (bool(warning) and advised)
 
 
 def test_objects_are_recognised_in_groups_that_are_held_out_and_labels_at_random_are_not():
