@@ -194,8 +194,9 @@ def real_table() -> str:
 def short_table() -> str:
     """Return README's table of errors on whole recordings, by method, real recordings first."""
     columns = _real_columns("real: ")
+    columns["simulated: 96 training frames, 5 worlds"] = partial(error_or_not, "claims")
     for frames in (48, 624):
-        title = f"simulated: {frames} training frames"
+        title = f"simulated: {frames} training frames, 1 world"
         columns[title] = partial(_error_at_size, frames=frames)
     return table("method", METHODS, columns)
 
@@ -266,6 +267,29 @@ def reuse_table() -> str:
     for variant, label in labels.items():
         seconds[label] = f"{row('claims', variant, CLAIMED)['finetune s']:,.0f}"
     rows.append(seconds | {"8 less 1": ""})
+    return markdown(rows)
+
+
+def worlds_table() -> str:
+    """Return the table of errors on whole recordings in five worlds, with seconds of training."""
+    labels = {
+        "preset network": "preset `network`",
+        "paper": "the paper's recipe",
+        "paper, reuse 8": "the recipe with `feature_reuse` 8",
+    }
+    for claim in CLAIMS:
+        labels[claim.variant] = claim.label
+    rows = []
+    for variant in sorted(labels, key=lambda variant: row("claims", variant, WHOLE)["error"]):
+        more = "" if variant == "paper" else difference("claims", variant, "paper", WHOLE)
+        rows.append(
+            {
+                "method": labels[variant],
+                "whole recordings, %": error("claims", variant, WHOLE),
+                "points more than the recipe": more,
+                "seconds of training": _training_seconds("claims", variant),
+            }
+        )
     return markdown(rows)
 
 
