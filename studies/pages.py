@@ -10,7 +10,7 @@ from studies.grid import FOLDER
 from studies.pictures import learning_curve
 from tactile_viewgcn.messages import UserError
 
-PAGES = ("README.md", "docs/results.md", "docs/methods.md")
+PAGES = ("README.md", "docs/results.md", "docs/methods.md", "docs/pipeline.md")
 FOREST = Path("docs/claims.png")
 CURVE = Path("docs/learning_curve.png")
 CURVE_STUDY = "data_size_one_world"

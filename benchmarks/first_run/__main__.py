@@ -18,9 +18,9 @@ THREADS = (1, 2)
 ERRORS = ("whole", "recording", "object")
 # with --quick the installed packages run these objects
 SMALL = ("glove.objects=[ball,mug]", "glove.grasps=1", "glove.grasp_frames=20", "pretrain.epochs=1")
-TEXT = """A first run on {cores} cores of {processor}: wall-clock seconds, and errors in % on
-simulated recordings. The packages are installed into a fresh virtual environment. Each run is in a
-fresh clone of the commit, by `OMP_NUM_THREADS=N dvc repro`.
+TEXT = """A first run: wall-clock seconds, and errors in % on simulated recordings. The packages are
+installed into a fresh virtual environment. Each run is in a fresh clone of the commit, by
+`OMP_NUM_THREADS=N dvc repro`.
 """
 
 
@@ -37,7 +37,9 @@ def first_run(params: Params, quick: bool) -> Result:
             begin = time.perf_counter()
             _call(sys.executable, "-m", "venv", str(environment), place=clone)
             _call(python, "-m", "pip", *INSTALL, place=clone)
-            rows.append({"step": "installation", "seconds": time.perf_counter() - begin})
+            seconds = time.perf_counter() - begin
+            row = {"step": "installation", "threads": "", "seconds": seconds}
+            rows.append(row | dict.fromkeys(ERRORS, ""))
         for threads in THREADS:
             clone = _clone(Path(folder, str(threads)))
             command = ["repro"]
@@ -49,7 +51,8 @@ def first_run(params: Params, quick: bool) -> Result:
             summary = json.loads((clone / "results/summary.json").read_text())
             errors = {name: 100 * summary[f"error.{name}"] for name in ERRORS}
             rows.append({"step": "dvc repro", "threads": threads, "seconds": seconds} | errors)
-    return TEXT.format(cores=os.cpu_count(), processor=processor()), rows, None
+    machine = f"{os.cpu_count()} cores of {processor()}"
+    return TEXT, [row | {"machine": machine} for row in rows], None
 
 
 def _clone(place: Path) -> Path:

@@ -1,6 +1,7 @@
 """What README.md and docs/pipeline.md say of a first run, from results.csv."""
 
 from pathlib import Path
+from textwrap import fill
 
 import pandas as pd
 
@@ -8,16 +9,19 @@ from benchmarks.command import markdown
 from benchmarks.first_run.__main__ import ERRORS
 
 FOLDER = Path(__file__).parent
+WIDTH = 120  # of a line in the pages
 
 
 def seconds_sentence() -> str:
-    """Return a sentence with the seconds of the installation and of the runs."""
+    """Return two sentences with the seconds of the installation and of the runs."""
     rows = pd.read_csv(FOLDER / "results.csv")
-    (installation,) = rows[rows["step"] == "installation"]["seconds"]
+    (installation,) = rows[rows["step"] == "installation"].to_dict("records")
     one, two = _runs()["seconds"]
-    return (
-        f"The installation took {installation:.0f} seconds, the first run {two:.0f} seconds with "
-        f"two threads and {one:.0f} with one."
+    return fill(
+        f"On {installation['machine']}, which other programs shared, the installation took "
+        f"{installation['seconds']:.0f} seconds. The first run took {two:.0f} seconds with two "
+        f"threads, and {one:.0f} with one.",
+        WIDTH,
     )
 
 

@@ -27,12 +27,13 @@ def test_each_number_of_threads_runs_in_a_clone_of_its_own(tmp_path):
 
 
 def test_the_pages_have_the_rows_by_their_threads(tmp_path, monkeypatch):
-    rows = [{"recording": 50.0, "object": 40.0} | row for row in ROWS]
+    common = {"recording": 50.0, "object": 40.0, "machine": "2 cores of a CPU"}
+    rows = [common | row for row in ROWS]
     pd.DataFrame(rows).to_csv(tmp_path / "results.csv", index=False)
     monkeypatch.setattr(page, "FOLDER", tmp_path)
-    assert page.seconds_sentence() == (
-        "The installation took 100 seconds, the first run 150 seconds with two threads and 200 "
-        "with one."
+    assert page.seconds_sentence().replace("\n", " ") == (
+        "On 2 cores of a CPU, which other programs shared, the installation took 100 seconds. The "
+        "first run took 150 seconds with two threads, and 200 with one."
     )
     cells = [
         [cell.strip() for cell in line.split("|")[1:-1]]
