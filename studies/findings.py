@@ -272,11 +272,7 @@ def reuse_table() -> str:
 
 def worlds_table() -> str:
     """Return the table of errors on whole recordings in five worlds, with seconds of training."""
-    labels = {
-        "preset network": "preset `network`",
-        "paper": "the paper's recipe",
-        "paper, reuse 8": "the recipe with `feature_reuse` 8",
-    }
+    labels = METHODS | {"paper, reuse 8": "the recipe with `feature_reuse` 8"}
     for claim in CLAIMS:
         labels[claim.variant] = claim.label
     rows = []
