@@ -16,8 +16,12 @@ from tactile_viewgcn.provenance import processor
 INSTALL = ("install", "--quiet", "-e", ".[pipeline]", "-c", "constraints.txt")
 THREADS = (1, 2)
 ERRORS = ("whole", "recording", "object")
-# with --quick the installed packages run these objects
-SMALL = ("glove.objects=[ball,mug]", "glove.grasps=1", "glove.grasp_frames=20", "pretrain.epochs=1")
+SMALL = (  # the run of --quick, by the packages that are installed here
+    *("-S", "glove.objects=[ball,mug]"),
+    *("-S", "glove.grasps=1"),
+    *("-S", "glove.grasp_frames=20"),
+    *("-S", "pretrain.epochs=1"),
+)
 TEXT = """A first run: wall-clock seconds, and errors in % on simulated recordings. The packages are
 installed into a fresh virtual environment. Each run is in a fresh clone of the commit, by
 `OMP_NUM_THREADS=N dvc repro`.
@@ -42,9 +46,7 @@ def first_run(params: Params, quick: bool) -> Result:
             rows.append(row | dict.fromkeys(ERRORS, ""))
         for threads in THREADS:
             clone = _clone(Path(folder, str(threads)))
-            command = ["repro"]
-            if quick:
-                command = ["exp", "run", *(word for change in SMALL for word in ("-S", change))]
+            command = ("exp", "run", *SMALL) if quick else ("repro",)
             begin = time.perf_counter()
             _call(python, "-m", "dvc", *command, place=clone, threads=threads)
             seconds = time.perf_counter() - begin

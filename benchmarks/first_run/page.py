@@ -18,9 +18,9 @@ def seconds_sentence() -> str:
     (installation,) = rows[rows["step"] == "installation"].to_dict("records")
     one, two = _runs()["seconds"]
     return fill(
-        f"On {installation['machine']}, which other programs shared, the installation took "
-        f"{installation['seconds']:.0f} seconds. The first run took {two:.0f} seconds with two "
-        f"threads, and {one:.0f} with one.",
+        f"On {installation['machine']} the installation took "
+        f"{installation['seconds']:.0f} seconds. The first run took {two:.0f} seconds "
+        f"with two threads, and {one:.0f} with one.",
         WIDTH,
     )
 

@@ -304,7 +304,7 @@ def _reliability_in_words(run: FinishedRun, measured: Reliability | None) -> str
     text = (
         f"By their probabilities, {percent(measured.expected)} of the answers to whole recordings "
         f"would be wrong, and {percent(measured.error)} are: a difference of {difference} "
-        f"percentage points. "
+        "percentage points. "
     )
     if low is None or high is None or run.groups < FEW:
         text += "Too few split groups were tested to say more."

