@@ -1,6 +1,4 @@
-"""The data of all tests, each with a known answer: recordings in tables and files, and classifiers
-trained on them.
-"""
+"""The data of the tests: recordings with a known answer, and classifiers trained on them."""
 
 import tempfile
 from collections.abc import Callable, Sequence
@@ -49,28 +47,38 @@ def written(
     objects: Sequence[str] = (), recordings: Sequence[str] = (), sessions: Sequence[str] = (),
     **columns: np.ndarray | float,
 ) -> Recordings:  # fmt: skip
-    """A table of counts (T, H, W), written to `path` in blocks that end at `cuts`, and opened.
+    """Write a table of recordings to a file, and return it, opened.
 
-    Columns are (T,) or one value for all frames; missing names are made up for the ids, the first
-    object being the empty hand.
+    Args:
+        path: the file.
+        counts: counts (T, H, W).
+        cuts: the frames before which a new block begins.
+        dtype: type in which the counts are stored; by default their own.
+        objects: names of the objects. By default names are made up for the numbers in the column
+            `object`, and the first object is the empty hand.
+        recordings: names of the recordings, made up in the same way.
+        sessions: names of the sessions, made up in the same way.
+        **columns: other columns (T,), or one value for all frames.
     """
     counts = np.asarray(counts)
     frames = len(counts)
-    values = {
-        name: np.broadcast_to(value, frames) for name, value in (COLUMN_DEFAULTS | columns).items()
-    }
+    values = {}
+    for name, value in (COLUMN_DEFAULTS | columns).items():
+        values[name] = np.broadcast_to(value, frames)
     values.setdefault("frame", np.arange(frames))
 
     def names(column: str, first: str) -> list[str]:
-        return [first, *(f"{column}{i}" for i in range(1, int(values[column].max(initial=0)) + 1))]
+        last = int(values[column].max(initial=0))
+        return [first, *(f"{column}{number}" for number in range(1, last + 1))]
 
     file = CountsFile(path)
     for part in np.split(counts, cuts):
         file.append(part, np.dtype(dtype or counts.dtype))
     file.finish()
-    table = {
-        name: values[name].astype(kind) for name, kind in COLUMN_TYPES.items() if name in values
-    }
+    table = {}
+    for name, kind in COLUMN_TYPES.items():
+        if name in values:
+            table[name] = values[name].astype(kind)
     table["objects"] = list(objects or names("object", EMPTY_HAND))
     table["recordings"] = list(recordings or names("recording", "recording0"))
     table["sessions"] = list(sessions or names("session", "session0"))
@@ -80,13 +88,14 @@ def written(
 
 
 def states_of(recordings: Recordings, sensors: int = 5) -> HandStates:
-    """Frames of contact, of so many sensors, and of the open hand."""
+    """Return the states of the hand, where contact needs this number of sensors."""
     return hand_states(recordings, sensors, session_moments(recordings))
 
 
 # A glove that drifts: its open hand, contact and baseline are known
 DRIFTING_SHAPE = (5, 8)
-OPEN, CLOSED = 12, 20  # frames of the open hand and of the grasp after it
+OPEN = 12  # frames of the open hand before each grasp
+CLOSED = 20  # frames of a grasp
 SIGNAL = 30.0  # counts of a pressed sensor
 PRESSED = 10  # sensors of a grasp
 NOISE = 0.95
@@ -94,8 +103,13 @@ NOISE = 0.95
 
 @dataclass(frozen=True)
 class Drifting:
-    """Counts (T, H, W), columns (T,), the true baseline (T, H, W) of each frame, and whether the
-    hand is open (T,).
+    """Recordings of a glove that drifts.
+
+    Attributes:
+        counts: counts (T, H, W).
+        columns: columns (T,), by name.
+        baseline: (T, H, W) true baseline of each frame.
+        open: bool (T,), whether the hand is open.
     """
 
     counts: np.ndarray
@@ -106,13 +120,17 @@ class Drifting:
     def table(
         self, path: Path, kept: np.ndarray | slice = slice(None), **changes: object
     ) -> Recordings:
-        """The frames to keep as a table at `path`, with other columns (T,) or names."""
-        parts = {
-            name: each[kept] if isinstance(each, np.ndarray) else each
-            for name, each in changes.items()
-        }
+        """Write a table, and return it, opened.
+
+        Args:
+            path: the file.
+            kept: the frames that the table has.
+            **changes: other columns (T,), or other names.
+        """
         columns = {name: values[kept] for name, values in self.columns.items()}
-        return written(path, self.counts[kept], **columns | parts)
+        for name, value in changes.items():
+            columns[name] = value[kept] if isinstance(value, np.ndarray) else value
+        return written(path, self.counts[kept], **columns)
 
 
 def drifting(
@@ -126,55 +144,68 @@ def drifting(
     same=False,
     shape=DRIFTING_SHAPE,
 ) -> Drifting:
-    """One session: `recordings` of each object, the empty hand first, of `grasps` each, all of
-    which press alike.
+    """Return recordings of one session, in which all grasps of an object press alike.
 
     Args:
-        between: standard deviation in counts of a sensor's baseline from one recording to another.
-        within: counts by which sensors drift in a recording, up or down.
+        objects: number of objects, besides the empty hand.
+        recordings: number of recordings of each object. Those of the empty hand come first.
+        grasps: number of grasps of each recording.
+        between: standard deviation in counts of a sensor's baseline between recordings.
+        within: counts by which a sensor drifts in a recording, up or down.
         common: standard deviation in counts, between recordings, of an offset that all sensors
             share.
-        same: each object presses the same sensors, instead of its own.
+        same: whether all objects press the same sensors.
+        shape: rows and columns of the sensors.
     """
-    rng, each = np.random.default_rng(0), grasps * (OPEN + CLOSED)
-    size = ((objects + 1) * recordings, each, *shape)
+    rng = np.random.default_rng(0)
+    frames = grasps * (OPEN + CLOSED)
+    size = ((objects + 1) * recordings, frames, *shape)
     number, frame = np.indices(size[:2])
     label = number // recordings
-    offset = rng.normal(0, between, (size[0], 1, *shape)) + rng.normal(
-        0, common, (size[0], 1, 1, 1)
-    )
+    of_sensors = rng.normal(0, between, (size[0], 1, *shape))
+    offset = of_sensors + rng.normal(0, common, (size[0], 1, 1, 1))
     offset[0] = 0  # the empty hand's, from which the others drift
     direction = rng.choice([-1.0, 1.0], (size[0], 1, *shape))
-    baseline = 514.3 + offset + within * direction * (frame / each)[..., None, None]
+    drift = within * direction * (frame / frames)[..., None, None]
+    baseline = 514.3 + offset + drift
+
     in_contact = (frame % (OPEN + CLOSED) >= OPEN) & (label > 0)
     sensors = np.array([rng.permutation(shape[0] * shape[1]) < PRESSED for _ in range(objects + 1)])
-    pressed = sensors[np.ones_like(label) if same else label].reshape(size)
-    counts = np.rint(
-        baseline + SIGNAL * (in_contact[..., None, None] & pressed) + rng.normal(0, NOISE, size)
-    )
+    pattern = np.ones_like(label) if same else label
+    pressed = sensors[pattern].reshape(size)
+    signal = SIGNAL * (in_contact[..., None, None] & pressed)
+    counts = np.rint(baseline + signal + rng.normal(0, NOISE, size))
+
     columns = {"object": label, "recording": number, "grasp": frame // (OPEN + CLOSED)}
-    flat = {name: values.ravel() for name, values in columns.items()}
-    frames, open_hand = counts.reshape(-1, *shape), ~in_contact.ravel() | (flat["object"] == 0)
-    return Drifting(frames.astype(np.int16), flat, baseline.reshape(frames.shape), open_hand)
+    columns = {name: values.ravel() for name, values in columns.items()}
+    return Drifting(
+        counts=counts.reshape(-1, *shape).astype(np.int16),
+        columns=columns,
+        baseline=baseline.reshape(-1, *shape),
+        open=~in_contact.ravel() | (columns["object"] == 0),
+    )
 
 
 # Grips of two objects and the empty hand, prepared under changed parameters
-GRIP_OBJECTS, GRIP_RECORDINGS, SESSIONS, FRAMES, BLANK = 3, 3, 2, 20, 6
+SESSIONS = 2
+GRIP_OBJECTS = 3  # the empty hand is the first
+GRIP_RECORDINGS = 3  # of each object in each session
+FRAMES = 20  # of a recording
+BLANK = 6  # frames without contact at the start of a recording
 GRIP_FRAMES = FRAMES - BLANK
 FIXED = ("baseline=empty_hand", "filter=flags", "contact_sensors=4", "scale=150")
 
 
 def _grips():
-    """Counts (T, 3, 4) and columns. Object 1 presses the first five sensors by 40, object 2 the
-    last five, neither in the first 6 frames of its 20; without contact sensors read 514 in session
-    0 and 516 in session 1."""
+    """Return counts (T, 3, 4) and columns (T,).
+
+    Object 1 presses the first five sensors by 40 counts, object 2 presses the last five. Without
+    contact a sensor reads 514 counts in session 0, and 516 in session 1.
+    """
     size = (SESSIONS, GRIP_OBJECTS, GRIP_RECORDINGS, FRAMES)
     session, label, number, frame = (axis.ravel() for axis in np.indices(size))
-    counts = (
-        np.random.default_rng(0).normal(0, 0.95, size=(session.size, 12))
-        + 514
-        + 2 * session[:, None]
-    )
+    noise = np.random.default_rng(0).normal(0, 0.95, size=(session.size, 12))
+    counts = noise + 514 + 2 * session[:, None]
     in_contact = frame >= BLANK
     counts[np.ix_(in_contact & (label == 1), range(5))] += 40
     counts[np.ix_(in_contact & (label == 2), range(7, 12))] += 40
@@ -195,7 +226,15 @@ COUNTS, COLUMNS = _grips()
 
 
 def prepared(tmp_path, *changes, counts=COUNTS, columns=COLUMNS, **names):
-    """The grips' frames, and all that `preprocess_recordings` made, under changed parameters."""
+    """Return the grips' frames, and everything that `preprocess_recordings` returned.
+
+    Args:
+        tmp_path: folder of the table.
+        *changes: changes of parameters, `key=value`.
+        counts: counts (T, H, W) in place of those of the grips.
+        columns: columns (T,) in place of those of the grips.
+        **names: names of objects, recordings or sessions.
+    """
     params = load(FILE, (*(f"preprocess.{key}" for key in FIXED), *changes))
     recordings = written(tmp_path / "glove.h5", counts, **columns, **names)
     made = preprocess_recordings(recordings, params.preprocess, params.split)
@@ -205,11 +244,13 @@ def prepared(tmp_path, *changes, counts=COUNTS, columns=COLUMNS, **names):
 # Three objects that press different sensors, in files, and a recogniser trained on them
 OBJECTS = ("ball", "cup", "pen")
 SHAPE = (8, 10)
-BEFORE, HELD, AFTER = 30, 20, 10  # frames of the open hand, of contact, of the open hand
+BEFORE = 30  # frames of the open hand before a grasp
+HELD = 20  # frames of contact
+AFTER = 10  # frames of the open hand after the grasp
 
 
 def pressed(name: str) -> np.ndarray:
-    """bool (8, 10): the twelve sensors that an object presses."""
+    """Return the twelve sensors that an object presses, bool (8, 10)."""
     cells = np.random.default_rng([ord(letter) for letter in name]).permutation(80)[:12]
     return np.isin(np.arange(80), cells).reshape(SHAPE)
 
@@ -217,48 +258,67 @@ def pressed(name: str) -> np.ndarray:
 def recording(
     name: str, seed: int, *, before: int = BEFORE, held: int = HELD, after: int = AFTER
 ) -> np.ndarray:
-    """Counts int16 (T, 8, 10): the open hand, a grasp of the object, the open hand."""
+    """Return counts int16 (T, 8, 10) of the open hand, a grasp of the object, and the open hand.
+
+    Args:
+        name: name of the object.
+        seed: seed of the noise and of the forces.
+        before: number of frames before the grasp.
+        held: number of frames of the grasp.
+        after: number of frames after the grasp.
+    """
     rng = np.random.default_rng(seed)
-    counts = (
-        500 + np.arange(80).reshape(SHAPE) % 7 + rng.normal(0, 1, (before + held + after, *SHAPE))
-    )
+    baseline = 500 + np.arange(80).reshape(SHAPE) % 7
+    counts = baseline + rng.normal(0, 1, (before + held + after, *SHAPE))
     counts[before : before + held] += 40 * pressed(name) * rng.uniform(0.7, 1.3, (held, 1, 1))
     return np.rint(counts).astype(np.int16)
 
 
 def empty_hand(seed: int) -> np.ndarray:
-    """Counts int16 (40, 8, 10) of the open hand."""
+    """Return counts int16 (40, 8, 10) of the open hand."""
     return recording("ball", seed, before=40, held=0, after=0)
 
 
 @cache
-def _file(*changes: str) -> bytes:
-    arrays = [empty_hand(0), *(recording(name, seed) for seed in range(1, 5) for name in OBJECTS)]
-    labels = np.array([0, *(1 + i for _ in range(4) for i in range(3))])
-    table = of_arrays(arrays, [EMPTY_HAND, *OBJECTS], labels, np.zeros(13, dtype=int))
+def _content_of_model_file(*changes: str) -> bytes:
+    """Return the content of the file that `model_file` writes."""
+    arrays = [empty_hand(0)]
+    labels = [0]
+    for seed in range(1, 5):
+        for label, name in enumerate(OBJECTS, start=1):
+            arrays.append(recording(name, seed))
+            labels.append(label)
+    sessions = np.zeros(len(arrays), dtype=int)
+    table = of_arrays(arrays, [EMPTY_HAND, *OBJECTS], np.array(labels), sessions)
     fixed = (
+        *preset_changes("kernels"),
         "preprocess.baseline=empty_hand",
         "preprocess.filter=contact",
         "preprocess.contact_sensors=6",
+        "preprocess.empty_hand_class=false",
+        "device=cpu",
     )
-    small = "preprocess.empty_hand_class=false", "device=cpu"
-    params = load(FILE, (*preset_changes("kernels"), *fixed, *small, *changes))
+    params = load(FILE, (*fixed, *changes))
     with tempfile.TemporaryDirectory() as folder:
-        train(table, params, table.columns["recording"], Path(folder) / "classifier.pt")
-        return (Path(folder) / "classifier.pt").read_bytes()
+        path = Path(folder) / "classifier.pt"
+        train(table, params, table.columns["recording"], path)
+        return path.read_bytes()
 
 
 def model_file(path: Path, *changes: str) -> Path:
-    """The file of the classifier of the three objects, of the preset `kernels` with `key=value`
-    changes, at `path`.
+    """Write the file of a classifier of the three objects, and return its path.
+
+    Args:
+        path: the file.
+        *changes: changes of the preset `kernels`, `key=value`.
     """
-    path.write_bytes(_file(*changes))
+    path.write_bytes(_content_of_model_file(*changes))
     return path
 
 
 @cache
 def recogniser(*changes: str) -> Recogniser:
-    """The same, read."""
+    """Return the recogniser of the file that `model_file` writes with these changes."""
     with tempfile.TemporaryDirectory() as folder:
         return Recogniser(model_file(Path(folder) / "classifier.pt", *changes))
 
@@ -266,32 +326,47 @@ def recogniser(*changes: str) -> Recogniser:
 def of_arrays(
     arrays: Sequence[np.ndarray], objects: list[str], labels: np.ndarray, sessions: np.ndarray
 ) -> Recordings:
-    """The table of recordings X[0], X[1] and so on, arrays (T, H, W)."""
+    """Return the table of recordings that are arrays (T, H, W), named X[0], X[1] and so on.
+
+    Args:
+        arrays: R recordings.
+        objects: names of the objects.
+        labels: (R,) number of each recording's object.
+        sessions: (R,) number of each recording's session.
+    """
     recordings = [recording_of(counts, f"X[{number}]") for number, counts in enumerate(arrays)]
     return in_memory(recordings, objects, labels, sessions)
 
 
 def answer_of(model: Recogniser, counts: np.ndarray) -> Answer:
-    """The answer to one recording of counts."""
+    """Return the answer to one recording of counts (T, H, W)."""
     return model.answer_recordings([recording_of(counts, "counts")])[0][0]
 
 
 def write(
     path: Path, counts: np.ndarray, time: np.ndarray | None = None, **attributes: str
 ) -> None:
-    """A recording's file, a frame every 0.1 s if no times are given."""
+    """Write the file of a recording.
+
+    Args:
+        path: the file.
+        counts: counts (T, H, W).
+        time: (T,) seconds; a frame every 0.1 s if there are none.
+        **attributes: attributes of the file.
+    """
+    if time is None:
+        time = 0.1 * np.arange(len(counts))
     path.parent.mkdir(parents=True, exist_ok=True)
     with h5py.File(path, "w") as file:
-        file["pressure"], file["time"] = (
-            counts,
-            0.1 * np.arange(len(counts)) if time is None else time,
-        )
+        file["pressure"] = counts
+        file["time"] = time
         file.attrs.update(attributes)
 
 
 # Gloves of three other kinds: all contact, real numbers, a dense array
-FOREIGN_OBJECTS, FOREIGN_RECORDINGS = 4, 4
-FOREIGN_NAMES = ["Tasse groß", "Schlüssel", "Öl Flasche", "Maß band"]
+FOREIGN_OBJECTS = 4
+FOREIGN_RECORDINGS = 4  # of each object
+FOREIGN_NAMES = ("Tasse groß", "Schlüssel", "Öl Flasche", "Maß band")
 PRESSURE = 60.0  # counts of the dense array
 
 
@@ -300,73 +375,106 @@ def _saved(
     counts_of: Callable[[int], np.ndarray],
     *,
     rate: float,
-    names: str | list[str] = "o",
+    names: Sequence[str],
     recordings: int = FOREIGN_RECORDINGS,
 ) -> Path:
-    """`recordings` of each object at `rate` Hz, in two sessions; `counts_of` gives those of an
-    object's next one.
+    """Write recordings of each object, in two sessions, and return their folder.
+
+    Args:
+        folder: the folder.
+        counts_of: function that returns the counts (T, H, W) of an object's next recording.
+        rate: frames in a second.
+        names: names of the objects.
+        recordings: number of recordings of each object.
     """
-    for label, number in np.ndindex(FOREIGN_OBJECTS, recordings):
-        session, pressure = f"Übung {1 + number % 2}", counts_of(label)
-        name = f"{names}{label}" if isinstance(names, str) else names[label]
-        path, time = folder / session / f"{name} {number}.h5", np.arange(len(pressure)) / rate
-        write(path, pressure, time, object=name, session=session)
+    for label, name in enumerate(names):
+        for number in range(recordings):
+            counts = counts_of(label)
+            session = f"Übung {1 + number % 2}"
+            time = np.arange(len(counts)) / rate
+            path = folder / session / f"{name} {number}.h5"
+            write(path, counts, time, object=name, session=session)
     return folder
 
 
+def _numbered(name: str) -> list[str]:
+    """Return names of the objects that differ in their number."""
+    return [f"{name}{label}" for label in range(FOREIGN_OBJECTS)]
+
+
 def _patterns(rng: np.random.Generator, shape: tuple[int, int], share: float) -> np.ndarray:
-    """Shares of the force (FOREIGN_OBJECTS, H, W) with which each object presses a share of the
-    sensors.
+    """Return the share of the force with which each object presses each sensor.
+
+    Args:
+        rng: generator of the shares.
+        shape: rows and columns of the sensors.
+        share: share of the sensors that an object presses.
+
+    Returns:
+        Array (FOREIGN_OBJECTS, H, W).
     """
-    return rng.uniform(0.4, 1, (FOREIGN_OBJECTS, *shape)) * (
-        rng.random((FOREIGN_OBJECTS, *shape)) < share
-    )
+    forces = rng.uniform(0.4, 1, (FOREIGN_OBJECTS, *shape))
+    return forces * (rng.random((FOREIGN_OBJECTS, *shape)) < share)
 
 
 def all_contact(folder: Path, *, recordings: int = FOREIGN_RECORDINGS, frames: int = 10) -> Path:
-    """12 x 10 sensors in uint8, in contact from the first to the last frame; the force changes by a
-    quarter.
+    """Write recordings that are in contact from the first to the last frame.
+
+    The glove has 12 x 10 sensors that give uint8. The force of a recording changes by a quarter.
+
+    Args:
+        folder: the folder.
+        recordings: number of recordings of each object.
+        frames: number of frames of a recording.
     """
     rng = np.random.default_rng(0)
-    patterns, time = _patterns(rng, (12, 10), 0.4), np.arange(frames)
+    patterns = _patterns(rng, (12, 10), 0.4)
+    time = np.arange(frames)
 
     def counts(label: int) -> np.ndarray:
         force = rng.uniform(80, 140) * (1 + 0.25 * np.sin(time / 2 + rng.uniform(0, 6)))
         values = patterns[label] * force[:, None, None] + rng.normal(0, 2, (frames, 12, 10))
         return np.clip(np.rint(values), 0, 255).astype(np.uint8)
 
-    return _saved(folder, counts, rate=10, names="object", recordings=recordings)
+    return _saved(folder, counts, rate=10, names=_numbered("object"), recordings=recordings)
 
 
 def floats(folder: Path, *, open_hand: float = 0.05) -> Path:
-    """8 x 12 real numbers from 0 to 2.6, an open hand in the first 20 of 60 frames, names with
-    umlauts and spaces.
+    """Write recordings of real numbers, of objects with umlauts and spaces in their names.
+
+    The 8 x 12 sensors read 0 to 2.6. The hand is open in the first 20 of 60 frames.
 
     Args:
-        open_hand: reading of a sensor without contact; with 0, half of the noise of 0.015 is cut
+        folder: the folder.
+        open_hand: reading of a sensor without contact. With 0, half of the noise of 0.015 is cut
             off.
     """
-    rng, frame = np.random.default_rng(0), np.arange(60)
-    patterns, force = (
-        _patterns(rng, (8, 12), 0.3),
-        2.2 * (frame >= 20) * (1 - 0.2 * np.cos(frame / 4)),
-    )
+    rng = np.random.default_rng(0)
+    frame = np.arange(60)
+    patterns = _patterns(rng, (8, 12), 0.3)
+    force = 2.2 * (frame >= 20) * (1 - 0.2 * np.cos(frame / 4))
 
     def counts(label: int) -> np.ndarray:
-        values = (
-            open_hand + patterns[label] * force[:, None, None] + rng.normal(0, 0.015, (60, 8, 12))
-        )
+        signal = patterns[label] * force[:, None, None]
+        values = open_hand + signal + rng.normal(0, 0.015, (60, 8, 12))
         return np.clip(values, 0, 2.6).astype(np.float32)
 
     return _saved(folder, counts, rate=20, names=FOREIGN_NAMES)
 
 
 def dense(folder: Path, *, side: int = 8) -> Path:
-    """Sensors, of which 10 to 14 in 16 are pressed in a grasp of 40 frames, after 40 frames of the
-    open hand.
+    """Write recordings in which a grasp presses 10 to 14 in 16 sensors.
+
+    The hand is open for 40 frames, and grasps for 40 frames.
+
+    Args:
+        folder: the folder.
+        side: number of rows and of columns of the sensors.
     """
-    rng, sensors = np.random.default_rng(0), side**2
-    offset, in_hand = rng.normal(500, 10, sensors), np.repeat([0.0, 1.0], 40)
+    rng = np.random.default_rng(0)
+    sensors = side**2
+    offset = rng.normal(500, 10, sensors)
+    in_hand = np.repeat([0.0, 1.0], 40)
     pressed_of = [rng.permutation(sensors) < sensors * count // 16 for count in (10, 12, 13, 14)]
     patterns = np.stack([share * rng.uniform(0.5, 1, sensors) for share in pressed_of])
 
@@ -375,12 +483,11 @@ def dense(folder: Path, *, side: int = 8) -> Path:
         values = offset + force[:, None] * patterns[label] + rng.normal(0, 2, (80, sensors))
         return np.rint(values).astype(np.int16).reshape(-1, side, side)
 
-    return _saved(folder, counts, rate=10)
+    return _saved(folder, counts, rate=10, names=_numbered("o"))
 
 
 # Frames of four objects that are easy to recognise, and classifiers trained on them, made once
-# the rows and columns of STAG's frame that the small glove has
-CORNER = (slice(0, 12), slice(12, 24))
+CORNER = (slice(0, 12), slice(12, 24))  # rows and columns of STAG's frame that the small glove has
 SMALL = (
     "views=4",
     "split.by=recording",
@@ -396,38 +503,39 @@ SMALL = (
 
 
 def recipe(*changes: str) -> Params:
-    """params.yaml, made short for small data, with `key=value` changes on top."""
+    """Return the parameters of a short training on small data, with `key=value` changes."""
     return load(FILE, (*SMALL, *changes))
 
 
 @cache
 def table(*changes: str) -> Frames:
-    """Four classes, the empty hand among them, of six recordings of 12 frames (12, 12); two of the
-    six are test.
+    """Return frames of four classes, of which one is the empty hand.
+
+    Each class has six recordings of 12 frames (12, 12). Two of the six are in the test set.
     """
     params = recipe(*changes)
     tree = metadata(objects=4, recordings=6, frames=12)
     tree["pressure"] = tree["pressure"][:, *CORNER]
     with tempfile.TemporaryDirectory() as folder:
-        source, path = Path(folder) / "metadata.mat", Path(folder) / "recordings"
-        recordings = read_here(save_matlab5(source, tree), path)
+        source = save_matlab5(Path(folder) / "metadata.mat", tree)
+        recordings = read_here(source, Path(folder) / "recordings")
         return preprocess_recordings(recordings, params.preprocess, params.split).frames
 
 
 def views_of(frames: Frames, params: Params) -> Views:
-    """The clusters of all frames but the test side's."""
+    """Return the clusters of all frames outside of the test set."""
     places = viewpoints(params.views, params.viewpoints, params.seed)
     return cluster_frames(frames, places, params.cluster, np.random.default_rng(params.seed))
 
 
 def with_settings(frames: Frames, **settings: object) -> Frames:
-    """The same table with other settings of `preprocess` in its plan, such as the transform."""
+    """Return the frames with other settings of `preprocess` in their plan."""
     params = replace(frames.plan.params, **settings)
     return replace(frames, plan=replace(frames.plan, params=params))
 
 
 def fewer_anchors(frames: Frames, every: int) -> Frames:
-    """The same table with each `every`-th anchor only, where no result of a training matters."""
+    """Return the frames with one anchor in `every`, where a poor training does no harm."""
     anchor = np.zeros_like(frames.anchor)
     anchor[np.flatnonzero(frames.anchor)[::every]] = True
     return frames.with_columns(anchor=anchor)
@@ -435,22 +543,19 @@ def fewer_anchors(frames: Frames, every: int) -> Frames:
 
 @cache
 def pretrained(*changes: str) -> dict[str, dict[str, torch.Tensor]]:
-    """The weights of a backbone that recognises the objects of the table, and of its linear
-    classifier.
-    """
+    """Return the weights of a backbone and its linear classifier, which recognise the objects."""
     backbone, classifier, _ = pretrain_backbone(table(), recipe(*changes), CPU)
     return {"backbone": backbone.state_dict(), "classifier": classifier.state_dict()}
 
 
 @cache
 def _trained() -> Classifier:
+    """Return the classifier of which `trained` returns copies."""
     params = recipe()
     views = views_of(table(), params)
     return finetune_classifier(table(), views, pretrained(), params, CPU)[0].eval()
 
 
 def trained() -> Classifier:
-    """A classifier of four views trained on the table, in evaluation mode; each call gives a new
-    copy.
-    """
+    """Return a new copy of a classifier of four views, trained on `table()`, in evaluation mode."""
     return deepcopy(_trained())
