@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 
 @pytest.fixture
 def stag_data() -> Path:
-    """The folder that STAG_DATA names, with blindfolded_lite/ and weights_lite/ in it."""
+    """Return the folder that STAG_DATA names. It holds blindfolded_lite/ and weights_lite/."""
     if "STAG_DATA" not in os.environ:
         pytest.skip("STAG_DATA is not set: no real STAG files to test on")
     return Path(os.environ["STAG_DATA"])
@@ -23,8 +23,9 @@ def stag_data() -> Path:
 
 @pytest.fixture
 def store(tmp_path, monkeypatch) -> Path:
-    """A folder without an MLflow store that is the repository's root, as in a temporary workspace
-    of DVC.
+    """Return a folder without an MLflow store, which stands for the repository's root.
+
+    A temporary workspace of DVC is such a folder.
     """
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "")  # MLflow sets it later; the fixture undoes that
     monkeypatch.setenv("DVC_ROOT", str(tmp_path))
@@ -33,7 +34,7 @@ def store(tmp_path, monkeypatch) -> Path:
 
 @pytest.fixture
 def client(store):
-    """A client of a fresh store in that folder."""
+    """Return a client of a fresh store in the folder of `store`."""
     from mlflow import MlflowClient
 
     return MlflowClient(fresh_store(store / "mlflow.db"))

@@ -1,7 +1,7 @@
-"""A disk without room, for tests: the operating system's limit on the size of a file.
+"""A disk without room, by the operating system's limit on the size of a file.
 
-It needs neither root nor a mount, is exact to the byte, and fails a write on the same road as a
-full disk.
+The limit needs neither root nor a mount, and is exact to the byte. A write beyond it raises an
+OSError, as on a full disk.
 """
 
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ import pytest
 
 @contextmanager
 def room_for(size):
-    """A context in which no file grows beyond `size` bytes."""
+    """Limit the size of each file to `size` bytes while the context lasts."""
     resource = pytest.importorskip(
         "resource", reason="this system has no limit on the size of a file"
     )

@@ -1,10 +1,10 @@
-"""Rows of the stability table from tests: the fixture `row`, and where the rows are printed and
-written.
+"""The stability table, whose rows come from tests.
 
-A test with the marker `stability("name of the check")` takes the fixture `row`: `row(quantity,
-error, tolerance)` asserts error <= tolerance and records the row, `row.refused(quantity, call,
-pattern)` that a call is refused. The fixture `subject` is the trained network of the checks: a
-small one, or with `--table` that of the last `dvc repro`.
+A test with the marker `stability("name of the check")` takes the fixture `row`. The call
+`row(quantity, error, tolerance)` asserts that the error is within the tolerance, and records a row
+of the table. The call `row.refused(quantity, call, pattern)` asserts and records that a call is
+refused. The fixture `subject` is the trained network of the checks. It is a small one, or with
+`--table` the one that the last `dvc repro` trained.
 """
 
 import re
@@ -34,10 +34,21 @@ ABOUT = (
 
 
 class Rows:
-    """Records the quantities of a check of a part in `recorded`, and asserts each."""
+    """Asserts and records the quantities of a check.
+
+    Attributes:
+        part: part of the project.
+        check: name of the check.
+        folder: folder of the test's files.
+        recorded: rows of the table, to which the check's are added.
+        begin: time in seconds at which the last quantity was recorded.
+    """
 
     def __init__(self, part: str, check: str, folder: Path, recorded: list[dict]):
-        self.part, self.check, self.folder, self.recorded = part, check, folder, recorded
+        self.part = part
+        self.check = check
+        self.folder = folder
+        self.recorded = recorded
         self.begin = time.perf_counter()
 
     def __call__(
@@ -47,10 +58,11 @@ class Rows:
         self.record(Quantity(quantity, error, tolerance, remark))
 
     def refused(self, quantity: str, call: Callable[[], object], pattern: str) -> None:
-        """Assert that the call ends in a ValueError of one line that contains the pattern."""
+        """Assert that the call raises a ValueError with one line that contains the pattern."""
         self.record(refusal(quantity, call, pattern))
 
     def record(self, quantity: Quantity) -> None:
+        """Assert that the quantity holds, and add its row."""
         now = time.perf_counter()
         assert quantity.holds, (
             f"{quantity.name}: {quantity.error} > {quantity.tolerance} {quantity.remark}"
@@ -60,7 +72,7 @@ class Rows:
 
 
 def refusal(name: str, call: Callable[[], object], pattern: str) -> Quantity:
-    """That a call ends in a ValueError of one line that contains the pattern."""
+    """Return whether a call raises a ValueError with one line that contains the pattern."""
     try:
         call()
     except ValueError as error:
@@ -72,19 +84,24 @@ def refusal(name: str, call: Callable[[], object], pattern: str) -> Quantity:
 
 @pytest.fixture
 def row(request: pytest.FixtureRequest, tmp_path: Path) -> Rows:
-    """Rows of the check that the test's marker names, of the part that is the test's folder, or its
-    name in tests/.
+    """Return the rows of the check that the test's marker names.
+
+    The part is named by the test's folder, or by the test's file if the file is in tests/ itself.
     """
+    path = request.path
+    part = path.parent.name
+    if path.parent == TESTS:
+        part = path.stem.removeprefix("test_")
+    check = request.node.get_closest_marker("stability").args[0]
     recorded = request.config.stash.setdefault(ROWS, [])
-    path, check = request.path, request.node.get_closest_marker("stability").args[0]
-    part = path.stem.removeprefix("test_") if path.parent == TESTS else path.parent.name
     return Rows(part, check, tmp_path, recorded)
 
 
 @pytest.fixture(scope="session")
 def subject(request: pytest.FixtureRequest) -> "Subject":
-    """The trained network of the checks and its frames."""
-    from benchmarks.trained import CLASSIFIER, FRAMES, read_trained  # here, for these load torch
+    """Return the trained network of the checks and its frames."""
+    # imported late, since these load torch
+    from benchmarks.trained import CLASSIFIER, FRAMES, read_trained
     from tactile_viewgcn.device import select_device
     from tactile_viewgcn.params import load
     from tests import glove_data
@@ -100,37 +117,36 @@ def subject(request: pytest.FixtureRequest) -> "Subject":
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    words = "Write the stability table into this folder, and check the network that the last "
-    words += "`dvc repro` trained."
-    parser.addoption("--table", type=Path, help=words)
+    """Add the option --table."""
+    text = "Write the stability table into this folder, and check the network that the last "
+    text += "`dvc repro` trained."
+    parser.addoption("--table", type=Path, help=text)
 
 
 def pytest_terminal_summary(
     terminalreporter: pytest.TerminalReporter, config: pytest.Config
 ) -> None:
-    """Print the rows where -m asks for `stability`, and write them into the folder --table if all
-    checks hold.
+    """Print the rows if `-m` names `stability`.
+
+    If there is a folder --table and no check failed, the table is written into it.
     """
-    rows, folder = config.stash.get(ROWS, []), config.getoption("--table")
-    counts, checks = (
-        Counter(one["verdict"] for one in rows),
-        {(one["part"], one["check"]) for one in rows},
-    )
+    rows = config.stash.get(ROWS, [])
+    verdicts = Counter(row["verdict"] for row in rows)
+    checks = {(row["part"], row["check"]) for row in rows}
     total = f"{len(rows)} quantities of {len(checks)} checks: "
-    total += f"{counts[RIGHT]} {RIGHT}, {counts[REFUSED]} {REFUSED}."
+    total += f"{verdicts[RIGHT]} {RIGHT}, {verdicts[REFUSED]} {REFUSED}."
+    folder = config.getoption("--table")
     if folder and not {"failed", "error"} & terminalreporter.stats.keys():
         from benchmarks.command import write_table
 
         write_table(folder, rows, f"{ABOUT}\n{total}")
     if "stability" in config.getoption("markexpr"):
         terminalreporter.section("stability")
-        for one in rows:
-            numbers = (
-                f"{one['error']:.2g} <= {one['tolerance']:.2g}"
-                if one["error"] != ""
-                else one["remark"]
-            )
+        for row in rows:
+            result = row["remark"]
+            if row["error"] != "":
+                result = f"{row['error']:.2g} <= {row['tolerance']:.2g}"
             terminalreporter.line(
-                f"{one['part']}, {one['check']}, {one['quantity']}: {one['verdict']}, {numbers}"
+                f"{row['part']}, {row['check']}, {row['quantity']}: {row['verdict']}, {result}"
             )
         terminalreporter.line(total)
