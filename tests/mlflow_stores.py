@@ -1,4 +1,4 @@
-"""Fresh MLflow stores; their tables take seconds to make and are made once a session."""
+"""Fresh MLflow stores. Their tables take seconds to make, so they are made once."""
 
 import tempfile
 from functools import cache
@@ -21,6 +21,7 @@ def runs_of(client, name=f"{EXPERIMENT}/stages") -> list:
 
 @cache
 def _tables() -> bytes:
+    """Return the content of a database without runs."""
     from mlflow import MlflowClient
 
     with tempfile.TemporaryDirectory() as folder:

@@ -1,4 +1,4 @@
-"""A record of a stage, for tests that change what they are about."""
+"""A record of a stage, in which each test changes what it is about."""
 
 from tactile_viewgcn.provenance import Record
 

@@ -9,12 +9,16 @@ import torch
 from tactile_viewgcn.device import Compute, select_device, set_threads
 from tactile_viewgcn.messages import UserError
 
-CPU, CUDA = torch.device("cpu"), torch.device("cuda")
+CPU = torch.device("cpu")
+CUDA = torch.device("cuda")
 
 
 @pytest.fixture
 def machine(monkeypatch):
-    """Makes torch believe that the machine has these abilities, and `free` bytes on its GPU."""
+    """Return a function that makes torch believe in abilities of the machine.
+
+    Its argument `free` is the number of bytes that are free on the GPU.
+    """
 
     def pretend(*, cuda=False, cuda_bfloat16=False, avx512_bf16=False, amx=False, free=0):
         def supported(including_emulation=True):
@@ -42,7 +46,7 @@ def machine(monkeypatch):
         ({}, ("cuda",), None),
     ],
 )
-def test_the_user_s_choice_is_taken_else_what_the_machine_has_and_a_missing_card_is_refused(
+def test_the_user_s_choice_is_taken_else_what_the_machine_has_and_a_missing_gpu_is_refused(
     machine, monkeypatch, abilities, wanted, chosen
 ):
     machine(**abilities)
@@ -68,7 +72,8 @@ def test_the_user_s_choice_is_taken_else_what_the_machine_has_and_a_missing_card
 def test_there_is_a_thread_for_each_idle_core(
     monkeypatch, cores, busy, in_container, torchs, expected
 ):
-    limits, now = [], []
+    limits = []
+    now = []
     monkeypatch.delenv("OMP_NUM_THREADS")
     monkeypatch.setattr(psutil, "cpu_count", lambda: cores)
     monkeypatch.setattr(psutil, "cpu_percent", lambda seconds: busy)
@@ -97,6 +102,6 @@ def test_products_are_in_the_chosen_precision(precision, dtype):
     assert (torch.ones(4, 4) @ torch.ones(4, 4)).dtype == torch.float32
 
 
-def test_frames_fit_a_card_that_has_twice_their_bytes_free(machine):
+def test_frames_fit_a_gpu_that_has_twice_their_bytes_free(machine):
     machine(cuda=True, free=200)
     assert [Compute(CUDA, "float32").fits(size) for size in (99, 100, 101)] == [True, True, False]

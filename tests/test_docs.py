@@ -27,7 +27,8 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 FENCE = re.compile(r"^```(\w+)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
-SOURCES, LABELS = ("my_csv", "lab"), ("mug", "pen")
+SOURCES = ("my_csv", "lab")
+LABELS = ("mug", "pen")
 
 
 def fences(language: str) -> list[tuple[str, str]]:
@@ -121,9 +122,8 @@ def place(tmp_path_factory) -> Path:
             np.save(file, grasped.astype(np.int16))
     grasped = recording.copy()
     grasped[10:, 4:7] += 40
-    np.save(
-        folder / "data" / "new" / "1.npy", grasped
-    )  # a mug that is in no folder of the training
+    # a mug that is in no folder of the training set
+    np.save(folder / "data" / "new" / "1.npy", grasped)
     for name in ("001-allen_key_set", "002-ball"):
         file = folder / "data" / "virtual" / "recordings" / "002" / f"{name}.h5"
         glove_data.write(file, recording)

@@ -8,7 +8,6 @@ import socket
 import stat
 import subprocess
 import sys
-from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -30,24 +29,27 @@ def write_all(folder, texts):
 
 
 def texts_in(folder):
-    return {
-        file.relative_to(folder).as_posix(): file.read_text()
-        for file in folder.rglob("*")
-        if file.is_file()
-    }
+    texts = {}
+    for file in folder.rglob("*"):
+        if file.is_file():
+            texts[file.relative_to(folder).as_posix()] = file.read_text()
+    return texts
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
 @pytest.mark.parametrize("before", [{}, {"made/a": "1", "made/c": "2", "made/b/d": "3"}])
 def test_files_take_their_places_when_the_block_ends_well_and_others_stay(tmp_path, before, error):
     write_all(tmp_path, before)
-    for fails in (True, False):
-        with pytest.raises(error) if fails else nullcontext(), new_files(tmp_path / "made") as part:
-            write_all(part, {"a": "10", "b/e": "11"})
-            assert before.items() <= texts_in(tmp_path).items()
-            if fails:
-                raise error
-        assert texts_in(tmp_path) == before | ({} if fails else {"made/a": "10", "made/b/e": "11"})
+    new = {"a": "10", "b/e": "11"}
+    with pytest.raises(error), new_files(tmp_path / "made") as part:
+        write_all(part, new)
+        assert before.items() <= texts_in(tmp_path).items()
+        raise error
+    assert texts_in(tmp_path) == before
+    with new_files(tmp_path / "made") as part:
+        write_all(part, new)
+        assert before.items() <= texts_in(tmp_path).items()
+    assert texts_in(tmp_path) == before | {"made/a": "10", "made/b/e": "11"}
 
 
 @pytest.mark.parametrize("moment", range(6))
@@ -90,9 +92,11 @@ def as_folder(path):
     ],
 )
 def test_without_room_there_is_one_error_and_what_was_there_stays(tmp_path, write):
-    write(path := tmp_path / "made")
+    path = tmp_path / "made"
+    write(path)
     file = path / "b" if path.is_dir() else path
-    before, size = md5(path), file.stat().st_size
+    size = file.stat().st_size
+    before = md5(path)
     for short in (1, 1024, 4096, 16384, 65536):
         with pytest.raises(OSError, match="made") as caught, room_for(size - short):
             write(path)
@@ -145,15 +149,8 @@ def test_two_writers_of_one_place_do_not_meet_and_the_last_one_stays(tmp_path, b
         write_all(one, {"a": "1"})
         write_all(other, {"a": "2"})
     assert texts_in(tmp_path) == {"made/a": "1", "made.unfinished/b": "mine"}
-    assert (
-        len(
-            {
-                stat.S_IMODE((tmp_path / folder).stat().st_mode)
-                for folder in ("made", "made.unfinished")
-            }
-        )
-        == 1
-    )
+    modes = [path.stat().st_mode for path in (tmp_path / "made", tmp_path / "made.unfinished")]
+    assert stat.S_IMODE(modes[0]) == stat.S_IMODE(modes[1])
 
 
 WRITER = """
@@ -173,7 +170,9 @@ def test_what_a_killed_run_leaves_goes_at_the_next_run_and_what_a_running_one_wr
     tmp_path, before, name
 ):
     write_all(tmp_path, before | {"other/b": "mine"})
-    command = [sys.executable, "-c", WRITER, str(tmp_path / "made"), *[name] * bool(name)]
+    command = [sys.executable, "-c", WRITER, str(tmp_path / "made")]
+    if name:
+        command.append(name)
     for _ in range(2):
         done = subprocess.run(command, check=False, env=os.environ | {"PYTHONPATH": str(ROOT)})
         assert done.returncode == -signal.SIGKILL
@@ -198,7 +197,7 @@ def test_a_file_where_a_folder_belongs_costs_no_old_file(tmp_path):
     params=["pipe", "socket", "device", "folder", "elsewhere/file", "nowhere", "/dev/null"]
 )
 def no_file(request, tmp_path, monkeypatch):
-    """Return a path at which something other than a file is; the last three are links' targets."""
+    """Return a path at which there is no file. The last three parameters are targets of links."""
     monkeypatch.chdir(tmp_path)  # a socket's name has to be short
     write_all(Path(), {"elsewhere/file": "mine"})
     path = Path("there")
@@ -206,8 +205,8 @@ def no_file(request, tmp_path, monkeypatch):
         case "pipe":
             os.mkfifo(path)
         case "socket":
-            with socket.socket(socket.AF_UNIX) as made:
-                made.bind("there")
+            with socket.socket(socket.AF_UNIX) as bound:
+                bound.bind("there")
         case "device":
             if os.geteuid():
                 pytest.skip("only root makes a device")
@@ -238,14 +237,13 @@ def test_a_folder_that_a_link_leads_to_takes_the_files(tmp_path):
     write_file(tmp_path / "link" / "a", "12")
     with new_files(tmp_path / "link") as part:
         write_all(part, {"b": "13"})
-    assert (
-        texts_in(tmp_path / "large_disk") == {"a": "12", "b": "13"}
-        and (tmp_path / "link").is_symlink()
-    )
+    assert texts_in(tmp_path / "large_disk") == {"a": "12", "b": "13"}
+    assert (tmp_path / "link").is_symlink()
 
 
 def test_a_file_that_is_not_the_writer_s_own_stays(tmp_path):
-    (path := tmp_path / "page").write_text("mine")
+    path = tmp_path / "page"
+    path.write_text("mine")
     with pytest.raises(UserError, match=r"page: .*edited, or this command did not write it"):
         write_file(path, "own 1", lambda text: text.startswith("own"))
     assert texts_in(tmp_path) == {"page": "mine"}
@@ -284,14 +282,10 @@ def test_links_to_folders_are_followed_each_folder_once(tmp_path):
 
 
 def test_the_md5_of_a_folder_is_of_the_sorted_paths_and_contents_of_all_files_but_video(tmp_path):
-    for name, text in (
-        ("b/z.h5", b"abc"),
-        ("a", b""),
-        ("c\udcff", b""),
-        ("000000.jpg", b"a frame of video"),
-    ):
+    contents = {"b/z.h5": b"abc", "a": b"", "c\udcff": b"", "000000.jpg": b"a frame of video"}
+    for name, content in contents.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_bytes(text)
+        (tmp_path / name).write_bytes(content)
     nothing = b" d41d8cd98f00b204e9800998ecf8427e\n"
     listing = b"a" + nothing + b"b/z.h5 900150983cd24fb0d6963f7d28e17f72\n" + b"c\xff" + nothing
     assert md5(tmp_path) == hashlib.md5(listing).hexdigest()

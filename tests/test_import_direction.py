@@ -10,7 +10,7 @@ import pytest
 
 from tests.imports import ROOT, imported_modules
 
-#: Folder -> the folders that it may import from; all may import the package's own files, "root".
+#: The folders that each folder may import from. All may import the package's own files, "root".
 ALLOWED = {
     "root": set(),
     "readers": set(),
@@ -28,7 +28,7 @@ ALLOWED = {
     "pages": {"readers", "tables", "frames", "members", "systems", "recognition", "evaluation"},
     "glove": set(),
 }
-# what may use all of the package: its commands, and what `from tactile_viewgcn import` gives
+# may use all of the package: the names that it exports, and its commands
 ENTRANCES = {"tactile_viewgcn/__init__.py", "tactile_viewgcn/cli.py"}
 # the first logs runs, the second has the store's address and reads models and files back
 KNOW_MLFLOW = {
@@ -42,50 +42,52 @@ FILES = sorted(
 
 
 def folder_of(path):
-    """`tables` of tactile_viewgcn/tables/frames.py, `root` of tactile_viewgcn/files.py."""
+    """Return the folder of a file, or `root` for a file of the package itself."""
     words = path.split("/")
     return words[1] if len(words) > 2 else "root"
 
 
 def imported_paths(path):
-    """The package's files that a file itself imports."""
-    names = (name.replace(".", "/") for name in imported_modules(ROOT / path))
-    return {
-        file for name in names for file in (f"{name}.py", f"{name}/__init__.py") if file in FILES
-    } - {path}
+    """Return the package's files that a file imports itself."""
+    imported = set()
+    for name in imported_modules(ROOT / path):
+        place = name.replace(".", "/")
+        imported |= {f"{place}.py", f"{place}/__init__.py"}
+    return imported.intersection(FILES) - {path}
+
+
+def top_level_names(path):
+    """Return the names of the packages that a file imports, such as `mlflow`."""
+    return {name.partition(".")[0] for name in imported_modules(ROOT / path)}
 
 
 def test_every_file_imports_only_from_folders_before_its_own():
-    wrong = {
-        (path, target)
-        for path in set(FILES) - ENTRANCES
-        for target in imported_paths(path) - {"tactile_viewgcn/__init__.py"}
-        if folder_of(target) not in ALLOWED[folder_of(path)] | {folder_of(path), "root"}
-    }
-    assert wrong == set()
+    wrong = []
+    for path in set(FILES) - ENTRANCES:
+        allowed = ALLOWED[folder_of(path)] | {folder_of(path), "root"}
+        for target in imported_paths(path) - {"tactile_viewgcn/__init__.py"}:
+            if folder_of(target) not in allowed:
+                wrong.append((path, target))
+    assert wrong == []
 
 
 def test_neither_folders_nor_files_import_each_other_in_a_circle():
-    for graph in (ALLOWED, {path: imported_paths(path) for path in FILES}):
+    files = {path: imported_paths(path) for path in FILES}
+    for graph in (ALLOWED, files):
         assert list(TopologicalSorter(graph).static_order())
 
 
 def test_the_package_knows_no_programs_and_benchmarks_know_neither_stages_nor_studies_nor_tests():
     benchmarks = [path.relative_to(ROOT).as_posix() for path in (ROOT / "benchmarks").rglob("*.py")]
     others = {"stages", "studies", "tests"}
-    for paths, unknown in ((FILES, others | {"benchmarks"}), (benchmarks, others)):
-        for path in paths:
-            assert not unknown & {
-                name.partition(".")[0] for name in imported_modules(ROOT / path)
-            }, path
+    for path in FILES:
+        assert not top_level_names(path) & (others | {"benchmarks"}), path
+    for path in benchmarks:
+        assert not top_level_names(path) & others, path
 
 
-def test_only_a_named_pair_knows_mlflow_and_imports_it_in_functions_alone():
-    know = {
-        path
-        for path in FILES
-        if any(name.partition(".")[0] == "mlflow" for name in imported_modules(ROOT / path))
-    }
+def test_only_the_named_files_know_mlflow_and_they_import_it_only_in_functions():
+    know = {path for path in FILES if "mlflow" in top_level_names(path)}
     assert know == KNOW_MLFLOW
     for path in KNOW_MLFLOW:
         for node in ast.parse((ROOT / path).read_text()).body:
@@ -121,8 +123,6 @@ def test_the_package_its_commands_the_sensors_and_the_virtual_glove_load_neither
 @pytest.mark.parametrize("folder", ["nn", "members", "systems"])
 def test_building_blocks_know_no_file_and_no_dvc(folder):
     unknown = {"h5py", "pathlib", "dvc", "csv", "json"}
-    assert [
-        path
-        for path in FILES
-        if folder_of(path) == folder and unknown & imported_modules(ROOT / path)
-    ] == []
+    files = [path for path in FILES if folder_of(path) == folder]
+    assert files
+    assert [path for path in files if unknown & imported_modules(ROOT / path)] == []

@@ -1,5 +1,6 @@
-"""The wheel, installed outside the clone: it has all that the class and the command need, and the
-types that a user's mypy reads.
+"""The wheel, installed outside of the clone, has everything that it needs.
+
+The class and the command find their files, and a user's mypy finds the types.
 """
 
 import os
@@ -20,7 +21,9 @@ sys.modules |= {"dvc": None, "mlflow": None, "psutil": None}
 import tactile_viewgcn
 assert "torch" not in sys.modules
 from tactile_viewgcn import TactileClassifier
-X = [[[at * sign] for at in range(9)] for sign in (1, -1, 1.1, -1.2)]
+X = []
+for sign in (1, -1, 1.1, -1.2):
+    X.append([[sign * frame] for frame in range(9)])
 fitted = TactileClassifier(preset="best", system="svm").fit(X, [1, 2, 1, 2])
 print(tactile_viewgcn.__file__, fitted.predict(X[:2]))
 from tactile_viewgcn.cli import cli
@@ -41,7 +44,7 @@ refused FileNotFoundError
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory) -> Path:
-    """A folder of packages with the wheel of the committed files, and nothing else."""
+    """Return a folder of packages that holds only the wheel of the committed files."""
     place = tmp_path_factory.mktemp("wheel")
     pip = [sys.executable, "-m", "pip"]
     options = ["--quiet", "--disable-pip-version-check", "--no-deps"]

@@ -13,9 +13,11 @@ NAME = "tactile-viewgcn"
 PYTHONS = ("3.11", "3.12", "3.13")
 
 
-def asked(pyproject):
-    """Returns the requirements of the dependencies and of every extra, but for the extras of the
-    project itself."""
+def requirements_of(pyproject):
+    """Return the requirements of the dependencies and of every extra.
+
+    Requirements of the project itself, which name its own extras, are left out.
+    """
     project = tomllib.loads(pyproject)["project"]
     texts = [*project["dependencies"]]
     for extra in project["optional-dependencies"].values():
@@ -25,7 +27,7 @@ def asked(pyproject):
 
 
 def pins(text):
-    """Returns the requirement and the hashes of each package of a lock."""
+    """Return the requirement and the hashes of each package of a lock."""
     entries = []
     for line in text.replace("\\\n", "").splitlines():
         if line.strip() and not line.lstrip().startswith("#"):
@@ -35,10 +37,10 @@ def pins(text):
 
 
 def unmet(pyproject, lock):
-    """Returns what pyproject.toml asks for and the lock does not pin on each Python, and why."""
+    """Return what pyproject.toml asks for and the lock does not pin on each Python, and why."""
     reasons = []
     entries = [requirement for requirement, _ in pins(lock)]
-    for wanted in asked(pyproject):
+    for wanted in requirements_of(pyproject):
         for python in PYTHONS:
             here = {"python_version": python, "python_full_version": f"{python}.0"}
             versions = []
@@ -56,7 +58,7 @@ def unmet(pyproject, lock):
 @pytest.mark.parametrize("name", ["requirements.lock", "constraints.txt"])
 def test_every_dependency_and_extra_has_one_version_that_it_allows_on_each_python(name):
     pyproject = (ROOT / "pyproject.toml").read_text()
-    assert len(asked(pyproject)) > 20
+    assert len(requirements_of(pyproject)) > 20
     assert unmet(pyproject, (ROOT / name).read_text()) == [], "run .ci/lock"
 
 

@@ -39,31 +39,31 @@ def code_cells(notebook):
 
 
 def kinds(cell) -> list[tuple[str, ...]]:
-    """What kinds of output a cell has: streams by name, data by type."""
-    return [
-        (output.output_type, output.get("name", ""), *sorted(output.get("data", {})))
-        for output in cell.outputs
-    ]
+    """Return the kinds of a cell's outputs: streams by their names, data by their types."""
+    of_outputs = []
+    for output in cell.outputs:
+        types = sorted(output.get("data", {}))
+        of_outputs.append((output.output_type, output.get("name", ""), *types))
+    return of_outputs
 
 
 def inspected(notebook) -> str:
-    """What `tactile-viewgcn inspect` printed, in one line, with # in place of each number."""
+    """Return the text of `tactile-viewgcn inspect`, in one line, with # in place of numbers."""
     cells = [cell for cell in code_cells(notebook) if '"inspect"' in cell.source]
     text = "".join(output.text for cell in cells for output in cell.outputs)
     return re.sub(r"[\d.,]+", "#", " ".join(text.split()))
 
 
 def printed(notebook) -> str:
-    """All text that the cells printed."""
-    return "".join(
-        output.text
-        for cell in code_cells(notebook)
-        for output in cell.outputs
-        if output.output_type == "stream"
-    )
+    """Return all text that the cells printed."""
+    texts = []
+    for cell in code_cells(notebook):
+        texts += [output.text for output in cell.outputs if output.output_type == "stream"]
+    return "".join(texts)
 
 
 def number(pattern: str, text: str) -> float:
+    """Return the number that the pattern's group matches."""
     match = re.search(pattern, text)
     assert match, f"{pattern} is not in the output:\n{text}"
     return float(match[1].replace(",", ""))

@@ -12,15 +12,11 @@ def names(ticks):
 
 def test_confusion_is_drawn_as_shares_of_each_row():
     axes = confusion(np.array([[3, 1, 0], [0, 0, 0], [2, 2, 4]]), ["cup", "a_b", "tape"]).axes[0]
-    np.testing.assert_allclose(
-        axes.images[0].get_array(), [[0.75, 0.25, 0], [0, 0, 0], [0.25, 0.25, 0.5]]
-    )
+    (image,) = axes.images
+    np.testing.assert_allclose(image.get_array(), [[0.75, 0.25, 0], [0, 0, 0], [0.25, 0.25, 0.5]])
+    assert image.get_clim() == (0, 1)
     assert names(axes.get_xticklabels()) == names(axes.get_yticklabels()) == ["cup", "a_b", "tape"]
-    assert (axes.get_xlabel(), axes.get_ylabel(), axes.images[0].get_clim()) == (
-        "predicted",
-        "object",
-        (0, 1),
-    )
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("predicted", "object")
 
 
 def test_errors_stand_over_the_number_of_frames():
@@ -33,10 +29,8 @@ def test_errors_stand_over_the_number_of_frames():
     # the band
     assert axes.collections[0].get_datalim(axes.transData).intervaly == pytest.approx([30, 60])
     assert list(axes.lines[1].get_ydata()) == [90, 90]
-    assert names(axes.get_xticklabels()) == ["1", "2"] and names(axes.get_legend().texts) == [
-        "recording",
-        "chance",
-    ]
+    assert names(axes.get_xticklabels()) == ["1", "2"]
+    assert names(axes.get_legend().texts) == ["recording", "chance"]
 
 
 def live_row(answer, level, error, **others):

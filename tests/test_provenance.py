@@ -1,4 +1,4 @@
-"""Names of runs and the revision of their code: what differs from git's params.yaml."""
+"""Names of runs, the revision of their code, and the values that differ from git's params.yaml."""
 
 import subprocess
 import sys
@@ -73,10 +73,8 @@ def git(place, *words):
 
 
 def test_changed_are_the_values_that_differ_from_those_of_head_whatever_the_file_says_now(tmp_path):
-    path, values = (
-        tmp_path / "params.yaml",
-        {"views": 4, "lr": 5e-4, "model.backbone.width": 8, "new.key": 1},
-    )
+    values = {"views": 4, "lr": 5e-4, "model.backbone.width": 8, "new.key": 1}
+    path = tmp_path / "params.yaml"
     path.write_text("views: 8\nlr: 5e-4\nmodel:\n  backbone:\n    width: 64\n")
     assert changed_params(values, path) == {}
     git(tmp_path, "init", "-q")

@@ -21,12 +21,12 @@ MOST_APART = 0.1  # difference of an error, a share: another CPU changes some of
 
 
 def first_fence(language: str) -> str:
-    """The content of the first fenced block in that language."""
+    """Return the content of the first fenced block in a language."""
     return next(content for kind, content in FENCE.findall(README) if kind == language)
 
 
 def printed_errors(text: str) -> dict[str, float]:
-    """The errors in % that `evaluate` printed, by name."""
+    """Return the errors in % that `evaluate` printed, by name."""
     lines = re.findall(r"^  ([a-z ]+): error ([\d.]+)", text, re.MULTILINE)
     return {NAMES[name]: float(error) for name, error in lines if name in NAMES}
 
@@ -40,7 +40,7 @@ def test_the_printed_errors_are_those_of_the_committed_run():
 @pytest.mark.slow
 @pytest.mark.timeout(2400)
 def test_the_set_up_commands_work_in_a_fresh_clone(tmp_path):
-    """Installs into a fresh virtual environment, and runs the whole default pipeline."""
+    """Install into a fresh virtual environment, and run the whole default pipeline."""
     clone = tmp_path / "clone"
     subprocess.run(["git", "clone", "--quiet", str(ROOT), str(clone)], check=True)
     environment = {

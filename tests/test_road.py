@@ -1,5 +1,6 @@
-"""The files that a frame passes on its way from the source to the answer, as a list whose changes a
-reviewer sees.
+"""The files that a frame passes on its way from the source to the answer.
+
+They stand in a list, so that a reviewer sees when the list grows.
 """
 
 from tests.imports import ROOT, imported_files

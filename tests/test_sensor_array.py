@@ -1,4 +1,4 @@
-"""What is an array of sensors, and what are channels."""
+"""Sensors are an array if there are enough of them in rows and columns, and otherwise channels."""
 
 import numpy as np
 import pytest

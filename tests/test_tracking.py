@@ -1,6 +1,4 @@
-"""Runs in MLflow, as its own client shows them: rows and stages, their content and end, and failing
-stores.
-"""
+"""Runs in MLflow, as its own client shows them, and stores that fail."""
 
 import json
 import socket
@@ -29,15 +27,14 @@ def test_a_stage_is_one_run_that_is_read_while_it_lasts_and_ends_with_its_record
     record = Record(
         "pretrain", "pretrain.lr=0.01 pretrain", params={"values": {"pretrain.lr": 0.01}}
     )
-    record.origin, record.inputs = (
-        origin("pretrain"),
-        {"frames": {"path": "f", "md5": "ab"}, "needs": {"path": "n"}},
-    )
+    record.origin = origin("pretrain")
+    record.inputs = {"frames": {"path": "f", "md5": "ab"}, "needs": {"path": "n"}}
     with tracking.stage_run(record) as run:
         run.log("log_metrics", {"loss": 3.0}, 1)
         running = runs_of(client)[0]
         assert running.info.status == "RUNNING" and running.data.metrics["loss"] == 3.0
-        record.seconds, record.counts = 9.0, {"weights": 7, "resolved.scale": 150}
+        record.seconds = 9.0
+        record.counts = {"weights": 7, "resolved.scale": 150}
         record.notes.append(Note("weak", topic="signal"))
     (entry,) = runs_of(client)
     assert entry.info.run_name == "pretrain.lr=0.01 pretrain" and entry.info.status == "FINISHED"
@@ -57,7 +54,8 @@ def test_a_stage_is_one_run_that_is_read_while_it_lasts_and_ends_with_its_record
     with tracking.stage_run(Record(ROW, seconds=9.0, notes=[Note("long " * 2000)])) as run:
         run.dataset("my glove", "ab12")
     (row,) = runs_of(client, tracking.EXPERIMENT)
-    (data,) = (each.dataset for each in row.inputs.dataset_inputs)
+    (dataset_input,) = row.inputs.dataset_inputs
+    data = dataset_input.dataset
     assert (data.name, data.digest, row.data.metrics) == ("my glove", "ab12", {})
     assert len(row.data.tags["mlflow.note.content"]) == tracking.LONGEST
 
@@ -100,10 +98,8 @@ def test_a_stage_that_ends_early_leaves_a_run_with_its_traceback(store, client, 
         raise error
     (ended,) = runs_of(client)
     assert ended.info.status == status
-    assert (
-        f"{type(error).__name__}: {error}"
-        in mlflow_store.read_artifact(ended.info.run_id, "traceback.txt").decode()
-    )
+    text = mlflow_store.read_artifact(ended.info.run_id, "traceback.txt").decode()
+    assert f"{type(error).__name__}: {error}" in text
 
 
 def begun():
@@ -141,7 +137,7 @@ def test_a_store_that_does_not_open_costs_the_run_and_one_line_without_its_passw
     assert warned.startswith("warning: MLflow store ") and "\n" not in warned and len(warned) < 500
 
 
-def asked(listening) -> int:
+def connections(listening) -> int:
     """Return how often somebody connected to a socket that accepts nobody."""
     times = 0
     listening.setblocking(False)
@@ -155,10 +151,8 @@ def asked(listening) -> int:
 def test_a_server_that_never_answers_is_tried_for_a_short_time_by_all_that_asks_it(
     store, monkeypatch, capsys
 ):
-    for name, value in {
-        "MLFLOW_HTTP_REQUEST_TIMEOUT": "1",
-        "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0",
-    }.items():
+    settings = {"MLFLOW_HTTP_REQUEST_TIMEOUT": "1", "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0"}
+    for name, value in settings.items():
         assert 0 < int(mlflow_store.SETTINGS[name]) <= 10
         monkeypatch.setenv(name, value)
     pytest.importorskip("mlflow")  # takes longer than all the rest
@@ -171,7 +165,7 @@ def test_a_server_that_never_answers_is_tried_for_a_short_time_by_all_that_asks_
             mlflow_store.read_artifact("0" * 32, "evaluate.json")
         with pytest.raises(UserError, match=r"127\.0\.0\.1"):
             mlflow_store.download_model("models:/glove@best", store)
-        assert 3 <= asked(listening) <= 6  # each waits for one timeout
+        assert 3 <= connections(listening) <= 6  # each waits for one timeout
 
 
 @pytest.mark.slow  # MLflow tries for 20 s
@@ -183,15 +177,10 @@ def test_a_locked_database_and_a_deleted_experiment_cost_the_run_with_a_warning(
         other.execute("BEGIN IMMEDIATE")
         assert begun() is None
     locked = capsys.readouterr().err.strip().splitlines()[-1]
-    assert (
-        "mlflow.db: " in locked
-        and "locked" in locked
-        and "SELECT" not in locked
-        and "INSERT" not in locked
-    )
-    client.delete_experiment(
-        client.get_experiment_by_name(f"{tracking.EXPERIMENT}/stages").experiment_id
-    )
+    assert "mlflow.db: " in locked and "locked" in locked
+    assert "SELECT" not in locked and "INSERT" not in locked
+    stages = client.get_experiment_by_name(f"{tracking.EXPERIMENT}/stages")
+    client.delete_experiment(stages.experiment_id)
     assert begun() is None and "deleted" in capsys.readouterr().err
 
 
@@ -207,9 +196,8 @@ def test_a_relative_store_is_kept_in_the_repository_and_not_in_a_temporary_works
     from mlflow import MlflowClient
 
     (entry,) = runs_of(MlflowClient(f"sqlite:///{store / 'my.db'}"))
-    assert entry.info.status == "FINISHED" and entry.info.artifact_uri.startswith(
-        (store / "mlruns").as_uri()
-    )
+    assert entry.info.status == "FINISHED"
+    assert entry.info.artifact_uri.startswith((store / "mlruns").as_uri())
     assert not list(workspace.iterdir())
 
 
@@ -224,11 +212,8 @@ def test_a_store_that_fails_under_way_costs_the_row_and_one_warning(
         run.log("log_metrics", {"seconds": 1})
         run.log("log_artifact", str(ROOT / "LICENSE"))
     (entry,) = runs_of(client)
-    assert (
-        run.id is None
-        and entry.info.status == "FAILED"
-        and client.list_artifacts(entry.info.run_id) == []
-    )
+    assert run.id is None and entry.info.status == "FAILED"
+    assert client.list_artifacts(entry.info.run_id) == []
     assert capsys.readouterr().err.count("No space left on device") == 1
 
 
