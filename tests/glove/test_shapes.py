@@ -52,9 +52,9 @@ def gradient(part, point):
     return Solids([[part]]).gradient(first, first, np.array([point], dtype=float))[0]
 
 
-@pytest.mark.parametrize(("part", "point", "expected"), HAND_WORKED)
-def test_distances_by_hand(part, point, expected):
-    assert distance(part, point)[0] == pytest.approx(expected, abs=1e-12)
+@pytest.mark.parametrize(("part", "at", "expected"), HAND_WORKED)
+def test_distances_by_hand(part, at, expected):
+    assert distance(part, at)[0] == pytest.approx(expected, abs=1e-12)
 
 
 @settings(max_examples=300, deadline=None)
@@ -71,7 +71,7 @@ def test_the_gradient_is_a_unit_vector_and_the_slope_of_the_distance(part, point
     assert np.linalg.norm(slope) == pytest.approx(1, abs=1e-12)
 
 
-@pytest.mark.parametrize("point", [(0, 0, 0), (0, 0, 0.07), (0.03, 0, 0), (0, -0.03, 0)])
+@pytest.mark.parametrize("at", [(0, 0, 0), (0, 0, 0.07), (0.03, 0, 0), (0, -0.03, 0)])
 @pytest.mark.parametrize("part", PARTS)
-def test_on_axes_and_kinks_the_gradient_is_still_a_unit_vector(part, point):
-    assert np.linalg.norm(gradient(part, point)) == pytest.approx(1, abs=1e-12)
+def test_on_axes_and_kinks_the_gradient_is_still_a_unit_vector(part, at):
+    assert np.linalg.norm(gradient(part, at)) == pytest.approx(1, abs=1e-12)
