@@ -1,4 +1,4 @@
-"""Tests the table of live answers with a stream that says what its frames hold."""
+"""The table of live answers, for a stream whose frames say which object they hold."""
 
 from dataclasses import replace
 
@@ -29,17 +29,20 @@ PEN = {level: [2, level] for level in (50, 60, 90)}
 
 
 class Stream:
-    """Reads object and probability in per cent from each frame (1, 2); 0 is an open hand."""
+    """A stream of frames (1, 2), each the index of an object and its probability in per cent.
+
+    The object 0 is an open hand.
+    """
 
     def __init__(self):
         self.frame = -1
         self.begin = None
         self.frames = 0
-        self.asked = 0
+        self.answers_requested = 0
 
     def push(self, frames, time=None, *, answer=True):
         self.frame += 1
-        self.asked += answer
+        self.answers_requested += answer
         label, level = frames[0]
         updates = []
         if label == 0:
@@ -64,15 +67,17 @@ class Stream:
 
 def recordings_at(path, frames, *, grasp=None, step=0.2):
     """Return recordings of these frames, numbered from 0, at 5 frames a second or without times."""
-    number = np.repeat(np.arange(len(frames)), list(map(len, frames)))
-    frame = np.concatenate([np.arange(len(one)) for one in frames])
-    columns = {"recording": number, "frame": frame, "time": frame * step}
+    lengths = [len(recording) for recording in frames]
+    recording = np.repeat(np.arange(len(frames)), lengths)
+    frame = np.concatenate([np.arange(length) for length in lengths])
+    columns = {"recording": recording, "frame": frame, "time": frame * step}
     if grasp is not None:
         columns["grasp"] = np.array(grasp)
     return written(path, np.concatenate(frames)[:, None].astype(np.int16), **columns)
 
 
 def numbered(*rows):
+    """Return a table of numbered grasps with these rows."""
     columns = ["recording", "grasp", "label", "group", "is_tested"]
     return pd.DataFrame(rows, columns=columns)
 
@@ -88,13 +93,14 @@ THREE_NUMBERED = numbered((0, 0, 1, 7, True), (1, 0, 2, 8, True), (2, 0, 0, 9, T
 
 @pytest.fixture
 def three(tmp_path):
+    """Return the recordings of THREE."""
     return recordings_at(tmp_path / "table", THREE)
 
 
 def test_grasps_are_found_one_after_another_and_those_that_are_not_found_have_no_answer(three):
-    found = stream_grasps(Stream, three, THREE_NUMBERED, CLASSES)
-    grasps, answers, unit = found
-    assert unit == "s" and grasps["group"].tolist() == [7, 7, 8, 9]
+    grasps, answers, unit = stream_grasps(Stream, three, THREE_NUMBERED, CLASSES)
+    assert unit == "s"
+    assert grasps["group"].tolist() == [7, 7, 8, 9]
     assert grasps["contact"].tolist() == pytest.approx([0.6, 0, np.nan, np.nan], nan_ok=True)
     assert grasps["right_unanswered"].tolist() == [False, False, False, True]
     assert answers["grasp"].tolist() == [0, 0, 0, 0, 0, 1, 1]
@@ -154,7 +160,8 @@ def test_without_times_frames_are_counted(tmp_path):
     rows = live_rows(stream_grasps(Stream, recordings, THREE_NUMBERED, CLASSES), 0)
     assert [row["level"] for row in rows[:5]] == [1, 2, 4, 8, 16]
     assert [row["error"] for row in rows[:6]] == [0.5, 0.25, 0.25, 0.25, 0.25, 0.25]
-    assert rows[0]["unit"] == "frames" and rows[5]["contact"] == 2.5
+    assert rows[0]["unit"] == "frames"
+    assert rows[5]["contact"] == 2.5
 
 
 def test_of_numbered_grasps_only_those_of_the_evaluated_set_count(tmp_path):
@@ -162,13 +169,12 @@ def test_of_numbered_grasps_only_those_of_the_evaluated_set_count(tmp_path):
     recordings = recordings_at(tmp_path / "table", frames, grasp=[0, 0, 0, 0, 1, 1, 1, 2, 2, 2])
     known = numbered((0, 0, 1, 3, False), (0, 1, 1, 4, True), (0, 2, 1, 5, True))
     grasps, answers, _ = stream_grasps(Stream, recordings, known, CLASSES)
-    assert grasps["group"].tolist() == [4, 5] and np.isnan(grasps["contact"][1])
+    assert grasps["group"].tolist() == [4, 5]
+    assert np.isnan(grasps["contact"][1])
     assert answers["probability"].tolist() == [0.85, 0.85, 0.85]
 
 
-def test_numbered_grasps_that_the_stream_joins_count_once_and_never_with_frames_of_the_training(
-    tmp_path,
-):
+def test_numbered_grasps_that_the_stream_joins_count_once_and_never_with_training_frames(tmp_path):
     frames = [[OPEN, CUP[70], CUP[70], CUP[85], CUP[85], OPEN, OPEN]]
     recordings = recordings_at(tmp_path / "table", frames, grasp=[0, 0, 0, 1, 1, 1, 2])
     known = numbered((0, 0, 1, 3, True), (0, 1, 1, 3, True), (0, 2, 1, 3, True))
@@ -177,7 +183,8 @@ def test_numbered_grasps_that_the_stream_joins_count_once_and_never_with_frames_
     known = numbered((0, 0, 1, 3, False), (0, 1, 1, 4, True), (0, 2, 1, 5, True))
     grasps, answers, _ = stream_grasps(Stream, recordings, known, CLASSES)
     # the third is not found, and the second cannot be told from the first
-    assert grasps["group"].tolist() == [5] and answers.empty
+    assert grasps["group"].tolist() == [5]
+    assert answers.empty
 
 
 class LateStream(Stream):
@@ -203,10 +210,10 @@ class LateStream(Stream):
 def test_a_grasp_that_is_closed_in_the_next_one_counts_as_the_one_in_which_it_was_held(
     tmp_path, step
 ):
-    # an open frame ends the first number, and the final answer comes with the second one's second
+    # Grasp 0 ends with an open frame. Its final answer comes with the second frame of grasp 1.
     frames = [[OPEN, CUP[70], CUP[70], OPEN, OPEN, OPEN, CUP[85], CUP[97], OPEN, OPEN, OPEN]]
-    number = [0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1]
-    recordings = recordings_at(tmp_path / "table", frames, grasp=number, step=step)
+    grasp = [0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1]
+    recordings = recordings_at(tmp_path / "table", frames, grasp=grasp, step=step)
     known = numbered((0, 0, 1, 3, True), (0, 1, 1, 4, False))
     grasps, answers, _ = stream_grasps(LateStream, recordings, known, CLASSES)
     assert grasps["group"].tolist() == [3]
@@ -246,7 +253,7 @@ def test_a_hand_that_touches_nothing_is_the_empty_hand_as_for_predict(tmp_path):
 def test_where_no_grasp_is_tested_as_a_whole_there_are_no_rows_and_a_note(
     tmp_path, monkeypatch, is_tested
 ):
-    # joined with one of the training; or none is tested
+    # the tested grasp is joined with one of the training set, or no grasp is tested
     frames = [[OPEN, CUP[70], CUP[70], OPEN]]
     recordings = recordings_at(tmp_path / "table", frames, grasp=[0, 0, 1, 1])
     known = numbered((0, 0, 1, 3, False), (0, 1, 1, 3, is_tested))
@@ -254,7 +261,8 @@ def test_where_no_grasp_is_tested_as_a_whole_there_are_no_rows_and_a_note(
     labels = np.zeros(1, dtype=int)
     whole = Trials(np.zeros((1, 1, 2), int), labels, labels, np.array(["x"]), 5)
     rows, (note,) = answer_live(Stream, recordings, table(), whole, recipe())
-    assert rows == [] and "no live answers" in note.text
+    assert rows == []
+    assert "no live answers" in note.text
 
 
 def test_a_note_says_how_many_of_the_numbered_grasps_the_stream_finds(tmp_path, monkeypatch):
@@ -262,15 +270,14 @@ def test_a_note_says_how_many_of_the_numbered_grasps_the_stream_finds(tmp_path, 
     recordings = recordings_at(tmp_path / "table", frames, grasp=[0, 0, 1, 1])
     known = numbered((0, 0, 1, 3, True), (0, 1, 1, 3, True))
     monkeypatch.setattr(live, "numbered_grasps", lambda *_: known)
-    whole = Trials(
-        np.ones((1, 1, 2), int), np.ones(1, int), np.array([3]), np.array(recordings.recordings), 5
-    )
+    names = np.array(recordings.recordings)
+    whole = Trials(np.ones((1, 1, 2), int), np.ones(1, int), np.array([3]), names, 5)
     classes = replace(table(), classes=CLASSES)
     _, (note,) = answer_live(Stream, recordings, classes, whole, recipe())
     assert note.text.startswith("the recordings have 2 tested grasps, the stream finds 1:")
 
 
-def test_at_high_rates_answers_are_asked_for_twenty_times_a_second(tmp_path):
+def test_at_high_rates_answers_are_requested_twenty_times_a_second(tmp_path):
     frames = [[OPEN, *[CUP[70]] * 1001, OPEN]]
     recordings = recordings_at(tmp_path / "table", frames, step=0.001)
     streams = []
@@ -282,7 +289,7 @@ def test_at_high_rates_answers_are_asked_for_twenty_times_a_second(tmp_path):
     _, answers, _ = stream_grasps(new_stream, recordings, numbered((0, 0, 1, 3, True)), CLASSES)
     expected = [*np.arange(21) / 20, 1.0]
     assert answers["contact"].tolist() == pytest.approx(expected)
-    assert streams[0].asked == 1 + 21  # before contact each frame may begin it
+    assert streams[0].answers_requested == 1 + 21  # before contact each frame may begin it
 
 
 def test_recordings_are_taken_as_long_as_their_frames_and_answers_are_few_enough(
@@ -302,17 +309,15 @@ def test_recordings_are_taken_as_long_as_their_frames_and_answers_are_few_enough
 def test_the_sets_of_a_grasp_are_those_of_its_kept_frames():
     frames = table()
     known = numbered_grasps(frames, TEST)
-    of_side = {
-        (recording, grasp): {*part["side"]}
-        for (recording, grasp), part in frames.columns.groupby(["recording", "grasp"])
-    }
-    assert len(known) == len(of_side)
+    sides = frames.columns.groupby(["recording", "grasp"])["side"].agg(set)
+    assert len(known) == len(sides)
     for row in known.itertuples():
-        assert row.is_tested == (of_side[row.recording, row.grasp] == {TEST})
-    assert known["is_tested"].any() and (numbered_grasps(frames, TRAIN)["is_tested"]).any()
+        assert row.is_tested == (sides[row.recording, row.grasp] == {TEST})
+    assert known["is_tested"].any()
+    assert numbered_grasps(frames, TRAIN)["is_tested"].any()
 
 
-def test_predict_stands_beside_the_stream_on_the_same_recordings(three, monkeypatch):
+def test_predict_answers_the_same_recordings_as_the_stream(three, monkeypatch):
     frames = replace(table(), classes=CLASSES)
     monkeypatch.setattr(live, "numbered_grasps", lambda *_: THREE_NUMBERED)
     monkeypatch.setattr(live, "MOST_FRAMES", 14)  # of 18: two of three recordings
@@ -320,5 +325,6 @@ def test_predict_stands_beside_the_stream_on_the_same_recordings(three, monkeypa
     labels = np.array([1, 2, 0])
     whole = Trials(best, labels, labels, np.array(three.recordings), 5)
     rows, (note,) = answer_live(Stream, three, frames, whole, recipe())
-    assert rows[-1]["answer"] == "predict" and rows[-1]["error"] == 0
+    assert rows[-1]["answer"] == "predict"
+    assert rows[-1]["error"] == 0
     assert note.text.startswith("2 of 3 recordings, evenly chosen, were answered")

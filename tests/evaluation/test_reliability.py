@@ -1,4 +1,4 @@
-"""Probabilities beside errors, on answers whose agreement is known."""
+"""Probabilities compared with errors, on answers whose agreement is known."""
 
 import numpy as np
 import pytest
@@ -44,8 +44,8 @@ def test_the_interval_tells_exact_probabilities_from_others(shift, sign):
     chance = rng.uniform(0.65, 0.8, 2000)
     result = measured(chance + shift, rng.random(2000) < chance)
     assert result.error - result.expected == pytest.approx(shift, abs=0.04)
-    ends = np.sign([result.low, result.high]).tolist()
-    assert ends == ([-1, 1] if sign == 0 else [sign, sign])
+    signs = np.sign([result.low, result.high]).tolist()
+    assert signs == ([-1, 1] if sign == 0 else [sign, sign])
 
 
 def test_exact_probabilities_of_few_answers_are_not_said_to_be_wrong():
@@ -63,12 +63,16 @@ def test_exact_probabilities_of_few_answers_are_not_said_to_be_wrong():
 def test_the_interval_reaches_what_no_group_could_show(correct):
     result = measured(np.full(12, 0.75), [correct] * 12)
     unseen = 1 - 0.025 ** (1 / 12)  # Clopper and Pearson
-    ends = (0.75 - 1, unseen - 0.25) if correct else (1 - unseen - 0.25, 1 - 0.25)
-    assert (result.low, result.high) == pytest.approx(ends)
+    if correct:
+        expected = (0.75 - 1, unseen - 0.25)
+    else:
+        expected = (1 - unseen - 0.25, 1 - 0.25)
+    assert (result.low, result.high) == pytest.approx(expected)
 
 
 def test_the_interval_resamples_groups():
-    probability, correct = np.full(40, 0.75), [1] * 20 + [0] * 20
+    probability = np.full(40, 0.75)
+    correct = [1] * 20 + [0] * 20
     alone = measured(probability, correct)
     in_four = measured(probability, correct, np.repeat(range(4), 10))
     assert in_four.high - in_four.low > 2 * (alone.high - alone.low)
@@ -79,13 +83,16 @@ def test_the_interval_resamples_groups():
 @pytest.mark.parametrize("order", ["rising", "falling", "mixed"])
 def test_equal_probabilities_are_in_one_bin(order):
     probability = np.r_[np.linspace(0.5, 0.9, 39), np.full(61, 1.0)]
-    index = {
+    orders = {
         "rising": np.arange(100),
         "falling": np.arange(100)[::-1],
         "mixed": np.random.default_rng(0).permutation(100),
-    }[order]
-    bins = measured(probability[index], (np.arange(100) >= 39)[index]).bins
-    assert bins[-1].answers == 61 and bins[-1].error == bins[-1].expected == 0
+    }
+    index = orders[order]
+    bins = measured(probability[index], index >= 39).bins
+    assert bins[-1].answers == 61
+    assert bins[-1].error == 0
+    assert bins[-1].expected == 0
     assert sum(part.answers for part in bins) == 100
     expected = [part.expected for part in bins]
     assert expected == sorted(expected, reverse=True)

@@ -1,6 +1,4 @@
-"""The files of an evaluation, its row in MLflow and its lines of text, for trials with known
-numbers.
-"""
+"""The files of an evaluation, its row in MLflow and its lines of text, for known trials."""
 
 import csv
 import json
@@ -44,29 +42,33 @@ TIMING = costs(LATENCY, RECORDS, 50.0, 1000.0)
 
 @pytest.fixture
 def evaluation():
-    """Return two trials of four anchors and two recordings. By object three and two answers are
-    right, by recording two and one.
+    """Return the predictions and metrics of two trials of four anchors, and of two recordings.
+
+    Under the protocol object three and two answers are right, under recording two and one.
     """
-    answers = {
-        "object": [[0, 0, 1, 2], [0, 2, 1, 2]],
-        "recording": [[0, 2, 1, 2], [2, 2, 1, 0]],
-        "whole": [[0, 2]],
+    # the three best classes with each first one; cup is not among them if tape is the first
+    best = np.array([[0, 1, 2], [1, 0, 2], [2, 1, 3]])
+    groups = np.array([0, 0, 1, 1])
+    of_object = best[[[0, 0, 1, 2], [0, 2, 1, 2]]]
+    of_recording = best[[[0, 2, 1, 2], [2, 2, 1, 0]]]
+    of_whole = best[[[0, 2]]]
+    trials = {
+        "object": Trials(of_object, LABELS, groups, groups, 4),
+        "recording": Trials(of_recording, LABELS, groups, groups, 4),
+        "whole": Trials(of_whole, LABELS[::2], groups[::2], groups[::2], 30),
     }
-    # what follows each answer; cup is not among the three after tape
-    others = {0: (1, 2), 1: (0, 2), 2: (1, 3)}
-    trials = {}
-    for name, rows in answers.items():
-        best, groups = (
-            np.array([[(one, *others[one]) for one in row] for row in rows]),
-            np.array([0, 0, 1, 1]),
-        )
-        at = [0, 2] if name == "whole" else [0, 1, 2, 3]
-        trials[name] = Trials(best, LABELS[at], groups[at], groups[at], 4 if len(at) > 2 else 30)
     trials["recording"].fewer[1] = np.array([[1, 0, 0, 0], [0, 0, 0, 0]])
     predictions = Predictions(trials, np.array(CLASSES))
-    metrics = {"views": 4, "classes": 4, "trials": 2, "frames": {"train": 9, "test": 4}}
-    metrics |= {"recordings": {"test": 2}, "groups": {"test": 2}}
-    metrics |= {name: scores_of(one, np.random.default_rng(0), 4) for name, one in trials.items()}
+    metrics = {
+        "views": 4,
+        "classes": 4,
+        "trials": 2,
+        "frames": {"train": 9, "test": 4},
+        "recordings": {"test": 2},
+        "groups": {"test": 2},
+    }
+    for protocol, answers in trials.items():
+        metrics[protocol] = scores_of(answers, np.random.default_rng(0), 4)
     return predictions, metrics
 
 
@@ -83,11 +85,11 @@ def test_the_total_has_the_simulation_where_its_recordings_were_read(
     assert costs(LATENCY, records, 50.0, 1.0)["seconds"]["total"] == pytest.approx(total, abs=0.1)
 
 
-def test_the_error_for_a_new_session_is_that_of_the_training():
-    note = Note("", topic="new session", value={"mean": 0.3, "low": 0.1, "high": 0.5})
-    assert new_session({"finetune": replace(RECORD, notes=[note])}) == {
-        "new_session": {"error": note.value}
-    }
+def test_the_error_rate_for_a_new_session_is_that_of_the_training_run():
+    error = {"mean": 0.3, "low": 0.1, "high": 0.5}
+    note = Note("", topic="new session", value=error)
+    records = {"finetune": replace(RECORD, notes=[note])}
+    assert new_session(records) == {"new_session": {"error": error}}
 
 
 @pytest.mark.parametrize("content", ["", '{"stage": "ingest", "seconds": 1}', "[]"])
@@ -103,13 +105,14 @@ def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tm
     def rows(name):
         return list(csv.reader((tmp_path / name).read_text().splitlines()))
 
-    _, metrics = evaluation
-    numbers = metrics, TIMING, summary(metrics, TIMING)
-    write_results(tmp_path, *evaluation, TIMING, numbers[2], LIVE)
-    for name, tree in zip(("metrics", "timing", "summary"), numbers, strict=True):
-        assert json.loads((tmp_path / f"{name}.json").read_text()) == tree
-    heading, *by_trial = rows("trials.csv")
-    assert heading == ["protocol", "trial", "error"] and by_trial == [
+    predictions, metrics = evaluation
+    shown = summary(metrics, TIMING)
+    write_results(tmp_path, predictions, metrics, TIMING, shown, LIVE)
+    assert json.loads((tmp_path / "metrics.json").read_text()) == metrics
+    assert json.loads((tmp_path / "timing.json").read_text()) == TIMING
+    assert json.loads((tmp_path / "summary.json").read_text()) == shown
+    assert rows("trials.csv") == [
+        ["protocol", "trial", "error"],
         ["object", "0", "0.25"],
         ["object", "1", "0.5"],
         ["recording", "0", "0.5"],
@@ -132,33 +135,42 @@ def test_the_tables_have_a_row_for_each_trial_pair_and_class_with_test_frames(tm
         ["predict", "", "0.25", "0.1", "0.9", "", "", "s"],
     ]
     heading, *by_object = rows("per_class.csv")
-    assert heading == ["protocol", "object", "answers", "error"] and len(by_object) == 3 * 2
+    assert heading == ["protocol", "object", "answers", "error"]
+    assert len(by_object) == 3 * 2
     assert by_object[2:4] == [
         ["recording", "cup", "4", "0.75"],
         ["recording", "pen, red", "4", "0.5"],
     ]
     heading, *confusion = rows("confusion.csv")
     assert heading == ["protocol", "object", "predicted", "count"]
-    assert len(confusion) == 3 * 9 and sum(int(count) for *_, count in confusion) == 2 * 2 * 4 + 2
-    assert ["object", "cup", "tape", "1"] in confusion and [
-        "object",
-        "pen, red",
-        "tape",
-        "2",
-    ] in confusion
+    assert len(confusion) == 3 * 9
+    assert sum(int(count) for *_, count in confusion) == 2 * 2 * 4 + 2
+    assert ["object", "cup", "tape", "1"] in confusion
+    assert ["object", "pen, red", "tape", "2"] in confusion
 
 
-def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation):
-    metrics, error = evaluation[1], evaluation[1]["object"]["error"]
+def test_the_lines_have_errors_with_intervals_and_live_answers(evaluation):
+    _, metrics = evaluation
+    error = metrics["object"]["error"]
     text = f"37.5 ({100 * error['low']:.1f} to {100 * error['high']:.1f})"
     lines = "\n".join(summary_lines(metrics, TIMING, LIVE))
     assert f"object protocol: error {text} %, std over trials 17.7, top-3 error 12.5 %" in lines
     live = "live: error 75.0 (10.0 to 90.0) % after 0.25 s of contact, 50.0 (10.0 to 90.0) % when"
     assert f"  {live} the hand opens" in lines
+
+
+@pytest.fixture
+def finished(evaluation):
+    """Return the finished run of the evaluation, whose members `auto` chose."""
+    predictions, metrics = evaluation
     params = {"values": {"model.members": "auto", "data.source": "glove"}, "changed": {}}
     records = RECORDS | {"evaluate": Record("evaluate", run_id="12ab", params=params)}
-    run = FinishedRun("", metrics, TIMING, evaluation[0], records, LIVE)
-    row = row_of(run, summary(metrics, TIMING), None)
+    return FinishedRun("", metrics, TIMING, predictions, records, LIVE)
+
+
+def test_the_row_has_errors_costs_and_what_auto_chose(finished):
+    metrics = finished.metrics
+    row = row_of(finished, summary(metrics, TIMING), None)
     assert row.tags == {"resolved.model.members": "svm + trees"}
     assert row.parameters == {
         "classes": 4,
@@ -172,23 +184,22 @@ def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation)
         "error.object": 3 / 8,
         "error.recording": 5 / 8,
         "error.whole": 1 / 2,
+        "top3_error.object": 1 / 8,
+        "top3_error.recording": 3 / 8,
+        "top3_error.whole": 0,
+        "ms_per_answer": 1.5,
         "ms_per_recording": 3.0,
-    }
-    expected |= {"top3_error.object": 1 / 8, "top3_error.recording": 3 / 8, "top3_error.whole": 0}
-    seconds = {"pretrain": 12.346, "finetune": 1234.5, "evaluate": 50.0, "total": 1296.846}
-    expected |= {f"seconds.{name}": value for name, value in seconds.items()} | {
-        "ms_per_answer": 1.5
+        "seconds.pretrain": 12.346,
+        "seconds.finetune": 1234.5,
+        "seconds.evaluate": 50.0,
+        "seconds.total": 1296.846,
+        "peak_mb": 1300.5,  # of the hungriest stage
     }
     for name in ("whole", "recording", "object"):
         for end in ("low", "high"):
             expected[f"error.{name}.{end}"] = round(metrics[name]["error"][end], 4)
     scores = {name: value for name, value, step in row.metrics if step == 0}
-    assert scores == pytest.approx(expected | {"peak_mb": 1300.5})  # of the hungriest stage
-    whole = [metrics["whole"]["error"][name] for name in ("mean", "low", "high")]
-    assert description(run, "glove · best") == (
-        f"**glove · best**: {percent_interval(*whole)} % error on whole recordings, "
-        "1,297 s.\n\n`tactile-viewgcn report 12ab`"
-    )
+    assert scores == pytest.approx(expected)
     assert [metric for metric in row.metrics if metric[2] > 0] == [
         ("trials.error.object", 0.25, 1),
         ("trials.error.object", 0.5, 2),
@@ -200,4 +211,16 @@ def test_the_lines_and_the_row_have_errors_costs_and_what_auto_chose(evaluation)
         ("views.error.recording", 0.625, 4),
         ("views.error.recording", 0.5, 30),
     ]
+
+
+def test_the_description_has_the_error_on_whole_recordings_the_seconds_and_the_report(finished):
+    error = finished.metrics["whole"]["error"]
+    interval = percent_interval(error["mean"], error["low"], error["high"])
+    assert description(finished, "glove · best") == (
+        f"**glove · best**: {interval} % error on whole recordings, "
+        "1,297 s.\n\n`tactile-viewgcn report 12ab`"
+    )
+
+
+def test_the_peak_is_that_of_the_evaluation_if_it_needs_the_most_memory():
     assert costs(LATENCY, RECORDS, 50.0, 2000.04)["peak_mb"] == 2000.0

@@ -12,7 +12,7 @@ from tactile_viewgcn.provenance import Record
 
 CLASSES = np.array(["cup", "mug", "pen"])
 LABELS = np.repeat([0, 1, 2], 4)
-RECORDINGS = np.array([f"{number}-{CLASSES[label]}" for number, label in enumerate(LABELS)])
+RECORDINGS = np.array([f"{index}-{CLASSES[label]}" for index, label in enumerate(LABELS)])
 
 
 def run(wrong, *, chosen=slice(None), classes=CLASSES, protocols=(WHOLE,)):
@@ -26,10 +26,11 @@ def run(wrong, *, chosen=slice(None), classes=CLASSES, protocols=(WHOLE,)):
     """
     answers = LABELS.copy()
     answers[list(wrong)] = (LABELS[list(wrong)] + 1) % 3
-    number = [classes.tolist().index(name) for name in CLASSES]
-    labels, answers = (np.array(number)[values][chosen] for values in (LABELS, answers))
+    number_of = np.array([classes.tolist().index(name) for name in CLASSES])
+    labels = number_of[LABELS][chosen]
+    best = number_of[answers][chosen]
     groups = np.arange(12)[chosen]
-    trials = Trials(answers[None, :, None], labels, groups, RECORDINGS[chosen], 20)
+    trials = Trials(best[None, :, None], labels, groups, RECORDINGS[chosen], 20)
     return Predictions(dict.fromkeys(protocols, trials), classes)
 
 
@@ -71,7 +72,8 @@ def test_other_answers_that_are_wrong_on_the_same_recordings_have_no_threshold()
     first, second = run([0, 4]), run([0, 4])
     second.trials[WHOLE].best[0, 4, 0] = 0  # pen for mug becomes cup for mug
     (difference,) = differences(first, second)
-    assert not difference.same and (difference.low, difference.high) == (0, 0)
+    assert not difference.same
+    assert (difference.low, difference.high) == (0, 0)
     assert difference.verdict("B") == "both are wrong equally often on every recording"
 
 
@@ -90,8 +92,9 @@ def test_only_common_recordings_count_and_classes_are_compared_by_name():
 
 
 def test_one_split_group_has_no_interval():
-    one = run([0], chosen=slice(0, 1))
-    (difference,) = differences(one, run([], chosen=slice(0, 1)))
+    wrong = run([0], chosen=slice(0, 1))
+    right = run([], chosen=slice(0, 1))
+    (difference,) = differences(wrong, right)
     assert (difference.low, difference.detects) == (None, None)
     assert "says nothing" in difference.verdict("B")
 
@@ -109,43 +112,57 @@ def test_the_objects_that_changed_most_come_first():
     ]
 
 
-def finished(answers, *, folds=3, md5="ab", chosen=slice(None), **changed):
-    """Return a finished run with these answers, and with parameters that differ from the commit."""
-    params = {"values": {"split.folds": folds, "views": 8} | changed, "changed": changed}
-    ingest = Record("ingest", inputs={"source": {"path": "glove", "md5": md5}})
+def finished(wrong, *, folds=3, md5="ab", chosen=slice(None), **changed):
+    """Return a finished run with these wrong answers, and with parameters changed since the commit.
+
+    Args:
+        wrong: numbers of recordings.
+        folds: number of folds of the split.
+        md5: hash of the recordings.
+        chosen: the recordings that were tested.
+        changed: the changed parameters.
+    """
+    values = {
+        "split.folds": folds,
+        "views": 8,
+        "model.members": "auto",
+        "data.source": "glove",
+    }
+    params = {"values": values | changed, "changed": changed}
     commit = {"mlflow.source.git.commit": "1234567890"}
-    row = Record("evaluate", params=params, origin=commit)
-    predictions = run(answers, chosen=chosen)
+    records = {
+        "ingest": Record("ingest", inputs={"source": {"path": "glove", "md5": md5}}),
+        "evaluate": Record("evaluate", params=params, origin=commit),
+    }
+    predictions = run(wrong, chosen=chosen)
     score = {"error": {"mean": predictions.trials[WHOLE].errors[0], "low": None, "high": None}}
     metrics = {WHOLE: score, "groups": {"test": 12}}
-    values = {"model.members": "auto", "data.source": "glove"}
-    row.params["values"] |= values
-    return FinishedRun("", metrics, {}, predictions, {"ingest": ingest, "evaluate": row})
+    return FinishedRun("", metrics, {}, predictions, records)
 
 
 @pytest.fixture
 def head(monkeypatch):
     """Return the run of the workspace's commit, with five wrong answers to twelve recordings."""
-    made = finished([0, 1, 2, 4, 5])
-    monkeypatch.setattr(versus, "read_run", lambda name, fetch: made)
-    return made
+    of_commit = finished([0, 1, 2, 4, 5])
+    monkeypatch.setattr(versus, "read_run", lambda name, fetch: of_commit)
+    return of_commit
 
 
 @pytest.mark.parametrize(
     ("changed", "words"),
     [({"views": 12}, "views=8 -> 12: 16.7 % of"), ({}, "equal parameters: 16.7 % of")],
 )
-def test_a_run_is_put_beside_that_of_its_commit(head, changed, words):
-    beside = versus.versus_head(finished([0, 8], **changed))
-    low = beside.difference.low
-    high = beside.difference.high
+def test_a_run_is_compared_with_the_run_of_its_commit(head, changed, words):
+    versus_head = versus.versus_head(finished([0, 8], **changed))
+    low = versus_head.difference.low
+    high = versus_head.difference.high
     name = "versus.head.error.whole"
-    assert beside.numbers == {name: -3 / 12, f"{name}.low": low, f"{name}.high": high}
+    assert versus_head.numbers == {name: -3 / 12, f"{name}.low": low, f"{name}.high": high}
     assert low < -3 / 12 < high
-    assert beside.text.startswith(
+    assert versus_head.text.startswith(
         f"{words} whole recordings are wrong, and 41.7 % in the run of commit 1234567; -25.0 "
     )
-    assert ": undecided; " in beside.text
+    assert ": undecided; " in versus_head.text
 
 
 @pytest.mark.parametrize(

@@ -20,18 +20,18 @@ CASES = [
 ]
 
 
-def made_of(path, glove, baseline, filtered, *, has_empty_hand):
-    """The recordings of a drifting glove, and the result of preprocessing them."""
-    names = ["empty_hand" if has_empty_hand else "cloth", "mug", "pen", "ball"]
-    asked = (f"preprocess.baseline={baseline}", f"preprocess.filter={filtered}")
-    params = load(FILE, (*SPLIT, *asked))
-    recordings = glove.table(path, objects=names)
+def preprocessed(path, glove, baseline, filtered, *, has_empty_hand):
+    """Return the recordings of a drifting glove, and the result of preprocessing them."""
+    first = "empty_hand" if has_empty_hand else "cloth"
+    changes = (f"preprocess.baseline={baseline}", f"preprocess.filter={filtered}")
+    params = load(FILE, (*SPLIT, *changes))
+    recordings = glove.table(path, objects=[first, "mug", "pen", "ball"])
     return recordings, preprocess_recordings(recordings, params.preprocess, params.split)
 
 
 @pytest.fixture(scope="module")
 def glove():
-    """Recordings that drift, two for each of four objects."""
+    """Return recordings that drift, two for each of four objects."""
     return drifting(objects=3, recordings=2, grasps=2, between=3.0, within=4.0)
 
 
@@ -40,32 +40,33 @@ def glove():
 def test_a_set_has_the_baseline_and_the_contact_that_preprocessing_gave_it(
     tmp_path, glove, baseline, filtered, has_empty_hand, code
 ):
-    recordings, made = made_of(
+    recordings, result = preprocessed(
         tmp_path / "t", glove, baseline, filtered, has_empty_hand=has_empty_hand
     )
-    compare(recordings, made, code)
+    compare(recordings, result, code)
 
 
 def test_sets_without_an_open_hand_have_it_too_where_the_baseline_is_of_each_grasp(tmp_path, glove):
     """Every frame of both sets is in contact, above the five quietest frames of its recording."""
     held = drifting(objects=3, recordings=2, grasps=2)
     held.counts[:] = held.baseline + 30 + np.random.default_rng(0).normal(0, 9, held.counts.shape)
-    recordings, made = made_of(tmp_path / "t", held, "grasp", "none", has_empty_hand=False)
-    assert not made.frames.plan.shows_open_hand
-    assert len(made.frames.baseline_mean) == 8  # one for each recording
+    recordings, result = preprocessed(tmp_path / "t", held, "grasp", "none", has_empty_hand=False)
+    assert not result.frames.plan.shows_open_hand
+    assert len(result.frames.baseline_mean) == 8  # one for each recording
     for code in (TRAIN, TEST):
-        compare(recordings, made, code)
+        compare(recordings, result, code)
 
 
-def compare(recordings, made, code):
+def compare(recordings, result, code):
     """Compare a set's baseline and contact, applied again, with the table of frames."""
-    in_set = made.sides.side == code
+    frames = result.frames
+    in_set = result.sides.side == code
     rows = with_empty_hand(recordings, in_set)
-    baseline, contact = apply(made.frames.plan, recordings.part(rows))
-    passed = contact | (recordings.empty_hand[rows] & (made.frames.plan.params.filter == "contact"))
-    np.testing.assert_array_equal(passed[in_set[rows]], made.passed[in_set])
-    kept = made.keep[rows] & in_set[rows]
-    frames = made.frames
+    baseline, passed = apply(frames.plan, recordings.part(rows))
+    if frames.plan.params.filter == "contact":
+        passed = passed | recordings.empty_hand[rows]
+    np.testing.assert_array_equal(passed[in_set[rows]], result.passed[in_set])
+    kept = result.keep[rows] & in_set[rows]
     expected = frames.baseline_mean[frames.baseline[frames.side == code]]
     np.testing.assert_array_equal(baseline.mean[baseline.of_frame[kept]], expected)
 
@@ -74,8 +75,10 @@ def compare(recordings, made, code):
 def test_in_a_session_with_an_empty_hand_a_new_recording_is_measured_like_a_set(
     tmp_path, glove, baseline
 ):
-    recordings, made = made_of(tmp_path / "t", glove, baseline, "contact", has_empty_hand=True)
-    plan = made.frames.plan
+    recordings, result = preprocessed(
+        tmp_path / "t", glove, baseline, "contact", has_empty_hand=True
+    )
+    plan = result.frames.plan
     known, contact = apply(plan, recordings)
     new, contact_of_new = apply(plan, recordings, new=True)
     np.testing.assert_array_equal(contact_of_new, contact)
@@ -91,17 +94,19 @@ def test_a_new_recording_depends_on_no_other_one(baseline):
         recording("cup", 61, before=0, after=0),
         recording("ball", 62, held=40),
     ]
-    labels = np.zeros(3, dtype=int)
-    together, contact = apply(plan, of_arrays(arrays, ["unknown"], labels, labels), new=True)
+
+    def applied(arrays):
+        """Return the baseline and contact of new recordings of these arrays."""
+        zeros = np.zeros(len(arrays), dtype=int)
+        return apply(plan, of_arrays(arrays, ["unknown"], zeros, zeros), new=True)
+
+    together, contact = applied(arrays)
     start = 0
     for counts in arrays:
-        alone, contact_alone = apply(
-            plan, of_arrays([counts], ["unknown"], labels[:1], labels[:1]), new=True
-        )
+        alone, contact_alone = applied([counts])
         frames = slice(start, start + len(counts))
         np.testing.assert_array_equal(contact[frames], contact_alone)
-        np.testing.assert_array_equal(
-            together.mean[together.of_frame[frames]], alone.mean[alone.of_frame]
-        )
+        baseline_together = together.mean[together.of_frame[frames]]
+        np.testing.assert_array_equal(baseline_together, alone.mean[alone.of_frame])
         start += len(counts)
     assert contact.any()

@@ -26,26 +26,25 @@ def test_the_baseline_of_each_session_is_estimated_to_a_twentieth_of_a_count_bel
     tmp_path,
 ):
     baseline = np.array([[[514.3, 515.0]], [[516.5, 513.8]]])
-    parts = [(0, 0), (0, 1), (1, 0), (1, 1)]  # session and object of each recording
+    session_and_label = [(0, 0), (0, 1), (1, 0), (1, 1)]  # of each recording
     counts = np.concatenate(
-        [resting(baseline[session] + 30 * label, 5000, session) for session, label in parts]
+        [
+            resting(baseline[session] + 30 * label, 5000, session)
+            for session, label in session_and_label
+        ]
     )
-    sessions, objects = (np.repeat(ids, 5000) for ids in zip(*parts, strict=True))
+    sessions, objects = np.repeat(session_and_label, 5000, axis=0).T
     counts[np.random.default_rng(1).random(counts.shape) < 0.01] += 20
     recordings = written(tmp_path / "t", counts, session=sessions, object=objects)
     second = recordings.part(np.flatnonzero(sessions))
-    kind = PreprocessSection(baseline="empty_hand")
-    measured, alone = (
-        measure_baseline(one, kind, session_moments(one)) for one in (recordings, second)
-    )
-    assert (measured.mean.shape, measured.mean.dtype, measured.noise.dtype) == (
-        (2, 1, 2),
-        np.float32,
-        np.float32,
-    )
-    np.testing.assert_array_equal(
-        (alone.mean[0], alone.noise[0]), (measured.mean[1], measured.noise[1])
-    )
+    section = PreprocessSection(baseline="empty_hand")
+    measured = measure_baseline(recordings, section, session_moments(recordings))
+    alone = measure_baseline(second, section, session_moments(second))
+    assert measured.mean.shape == (2, 1, 2)
+    assert measured.mean.dtype == np.float32
+    assert measured.noise.dtype == np.float32
+    np.testing.assert_array_equal(alone.mean[0], measured.mean[1])
+    np.testing.assert_array_equal(alone.noise[0], measured.noise[1])
     np.testing.assert_allclose(measured.mean, baseline, atol=0.05)
     np.testing.assert_allclose(measured.noise, np.hypot(SD, ROUNDING_SD), atol=0.05)
     np.testing.assert_array_equal(measured.of_frame, sessions)
@@ -56,15 +55,18 @@ def test_each_sensor_loses_its_own_outliers_and_no_other_s():
     # the smallest is an outlier only after the other two are left out
     counts[:3, 0, 0] += np.array([400, 30, 9], dtype=np.int16)
     mean, noise = trimmed_moments(counts)
-    kept = {at: counts[3 * (at == (0, 0)) :, *at] for at in np.ndindex(2, 2)}
-    np.testing.assert_allclose(mean.ravel(), [each.mean() for each in kept.values()], rtol=1e-6)
-    np.testing.assert_allclose(noise.ravel(), [each.std() for each in kept.values()], rtol=1e-5)
+    kept = [counts[3:, 0, 0], counts[:, 0, 1], counts[:, 1, 0], counts[:, 1, 1]]
+    expected_mean = [readings.mean() for readings in kept]
+    np.testing.assert_allclose(mean.ravel(), expected_mean, rtol=1e-6)
+    expected_noise = [readings.std() for readings in kept]
+    np.testing.assert_allclose(noise.ravel(), expected_noise, rtol=1e-5)
 
 
 def test_noise_that_is_cut_off_at_the_smallest_reading_is_measured_as_if_it_were_whole():
     noise = np.random.default_rng(0).normal(0, 3, (4000, 9))
     for counts in (noise, np.maximum(noise, 0)):
-        np.testing.assert_allclose(trimmed_moments(counts, visible_noise(counts))[1], 3, rtol=0.25)
+        _, measured = trimmed_moments(counts, visible_noise(counts))
+        np.testing.assert_allclose(measured, 3, rtol=0.25)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

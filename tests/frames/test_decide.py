@@ -33,7 +33,7 @@ def values(choice):
 
 @pytest.fixture(scope="module")
 def glove(tmp_path_factory):
-    """The empty hand and four objects, two recordings of two grasps each, in one session."""
+    """Return the empty hand and four objects in one session, two recordings of two grasps each."""
     return drifting(recordings=2, grasps=2).table(tmp_path_factory.mktemp("glove") / "t")
 
 
@@ -52,27 +52,34 @@ RECORDED = [
 def test_the_baseline_is_of_what_was_recorded_and_few_sensors_are_taken_as_they_are(
     tmp_path, empty, shape, published, baseline
 ):
-    made = drifting(recordings=2, grasps=2, shape=shape)
-    kept = (made.columns["object"] > 0) | (np.cumsum(made.columns["object"] == 0) <= empty)
-    split = {"split": (made.columns["recording"] % 2).astype(np.int8)} if published else {}
-    choice = chosen(made.table(tmp_path / "t", kept, **split), *BY_RECORDING)
-    assert choice.plan.params.baseline == baseline and ("zero" in values(choice)) == (
-        baseline == "none"
-    )
-    assert choice.plan.params.filter == ("none" if baseline == "none" else "contact")
-    assert choice.states.all_contact == (baseline == "none")
+    glove = drifting(recordings=2, grasps=2, shape=shape)
+    of_empty_hand = glove.columns["object"] == 0
+    kept = ~of_empty_hand | (np.cumsum(of_empty_hand) <= empty)
+    columns = {}
+    if published:
+        columns["split"] = (glove.columns["recording"] % 2).astype(np.int8)
+    choice = chosen(glove.table(tmp_path / "t", kept, **columns), *BY_RECORDING)
+    as_they_are = baseline == "none"
+    assert choice.plan.params.baseline == baseline
+    assert choice.plan.params.filter == ("none" if as_they_are else "contact")
+    assert ("zero" in values(choice)) == as_they_are
+    assert choice.states.all_contact == as_they_are
 
 
-@pytest.mark.parametrize(("baseline", "kept"), [("grasp", "contact"), ("none", "none")])
-def test_what_is_set_is_kept(glove, baseline, kept):
-    asked = f"preprocess.baseline={baseline}", "preprocess.scale=100", f"preprocess.filter={kept}"
-    choice = chosen(glove, *asked, *BY_RECORDING)
-    assert values(choice) == {} and choice.plan.params.contact_sensors == 5
-    assert (choice.plan.params.baseline, choice.plan.params.filter, choice.plan.params.scale) == (
-        baseline,
-        kept,
-        100.0,
+@pytest.mark.parametrize(("baseline", "filtered"), [("grasp", "contact"), ("none", "none")])
+def test_what_is_set_is_kept(glove, baseline, filtered):
+    choice = chosen(
+        glove,
+        f"preprocess.baseline={baseline}",
+        "preprocess.scale=100",
+        f"preprocess.filter={filtered}",
+        *BY_RECORDING,
     )
+    assert values(choice) == {}
+    assert choice.plan.params.contact_sensors == 5
+    assert choice.plan.params.baseline == baseline
+    assert choice.plan.params.filter == filtered
+    assert choice.plan.params.scale == 100.0
     if baseline == "none":
         assert choice.baseline.mean.tolist() == [[[500.0] * 8] * 5]
 
@@ -86,21 +93,19 @@ def test_what_is_set_is_kept(glove, baseline, kept):
     ],
 )
 def test_flags_are_taken_if_every_object_has_some(tmp_path, flagged, baseline, expected):
-    made = drifting(recordings=2, grasps=2)
-    valid = ~made.open & flagged(made.columns["object"])
-    recordings = made.table(tmp_path / "t", valid=valid)
-    assert (
-        values(chosen(recordings, f"preprocess.baseline={baseline}", *BY_RECORDING))["filter"]
-        == expected
-    )
+    glove = drifting(recordings=2, grasps=2)
+    valid = ~glove.open & flagged(glove.columns["object"])
+    recordings = glove.table(tmp_path / "t", valid=valid)
+    choice = chosen(recordings, f"preprocess.baseline={baseline}", *BY_RECORDING)
+    assert values(choice)["filter"] == expected
 
 
 def states_by_hand(recordings, contact):
     """Return states with these frames bool (T,) in contact, all others open, and a noise of 1."""
     sensors = int(recordings.live.sum())
-    return HandStates(
-        recordings.live_counts(), np.ones((1, sensors)), contact, ~contact, np.zeros((1, sensors))
-    )
+    noise = np.ones((1, sensors))
+    quiet = np.zeros((1, sensors))
+    return HandStates(recordings.live_counts(), noise, contact, ~contact, quiet)
 
 
 @pytest.mark.parametrize(
@@ -109,25 +114,25 @@ def states_by_hand(recordings, contact):
 def test_an_open_hand_is_shown_where_most_recordings_have_five_frames_of_it_and_one_of_contact(
     tmp_path, opening, touched, shown
 ):
-    number, frame = np.repeat(np.arange(9), 6), np.tile(np.arange(6), 9)
-    recordings = written(tmp_path / "t", np.arange(324).reshape(54, 2, 3), recording=number)
-    states = states_by_hand(recordings, (frame == 5) & (number < touched))
-    states = replace(states, open=(frame < np.where(number < opening, 5, 4)) & ~states.contact)
+    recording = np.repeat(np.arange(9), 6)
+    frame = np.tile(np.arange(6), 9)
+    recordings = written(tmp_path / "t", np.arange(324).reshape(54, 2, 3), recording=recording)
+    states = states_by_hand(recordings, (frame == 5) & (recording < touched))
+    open_frames = np.where(recording < opening, 5, 4)
+    states = replace(states, open=(frame < open_frames) & ~states.contact)
     assert module._shows_open_hand(recordings, states) == shown
 
 
-@pytest.mark.parametrize(("untouched", "kind"), [(2, "contact"), (3, "none")])
+@pytest.mark.parametrize(("untouched", "expected"), [(2, "contact"), (3, "none")])
 def test_contact_is_no_filter_where_more_than_a_twentieth_of_the_recordings_has_none(
-    tmp_path, untouched, kind
+    tmp_path, untouched, expected
 ):
-    number = np.repeat(np.arange(40), 2)
-    recordings = written(
-        tmp_path / "t", np.arange(480).reshape(80, 2, 3), object=1 + number % 2, recording=number
-    )
-    assert (
-        module._filter(recordings, states_by_hand(recordings, number >= untouched), "grasp")[0]
-        == kind
-    )
+    recording = np.repeat(np.arange(40), 2)
+    counts = np.arange(480).reshape(80, 2, 3)
+    recordings = written(tmp_path / "t", counts, object=1 + recording % 2, recording=recording)
+    states = states_by_hand(recordings, recording >= untouched)
+    kind, *_ = module._filter(recordings, states, "grasp")
+    assert kind == expected
 
 
 @pytest.mark.parametrize(
@@ -157,34 +162,30 @@ def test_the_scale_is_of_all_sensors_in_contact_and_all_frames_of_contact_but_th
 
     Two sensors do not exceed the noise.
     """
-    frame, counts = np.arange(12_000), np.zeros((12_000, 2, 3), dtype=np.int16)
+    frame = np.arange(12_000)
+    recording = frame // 10
+    label = recording % 3
+    counts = np.zeros((12_000, 2, 3), dtype=np.int16)
     counts[:, 0] = 500 + (10 * (1 + frame // 2400))[:, None]
-    counts[:, 1], counts[::2, 1, 2] = 504, 590
-    counts[frame // 10 % 3 == 0] = 590  # frames of the empty hand
-    recordings = written(tmp_path / "t", counts, object=(frame // 10) % 3, recording=frame // 10)
+    counts[:, 1] = 504
+    counts[::2, 1, 2] = 590
+    counts[label == 0] = 590  # frames of the empty hand
+    recordings = written(tmp_path / "t", counts, object=label, recording=recording)
     contact = frame % 2 == 1  # in other frames a sensor reads 590
     states = states_by_hand(recordings, contact)
     baseline = Baseline(np.full((1, 2, 3), 500.0), np.ones((1, 2, 3)), np.zeros(12_000, dtype=int))
-    reading, number = np.unique(contact_readings(recordings, states, baseline), return_counts=True)
+    readings = contact_readings(recordings, states, baseline)
+    reading, occurrences = np.unique(readings, return_counts=True)
     assert reading.tolist() == [10, 20, 30, 40, 50]
-    np.testing.assert_allclose(number / number.sum(), 0.2, atol=0.01)
+    np.testing.assert_allclose(occurrences / occurrences.sum(), 0.2, atol=0.01)
 
 
 def test_the_fewest_sensors_in_contact_are_a_fortieth_of_the_array(glove):
-    assert [sensors_in_contact(count) for count in (1, 15, 16, 96, 384, 548, 1400)] == [
-        1,
-        1,
-        2,
-        3,
-        10,
-        14,
-        14,
-    ]
+    fewest = {1: 1, 15: 1, 16: 2, 96: 3, 384: 10, 548: 14, 1400: 14}
+    assert {sensors: sensors_in_contact(sensors) for sensors in fewest} == fewest
     # the glove has 40 sensors
-    assert (
-        chosen(glove, "preprocess.contact_sensors=auto", *BY_RECORDING).plan.params.contact_sensors
-        == 2
-    )
+    choice = chosen(glove, "preprocess.contact_sensors=auto", *BY_RECORDING)
+    assert choice.plan.params.contact_sensors == 2
 
 
 @pytest.mark.parametrize(
@@ -194,8 +195,8 @@ def test_the_fewest_sensors_in_contact_are_a_fortieth_of_the_array(glove):
 def test_the_smallest_reading_is_0_within_a_twentieth_of_the_range_and_not_that_of_a_single_spike(
     tmp_path, low, high, smallest
 ):
-    counts = np.where(np.arange(2000)[:, None, None] % 2, high, low) + np.zeros(
-        (3, 4), dtype=np.int16
-    )
-    counts[:2, 0, 0] = -30_000, 30_000
-    assert smallest_reading(written(tmp_path / "t", counts.astype(np.int16))) == smallest
+    counts = np.empty((2000, 3, 4), dtype=np.int16)
+    counts[::2] = low
+    counts[1::2] = high
+    counts[:2, 0, 0] = [-30_000, 30_000]
+    assert smallest_reading(written(tmp_path / "t", counts)) == smallest

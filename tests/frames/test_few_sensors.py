@@ -9,14 +9,14 @@ HELD = 30  # frames
 EMPTY = -1
 
 
-def grip(number, pressed, rng, *, sensors, opened=10, dead=0):
+def grip(label, pressed, rng, *, sensors, opened=10, dead=0):
     """Return a recording (opened + 30, sensors + dead): an open hand, then a held object.
 
     The object presses the `pressed` sensors.
     """
     counts = 300 + rng.normal(0, 1, (opened + HELD, sensors))
-    if number != EMPTY:
-        force = (20 + 25 * number) * (1 + rng.normal(0, 0.1, HELD))
+    if label != EMPTY:
+        force = (20 + 25 * label) * (1 + rng.normal(0, 0.1, HELD))
         counts[opened:, pressed] += force[:, None]
     return np.hstack([counts, np.full((opened + HELD, dead), 7.0)])
 
@@ -42,30 +42,36 @@ def test_a_glove_of_few_sensors_recognises_objects_and_has_no_leak(glove, with_e
     sensors, pressed, dead = glove
     if len(pressed[0]) > 1 and not opened:
         pytest.skip("all sensors pressed throughout are taken for drift, see frames/open_hand.py")
-    rng, numbers = np.random.default_rng(0), [0, 1, 2] * 6
+    rng = np.random.default_rng(0)
 
-    def recordings(numbers):
+    def recordings(labels):
+        """Return a recording of each label."""
         form = {"sensors": sensors, "opened": opened, "dead": dead}
-        return [grip(number, pressed[number], rng, **form) for number in numbers]
+        return [grip(label, pressed[label], rng, **form) for label in labels]
 
-    X, new = recordings(numbers + [EMPTY] * 6 * with_empty_hand), recordings(numbers)
-    y = [*"abc"] * 6 + ["empty_hand"] * 6 * with_empty_hand
-    classifier = TactileClassifier("kernels").fit(X, y)
-    assert classifier.score(new, [*"abc"] * 6) == 1
-    contact = [
-        answer.contact
-        for answer in classifier.recogniser_.answer_recordings(classifier._recordings(new))[0]
-    ]
+    held = [0, 1, 2] * 6
+    names = [*"abc"] * 6
     if with_empty_hand:
-        assert contact == [HELD] * 18
+        X = recordings(held + [EMPTY] * 6)
+        y = names + ["empty_hand"] * 6
+    else:
+        X = recordings(held)
+        y = names
+    new = recordings(held)
+    classifier = TactileClassifier("kernels").fit(X, y)
+    assert classifier.score(new, names) == 1
+    answers, _ = classifier.recogniser_.answer_recordings(classifier._recordings(new))
+    if with_empty_hand:
+        assert [answer.contact for answer in answers] == [HELD] * 18
 
 
 def test_the_open_hand_does_not_follow_a_single_sensor_through_a_long_grasp():
     rng = np.random.default_rng(0)
-    X = [grip(number, [0], rng, sensors=1) for number in [0, 1, 2, EMPTY] * 5]
+    X = [grip(label, [0], rng, sensors=1) for label in [0, 1, 2, EMPTY] * 5]
     classifier = TactileClassifier("kernels").fit(X, ["a", "b", "c", "empty_hand"] * 5)
-    long = np.concatenate(
-        [grip(1, [0], rng, sensors=1), *[grip(1, [0], rng, sensors=1, opened=0)] * 9]
-    )
+    opened_first = grip(1, [0], rng, sensors=1)
+    held = grip(1, [0], rng, sensors=1, opened=0)
+    long = np.concatenate([opened_first, *[held] * 9])
     (answer,), _ = classifier.recogniser_.answer_recordings(classifier._recordings([long]))
-    assert answer.contact == 10 * HELD and classifier.predict([long]) == ["b"]
+    assert answer.contact == 10 * HELD
+    assert classifier.predict([long]) == ["b"]

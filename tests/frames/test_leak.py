@@ -19,6 +19,12 @@ def checked(recordings, *, by="grasp", baseline="empty_hand", zero=0.0):
     return check_leak(recordings, measured, states, split_groups(recordings.columns, by))
 
 
+def error_of(readings, label, group, **options):
+    """Return the quick error of readings (T, S), all of whose frames are usable."""
+    usable = np.ones(len(readings), dtype=bool)
+    return quick_error(readings.__getitem__, usable, label=label, group=group, **options)
+
+
 @pytest.mark.parametrize(
     "offset", [1.5, 60.0], ids=["of one count and a half", "of twice the signal"]
 )
@@ -28,10 +34,14 @@ def test_drift_between_recordings_predicts_their_objects_but_not_above_the_basel
     # the sensors that are touched predict nothing
     recordings = drifting(objects=6, between=offset, same=True).table(tmp_path / "t")
     leak = checked(recordings)
-    assert (leak.error, leak.chance, leak.groups) == (0, pytest.approx(5 / 6), 36)
-    assert leak.high < 0.12 and leak.beats_chance
-    mended = checked(recordings, baseline="grasp")
-    assert mended.error > 0.7 and not mended.beats_chance
+    assert leak.error == 0
+    assert leak.chance == pytest.approx(5 / 6)
+    assert leak.groups == 36
+    assert leak.high < 0.12
+    assert leak.beats_chance
+    above_each_grasp = checked(recordings, baseline="grasp")
+    assert above_each_grasp.error > 0.7
+    assert not above_each_grasp.beats_chance
 
 
 def test_a_drift_during_the_grasp_is_visible_above_the_baseline_before_it(tmp_path):
@@ -39,10 +49,10 @@ def test_a_drift_during_the_grasp_is_visible_above_the_baseline_before_it(tmp_pa
 
     Above the baseline after the grasp, an open hand would show no drift.
     """
-    leak = checked(
-        drifting(objects=6, within=12.0, same=True).table(tmp_path / "t"), baseline="grasp"
-    )
-    assert leak.error < 0.2 and leak.beats_chance
+    recordings = drifting(objects=6, within=12.0, same=True).table(tmp_path / "t")
+    leak = checked(recordings, baseline="grasp")
+    assert leak.error < 0.2
+    assert leak.beats_chance
 
 
 @pytest.mark.parametrize("by", ["recording", "grasp"])
@@ -62,13 +72,16 @@ def test_sessions_are_held_out_for_all_objects_at_once(tmp_path):
     glove = drifting(objects=4, recordings=3, grasps=3)
     label = glove.columns["object"]
     session = (label + glove.columns["recording"] % 3) % 4
-    rng, shift = np.random.default_rng(1), np.zeros((2, 5, 5, 8))
-    shift[0, 1:, :2], shift[1, :4, 2:] = rng.normal(0, 4, (4, 2, 8)), rng.normal(0, 4, (4, 3, 8))
-    glove.counts[:] = np.rint(glove.counts + shift[0, label] + shift[1, session])
-    leak = checked(
-        glove.table(tmp_path / "t", session=session), by="session", baseline="none", zero=514.0
-    )
-    assert (leak.error, leak.groups) == (0, 4)
+    rng = np.random.default_rng(1)
+    of_object = np.zeros((5, 5, 8))
+    of_object[1:, :2] = rng.normal(0, 4, (4, 2, 8))
+    of_session = np.zeros((4, 5, 8))
+    of_session[:, 2:] = rng.normal(0, 4, (4, 3, 8))
+    glove.counts[:] = np.rint(glove.counts + of_object[label] + of_session[session])
+    recordings = glove.table(tmp_path / "t", session=session)
+    leak = checked(recordings, by="session", baseline="none", zero=514.0)
+    assert leak.error == 0
+    assert leak.groups == 4
 
 
 @pytest.mark.parametrize(
@@ -89,40 +102,48 @@ def test_a_leak_is_a_warning_whose_remedy_is_the_baseline_of_each_grasp(high, ad
 
 def test_objects_are_recognised_in_groups_that_are_held_out_and_labels_at_random_are_not():
     rng = np.random.default_rng(0)
-    label, group = np.repeat([0, 1, 2], 60), np.repeat(np.arange(18), 10)
-    readings = rng.normal(0, 1, (180, 20)) + 2 * (np.arange(20) % 3 == label[:, None])
-    usable = np.ones(180, dtype=bool)
-    apart = quick_error(lambda index: readings[index], usable, label=label, group=group)
-    assert (apart.error, apart.groups, apart.frames, apart.chance) == (
-        0,
-        18,
-        180,
-        pytest.approx(2 / 3),
-    )
-    by_group = rng.normal(0, 1, (18, 20))[group]  # frames of a group are alike, of an object not
-    alike = quick_error(lambda index: by_group[index], usable, label=label, group=group)
-    assert alike.error > 0.4 and not alike.beats_chance and apart.beats_chance
+    label = np.repeat([0, 1, 2], 60)
+    group = np.repeat(np.arange(18), 10)
+    of_objects = rng.normal(0, 1, (180, 20)) + 2 * (np.arange(20) % 3 == label[:, None])
+    leak = error_of(of_objects, label, group)
+    assert leak.error == 0
+    assert leak.groups == 18
+    assert leak.frames == 180
+    assert leak.chance == pytest.approx(2 / 3)
+    assert leak.beats_chance
+    of_groups = rng.normal(0, 1, (18, 20))[group]  # groups of an object are not alike
+    no_leak = error_of(of_groups, label, group)
+    assert no_leak.error > 0.4
+    assert not no_leak.beats_chance
+    # of two objects all frames are in one group
     once = np.where(label == 0, group, label)
-    assert quick_error(lambda index: readings[index], usable, label=label, group=once) is None
-    # the trend is the same in all groups; means whose frames are spread over a group lose it
+    assert error_of(of_objects, label, once) is None
+
+
+def test_answers_are_given_to_means_of_frames_that_are_spread_over_their_group():
+    label = np.repeat([0, 1], 384)
+    group = np.repeat(np.arange(12), 64)
+    # the trend is the same in all groups, and the means lose it
     trend = 100.0 * np.tile(np.arange(64), 12)[:, None] / 64
-    label, group = np.repeat([0, 1], 384), np.repeat(np.arange(12), 64)
     rising = trend + 20 * label[:, None]
-    every = np.ones(768, dtype=bool)
-    assert quick_error(rising.__getitem__, every, label=label, group=group).error == 0
+    assert error_of(rising, label, group).error == 0
     # a mean has every eighth frame of a group, so two of eight means are wrong
-    mostly = np.where(np.arange(768) % 8 < 6, 1.0, -1.0) * (2 * label - 1)
-    of_mostly = quick_error(mostly[:, None].__getitem__, every, label=label, group=group)
-    assert of_mostly.error == 0.25
+    sign = np.where(np.arange(768) % 8 < 6, 1.0, -1.0)
+    mostly_right = sign * (2 * label - 1)
+    assert error_of(mostly_right[:, None], label, group).error == 0.25
 
 
 def designs():
-    """Yield random designs: the object and the group of each frame; groups span objects."""
+    """Yield the object and the group of each frame, and a generator, of random designs.
+
+    Groups span objects.
+    """
     for seed in range(60):
         rng = np.random.default_rng(seed)
-        objects, sessions = rng.integers(3, 12), rng.integers(6, 15)
+        objects = rng.integers(3, 12)
+        sessions = rng.integers(6, 15)
         held_in = [rng.permutation(sessions)[: rng.integers(1, 5)] for _ in range(objects)]
-        label = np.repeat(np.arange(objects), [8 * len(each) for each in held_in])
+        label = np.repeat(np.arange(objects), [8 * len(of_object) for of_object in held_in])
         yield label, np.repeat(np.concatenate(held_in), 8), rng
     paired = np.repeat([0, 3, 0, 3, 1, 4, 1, 4, 2, 5, 2, 5], 8)
     yield np.repeat(np.arange(6), 16), paired, np.random.default_rng(0)
@@ -131,14 +152,13 @@ def designs():
 def test_readings_that_are_the_object_are_recognised_whatever_sessions_it_was_held_in():
     """Every object of two sessions or more is answered; the others are counted."""
     for label, group, rng in designs():
-        sessions = np.array([len(np.unique(group[label == one])) for one in range(label.max() + 1)])
-        everything = np.ones(len(label), dtype=bool)
+        objects = range(label.max() + 1)
+        sessions = np.array([len(np.unique(group[label == index])) for index in objects])
         offset = label[:, None] + rng.normal(0, 0.05, (len(label), 5))  # all sensors share it
-        pattern = rng.normal(0, 1, (len(sessions), 30))[label] + rng.normal(
-            0, 0.05, (len(label), 30)
-        )
+        pattern = rng.normal(0, 1, (len(sessions), 30))[label]
+        pattern = pattern + rng.normal(0, 0.05, (len(label), 30))
         for readings in (label[:, None].astype(np.float64), offset, pattern):
-            leak = quick_error(readings.__getitem__, everything, label=label, group=group)
+            leak = error_of(readings, label, group)
             if np.count_nonzero(sessions > 1) < 2:
                 assert leak is None
                 continue
@@ -150,37 +170,29 @@ def test_readings_that_are_the_object_are_recognised_whatever_sessions_it_was_he
 
 def test_readings_at_random_are_no_leak_whatever_sessions_the_objects_were_held_in():
     """About one in forty such intervals lies below chance by chance."""
-    leaks = [
-        quick_error(
-            rng.normal(0, 1, (len(label), 30)).__getitem__,
-            np.ones(len(label), dtype=bool),
-            label=label,
-            group=group,
-        )
-        for label, group, rng in designs()
-    ]
-    assert np.mean([leak.beats_chance for leak in leaks if leak]) < 0.1
-    assert np.mean([leak.error - leak.chance for leak in leaks if leak]) == pytest.approx(
-        0.03, abs=0.06
-    )
+    leaks = []
+    for label, group, rng in designs():
+        leak = error_of(rng.normal(0, 1, (len(label), 30)), label, group)
+        if leak is not None:
+            leaks.append(leak)
+    assert np.mean([leak.beats_chance for leak in leaks]) < 0.1
+    above_chance = np.mean([leak.error - leak.chance for leak in leaks])
+    assert above_chance == pytest.approx(0.03, abs=0.06)
 
 
 def test_a_leak_note_counts_the_objects_that_were_left_out():
-    leak = QuickError(0.05, 0.02, 0.08, 0.96, 6, 2000)
-    alone = QuickError(0.05, 0.02, 0.08, 0.96, 6, 2000, 3)
-    assert "3 objects" in leak_note(alone, advised=False).text
-    assert "object" not in leak_note(leak, advised=False).text.replace("predict the object", "")
+    of_all = QuickError(0.05, 0.02, 0.08, 0.96, 6, 2000)
+    without_three = QuickError(0.05, 0.02, 0.08, 0.96, 6, 2000, 3)
+    assert "3 objects" in leak_note(without_three, advised=False).text
+    assert "object" not in leak_note(of_all, advised=False).text.replace("predict the object", "")
 
 
 def test_many_objects_of_two_recordings_each_are_told_by_a_number_without_a_word_of_a_library():
     """One number tells thirty objects apart; warnings are errors here."""
     label = np.repeat(np.arange(30), 2)
-    group = np.arange(60)
-    usable = np.ones(60, dtype=bool)
-    error = quick_error(
-        lambda index: label[index, None] * 1.0, usable, label=label, group=group, nearest=True
-    )
-    assert error.error == 0 and error.beats_chance
+    leak = error_of(label[:, None] * 1.0, label, np.arange(60), nearest=True)
+    assert leak.error == 0
+    assert leak.beats_chance
 
 
 @pytest.mark.parametrize(("by_chance", "beats_chance"), [(0.0, True), (0.05, False)])
@@ -196,7 +208,6 @@ def test_a_weak_leak_is_found_among_many_groups():
     rng = np.random.default_rng(0)
     label = np.repeat(np.arange(40), 4)
     readings = rng.normal(size=(40, 6))[label] + rng.normal(0, 1.2, (160, 6))
-    error = quick_error(
-        readings.__getitem__, np.ones(160, dtype=bool), label=label, group=np.arange(160)
-    )
-    assert error.chance / 2 < error.error < error.chance and error.beats_chance
+    leak = error_of(readings, label, np.arange(160))
+    assert leak.chance / 2 < leak.error < leak.chance
+    assert leak.beats_chance

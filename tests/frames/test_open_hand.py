@@ -35,15 +35,15 @@ def of_grasps(recordings, states, trained=None):
 
 
 def away(opened):
-    """Return by a loop the open-hand frames that are not near a touch in their recording."""
-    each = 6 * (OPEN + CLOSED)
-    recordings = opened.reshape(-1, each)
-    return np.array(
-        [one[max(t - MARGIN, 0) : t + MARGIN + 1].all() for one in recordings for t in range(each)]
-    )
+    """Return the open-hand frames that are not near a touch in their recording, by a loop."""
+    frames = []
+    for recording in opened.reshape(-1, 6 * (OPEN + CLOSED)):
+        for t in range(len(recording)):
+            frames.append(recording[max(t - MARGIN, 0) : t + MARGIN + 1].all())
+    return np.array(frames)
 
 
-BETWEEN = "each sensor between recordings", "all sensors between recordings"
+BETWEEN = ("each sensor between recordings", "all sensors between recordings")
 
 
 @pytest.mark.parametrize(
@@ -53,9 +53,8 @@ BETWEEN = "each sensor between recordings", "all sensors between recordings"
 )
 def test_the_open_hand_and_contact_are_detected_whatever_drifts(tmp_path, drift, first):
     glove = drifting(**DRIFTS[drift])
-    states = states_of(
-        glove.table(tmp_path / "t", objects=[first, "mug", "pen", "ball", "coin"]), CONTACT
-    )
+    recordings = glove.table(tmp_path / "t", objects=[first, "mug", "pen", "ball", "coin"])
+    states = states_of(recordings, CONTACT)
     np.testing.assert_array_equal(states.contact, ~glove.open)
     # drift during a grasp lifts sensors at its end
     assert (states.open != away(glove.open)).mean() < 0.01
@@ -68,14 +67,15 @@ def test_a_flag_makes_contact_where_nothing_is_pressed_but_not_of_the_empty_hand
     glove = drifting()
     pressed = np.where(glove.open[:, None, None], glove.counts, np.rint(glove.baseline))
     flags = {flag: ~glove.open | (glove.columns["object"] == 0)}
-    states = states_of(
-        replace(glove, counts=pressed.astype(np.int16)).table(tmp_path / "t", **flags), CONTACT
-    )
+    flagged = replace(glove, counts=pressed.astype(np.int16)).table(tmp_path / "t", **flags)
+    states = states_of(flagged, CONTACT)
     np.testing.assert_array_equal(states.open, away(glove.open))
     np.testing.assert_array_equal(states.contact, ~glove.open)
 
 
-NONE, UP, DOWN = 0.0, 12.0, -12.0
+NONE = 0.0
+UP = 12.0
+DOWN = -12.0
 EXCESS = {
     "nothing": ([NONE] * 40, False),
     "ten of forty up": ([UP] * 10 + [NONE] * 30, True),
@@ -98,8 +98,9 @@ def test_contact_differs_from_drift(case):
 
 def test_a_grasp_begins_when_the_hand_opens_after_contact_and_ends_with_the_frames_between():
     states = "oo--##-#--oo-oo##o##--"
-    opened, contact = (np.array([state == letter for state in states]) for letter in "o#")
-    assert "".join(map(str, grasps(opened, contact))) == "1" * 10 + "2" * 7 + "3" * 5
+    letters = np.array([*states])
+    of_frames = grasps(letters == "o", letters == "#")
+    assert of_frames.tolist() == [1] * 10 + [2] * 7 + [3] * 5
 
 
 @pytest.mark.parametrize(
@@ -112,43 +113,44 @@ def test_each_grasp_has_the_baseline_of_the_open_hand_before_it(tmp_path, drift)
     assert baseline.notes == []
     assert len(baseline.mean) == 1 + 4 * 6  # the empty hand never closes
     for recording, grasp in np.ndindex(4, 6):
-        at = (glove.columns["recording"] == 1 + recording) & (glove.columns["grasp"] == grasp)
-        numbers = baseline.of_frame[at & ~glove.open]
-        assert np.unique(numbers).tolist() == [1 + 6 * recording + grasp]
-        truth = glove.baseline[at & glove.open].mean(axis=0)
-        np.testing.assert_allclose(
-            baseline.mean[numbers[0]], truth, atol=5 * SD / np.sqrt(OPEN - 2 * MARGIN)
-        )
-    assert (baseline.mean.dtype, baseline.noise.dtype) == (np.float32, np.float32)
+        of_recording = glove.columns["recording"] == 1 + recording
+        of_grasp = of_recording & (glove.columns["grasp"] == grasp)
+        rows = np.unique(baseline.of_frame[of_grasp & ~glove.open])
+        assert rows.tolist() == [1 + 6 * recording + grasp]
+        truth = glove.baseline[of_grasp & glove.open].mean(axis=0)
+        tolerance = 5 * SD / np.sqrt(OPEN - 2 * MARGIN)
+        np.testing.assert_allclose(baseline.mean[rows[0]], truth, atol=tolerance)
+    assert baseline.mean.dtype == np.float32
+    assert baseline.noise.dtype == np.float32
 
 
 def test_the_noise_is_that_of_the_grasp_s_session(tmp_path):
     glove = drifting(objects=2, recordings=2, grasps=3)
     session = glove.columns["recording"] % 2
-    more = np.random.default_rng(1).normal(0, 4, glove.counts.shape) * (session == 1)[:, None, None]
+    more = np.random.default_rng(1).normal(0, 4, glove.counts.shape)
+    more[session == 0] = 0
     noisy = replace(glove, counts=glove.counts + np.rint(more).astype(np.int16))
     recordings = noisy.table(tmp_path / "t", session=session)
     baseline = of_grasps(recordings, states_of(recordings, CONTACT))
-    for number, sd in enumerate((SD, np.hypot(SD, 4))):
-        of_session = np.unique(baseline.of_frame[session == number])
+    for index, sd in enumerate((SD, np.hypot(SD, 4))):
+        of_session = np.unique(baseline.of_frame[session == index])
         np.testing.assert_allclose(baseline.noise[of_session].mean(), sd, rtol=0.1)
 
 
 def test_a_grasp_without_open_hand_has_the_nearest_one_s_of_its_recording(tmp_path):
     glove = drifting(between=SIGNAL)
-    recording, grasp = glove.columns["recording"], glove.columns["grasp"]
-    brief = (
-        (recording == 1)
-        & np.isin(grasp, [0, 3])
-        & glove.open
-        & (np.arange(len(grasp)) % (OPEN + CLOSED) >= 6)
-    )
-    recordings = glove.table(tmp_path / "t", ~brief)  # 4 and 3 open-hand frames are left
+    recording = glove.columns["recording"]
+    grasp = glove.columns["grasp"]
+    late = np.arange(len(grasp)) % (OPEN + CLOSED) >= 6
+    left_out = (recording == 1) & np.isin(grasp, [0, 3]) & glove.open & late
+    recordings = glove.table(tmp_path / "t", ~left_out)  # 4 and 3 open-hand frames are left
     baseline = of_grasps(recordings, states_of(recordings, CONTACT))
-    last = dict(
-        zip(zip(recording[~brief], grasp[~brief], strict=True), baseline.of_frame, strict=True)
-    )
-    assert last[1, 0] == last[1, 1] and last[1, 3] == last[1, 2] != last[1, 1]
+    first_recording = recording[~left_out] == 1
+    # the baseline of the last frame of each of the six grasps
+    last = [baseline.of_frame[first_recording & (grasp[~left_out] == i)][-1] for i in range(6)]
+    assert last[0] == last[1]
+    assert last[3] == last[2]
+    assert last[2] != last[1]
     assert len(baseline.mean) == 1 + 24 - 2
 
 
@@ -166,27 +168,30 @@ REPLACEMENTS = {
 def test_a_recording_without_open_hand_is_named_and_has(tmp_path, case):
     has_empty, has_open, has_trained = REPLACEMENTS[case]
     glove = drifting(objects=3, recordings=2, between=SIGNAL)
-    recording, session = glove.columns["recording"], glove.columns["recording"] % 2
-    objects = ["empty_hand" if has_empty else "cloth", "mug", "pen", "ball"]
+    recording = glove.columns["recording"]
+    session = recording % 2
+    first = "empty_hand" if has_empty else "cloth"
+    objects = [first, "mug", "pen", "ball"]
     recordings = glove.table(tmp_path / "t", session=session, objects=objects)
     states = states_of(recordings, CONTACT)
-    states = replace(
-        states, open=states.open & ~np.isin(recording, [4, 5] if has_open else range(8))
-    )
-    trained = [(np.full(40, 500.0 + number), np.ones(40)) for number in range(2)]
-    baseline = of_grasps(recordings, states, trained if has_trained else None)
-    for number in (4, 5):
-        of_session = session == number % 2
-        used = (
-            of_session & (glove.columns["object"] == 0) if has_empty else of_session & states.open
-        )
-        expected = trained[number % 2][0] if has_trained else states.quiet[number]
-        if has_open:
-            expected = trimmed_moments(glove.counts[used])[0]
-        (row,) = np.unique(baseline.of_frame[recording == number])
+    never_open = [4, 5] if has_open else range(8)
+    states = replace(states, open=states.open & ~np.isin(recording, never_open))
+    trained = None
+    if has_trained:
+        trained = [(np.full(40, mean), np.ones(40)) for mean in (500.0, 501.0)]
+    baseline = of_grasps(recordings, states, trained)
+    for index in (4, 5):
+        of_session = session == index % 2
+        if has_empty:
+            expected, _ = trimmed_moments(glove.counts[of_session & (glove.columns["object"] == 0)])
+        elif has_open:
+            expected, _ = trimmed_moments(glove.counts[of_session & states.open])
+        elif has_trained:
+            expected, _ = trained[index % 2]
+        else:
+            expected = states.quiet[index]
+        (row,) = np.unique(baseline.of_frame[recording == index])
         expected = expected.reshape(5, 8).astype(np.float32)
         np.testing.assert_array_equal(baseline.mean[row], expected)
-        assert any(
-            f"recording{number}" in note.text and case in note.text and note.topic == "baseline"
-            for note in baseline.notes
-        )
+        texts = [note.text for note in baseline.notes if note.topic == "baseline"]
+        assert any(f"recording{index}" in text and case in text for text in texts)

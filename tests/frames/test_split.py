@@ -18,7 +18,7 @@ from tactile_viewgcn.frames.split import (
 from tactile_viewgcn.tables.frames import TEST, TRAIN, VALIDATION
 
 
-def made(objects=4, sessions=3, recordings=2, grasps=3, frames=2):
+def table(objects=4, sessions=3, recordings=2, grasps=3, frames=2):
     """Return the columns of a table in which every object is recorded in every session.
 
     Each recording has several grasps.
@@ -53,62 +53,61 @@ def test_the_published_validation_is_tested_where_there_is_no_test_set():
 @pytest.mark.parametrize(
     ("across", "groups", "labels", "tested"),
     [
-        # the groups of each class are dealt in turn; the only group of a class is in no fold
+        # the groups of each class are dealt in turn; a class's only group is in no fold
         (False, [0, 0, 1, 2, 3, 4, 4, 5, 7], [0, 0, 0, 0, 0, 1, 1, 1, 2], [[0, 2, 4], [1, 3, 5]]),
         # sessions are dealt once for all classes
         (True, [0, 1, 2, 1, 2, 3], [0, 0, 0, 1, 1, 1], [[0, 2], [1, 3]]),
     ],
 )
 def test_groups_are_dealt_to_the_folds_in_turn(across, groups, labels, tested):
-    groups, labels = np.array(groups), np.array(labels)
+    groups = np.array(groups)
+    labels = np.array(labels)
     for fold, expected in enumerate(tested):
         inside = in_fold(groups, labels, folds=2, fold=fold, across=across)
         np.testing.assert_array_equal(inside, np.isin(groups, expected))
 
 
 def test_a_deal_shuffles_the_groups_of_each_class_independently_of_other_classes():
-    groups, labels = np.arange(24), np.repeat([0, 1], 12)
+    groups = np.arange(24)
+    labels = np.repeat([0, 1], 12)
 
-    def tested(deal, of=slice(None), across=False):
+    def tested(deal, rows=slice(None), across=False):
         """Return bool (4, groups), the groups that each fold tests."""
-        return np.stack(
-            [
-                in_fold(groups[of], labels[of], folds=4, fold=i, across=across, deal=deal)
-                for i in range(4)
-            ]
-        )
+        options = {"folds": 4, "across": across, "deal": deal}
+        return np.stack([in_fold(groups[rows], labels[rows], fold=i, **options) for i in range(4)])
 
     assert tested(3).reshape(4, 2, 12).sum(axis=2).tolist() == [[3, 3]] * 4
     np.testing.assert_array_equal(tested(3)[:, 12:], tested(3, labels == 1))
     assert (tested(3)[:, :12] != tested(3)[:, 12:]).any()
-    assert (
-        len(
-            {tested(deal, across=across).tobytes() for deal in range(5) for across in (False, True)}
-        )
-        == 9
-    )
+    per_class = {tested(deal).tobytes() for deal in range(5)}
+    across_classes = {tested(deal, across=True).tobytes() for deal in range(5)}
+    assert len(per_class | across_classes) == 9  # the deal 0 shuffles nothing
 
 
 @pytest.mark.parametrize("by", ["recording", "grasp", "session"])
 @settings(max_examples=25, deadline=None)
 @given(
-    st.tuples(*(st.integers(1, most) for most in (4, 4, 3))), st.integers(2, 5), st.integers(0, 9)
+    st.tuples(st.integers(1, 4), st.integers(1, 4), st.integers(1, 3)),
+    st.integers(2, 5),
+    st.integers(0, 9),
 )
 def test_every_group_is_in_one_set_and_is_tested_in_exactly_one_fold(by, size, folds, deal):
-    columns = made(*size)
-    groups, label, across = split_groups(columns, by), columns["object"], by == "session"
+    columns = table(*size)
+    groups = split_groups(columns, by)
+    label = columns["object"]
+    across = by == "session"
     times = np.zeros(len(label), dtype=int)
     for fold in range(folds):
         inside = in_fold(groups, label, folds=folds, fold=fold, across=across, deal=deal)
         side = np.where(inside, TEST, TRAIN).astype(np.int8)
-        side = with_validation_set(
-            side, groups, label, share=0.2, across=across, rng=np.random.default_rng(0)
-        )
+        rng = np.random.default_rng(0)
+        side = with_validation_set(side, groups, label, share=0.2, across=across, rng=rng)
         assert len(np.unique(np.stack([groups, side]), axis=1).T) == len(np.unique(groups))
         times += side == TEST
     pairs = np.unique(np.stack([label, groups]), axis=1)
-    alone = (np.bincount(pairs[0])[label] == 1) & (not across)
-    assert (times == ~alone).all()  # the only group of an object is never tested
+    groups_of_object = np.bincount(pairs[0])
+    only_group = (groups_of_object[label] == 1) & (not across)
+    assert (times == ~only_group).all()  # the only group of an object is never tested
 
 
 @pytest.mark.parametrize("across", [False, True])
@@ -127,49 +126,52 @@ def test_every_group_is_in_one_set_and_is_tested_in_exactly_one_fold(by, size, f
 def test_a_share_of_each_class_s_training_groups_is_drawn_and_the_last_stays(
     trained, tested, share, count, across
 ):
-    each, draws = np.repeat(np.arange(trained + tested), 3), set[bytes]()
-    groups, labels = np.concatenate([each, each + 100 * (not across)]), np.repeat([0, 1], len(each))
-    side = np.tile(np.where(each < tested, TEST, TRAIN), 2).astype(np.int8)
+    of_class = np.repeat(np.arange(trained + tested), 3)
+    groups = np.tile(of_class, 2)
+    labels = np.repeat([0, 1], len(of_class))
+    if not across:
+        groups[labels == 1] += 100
+    side = np.tile(np.where(of_class < tested, TEST, TRAIN), 2).astype(np.int8)
+    draws = set()
     for seed in range(6):
-        drawn = with_validation_set(
-            side, groups, labels, share=share, across=across, rng=np.random.default_rng(seed)
-        )
-        of_class = [
-            len(np.unique(groups[(drawn == VALIDATION) & (labels == label)])) for label in (0, 1)
-        ]
-        assert of_class == [count, count] and ((drawn == TEST) == (side == TEST)).all()
+        rng = np.random.default_rng(seed)
+        drawn = with_validation_set(side, groups, labels, share=share, across=across, rng=rng)
+        for label in (0, 1):
+            validated = (drawn == VALIDATION) & (labels == label)
+            assert len(np.unique(groups[validated])) == count
+        np.testing.assert_array_equal(drawn == TEST, side == TEST)
         draws.add(drawn.tobytes())
     assert (len(draws) > 1) == (0 < count < trained)
 
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.integers(0, 12), min_size=6, max_size=6), st.integers(1, 15))
-def test_anchors_number_the_smallest_class_or_the_minimum_or_all_there_are(sizes, minimum):
+def test_a_class_has_as_many_anchors_as_the_smallest_one_or_the_minimum_or_all(sizes, minimum):
     labels = np.repeat([0, 1, 2, 0, 1, 2], sizes)
     side = np.repeat([TRAIN] * 3 + [VALIDATION] * 3, sizes)
     keep = np.arange(len(side)) % 3 > 0
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "FEWEST_ANCHORS", minimum)
-        anchor = draw_anchors(
-            {"object": labels}, side, keep, np.random.default_rng(0), published=False
-        )
+        rng = np.random.default_rng(0)
+        anchor = draw_anchors({"object": labels}, side, keep, rng, published=False)
     assert not (anchor & ~keep).any()
     for code in (TRAIN, VALIDATION):
         of_class = [(labels == label) & (side == code) for label in range(3)]
         kept = [(frames & keep).sum() for frames in of_class]
-        count = max(minimum, min(filter(None, kept), default=0))
-        assert [(frames & anchor).sum() for frames in of_class] == [
-            min(size, count) for size in kept
-        ]
+        smallest = min(filter(None, kept), default=0)
+        count = max(minimum, smallest)
+        anchors = [(frames & anchor).sum() for frames in of_class]
+        assert anchors == [min(size, count) for size in kept]
 
 
 def test_every_frame_is_as_often_an_anchor(monkeypatch):
     monkeypatch.setattr(module, "FEWEST_ANCHORS", 5)
-    side, keep, rng = np.full(22, TRAIN), np.ones(22, bool), np.random.default_rng(0)
+    side = np.full(22, TRAIN)
+    keep = np.ones(22, bool)
+    rng = np.random.default_rng(0)
     columns = {"object": np.repeat([0, 1], [20, 2])}
-    share = np.mean(
-        [draw_anchors(columns, side, keep, rng, published=False) for _ in range(1000)], axis=0
-    )
+    draws = [draw_anchors(columns, side, keep, rng, published=False) for _ in range(1000)]
+    share = np.mean(draws, axis=0)
     np.testing.assert_allclose(share, np.repeat([0.25, 1], [20, 2]), atol=0.06)
 
 
@@ -184,15 +186,13 @@ def test_surplus_groups_are_those_after_the_first_of_each_class_in_the_training_
 
 def test_a_class_whose_groups_would_be_dealt_to_one_fold_is_held_out_in_two():
     """Sessions 0 and 3 are dealt to one fold in turn; class 2 is in no other session."""
-    groups, labels = np.array([0, 1, 2, 0, 1, 2, 0, 3, 3]), np.repeat([0, 1, 2], 3)
-    in_turn = [in_fold(groups, labels, folds=3, fold=fold, across=True) for fold in range(3)]
-    assert np.flatnonzero(in_turn[0]).tolist() == [0, 3, 6, 7, 8]
+    groups = np.array([0, 1, 2, 0, 1, 2, 0, 3, 3])
+    labels = np.repeat([0, 1, 2], 3)
+    in_turn = in_fold(groups, labels, folds=3, fold=0, across=True)
+    assert np.flatnonzero(in_turn).tolist() == [0, 3, 6, 7, 8]
     masks = complete_folds(groups, labels, 3)
-    assert [np.flatnonzero(held_out).tolist() for held_out in masks] == [
-        [0, 3, 6],
-        [1, 4, 7, 8],
-        [2, 5],
-    ]
+    rows = [np.flatnonzero(held_out).tolist() for held_out in masks]
+    assert rows == [[0, 3, 6], [1, 4, 7, 8], [2, 5]]
 
 
 def test_every_class_keeps_a_group_where_folds_of_scikit_learn_would_take_all():
@@ -232,29 +232,38 @@ def test_a_class_keeps_a_training_group_where_the_groups_of_all_are_drawn_at_onc
     assert lost > 0
 
 
+def folds_in_turn(groups, labels, *, folds, across):
+    """Return the rows bool (T,) of each fold that holds out any, with groups dealt in turn."""
+    masks = [in_fold(groups, labels, folds=folds, fold=i, across=across) for i in range(folds)]
+    return [held_out for held_out in masks if held_out.any()]
+
+
 def test_complete_folds_hold_out_every_class_of_two_groups_in_turn_where_that_is_enough():
     for seed in range(200):
         rng = np.random.default_rng(seed)
-        classes, spanning, folds = rng.integers(1, 9), rng.integers(2, 10), int(rng.integers(2, 5))
+        classes = rng.integers(1, 9)
+        sessions = rng.integers(2, 10)
+        folds = int(rng.integers(2, 5))
         counts = rng.integers(1, 6, classes)
         labels = np.repeat(np.arange(classes), counts)
-        groups = np.concatenate([rng.permutation(spanning + 4)[:count] for count in counts])
-        masks = complete_folds(groups, labels, folds)
+        groups = np.concatenate([rng.permutation(sessions + 4)[:count] for count in counts])
         repeated = counts[labels] > 1
-        assert (np.sum([repeated & False, *masks], axis=0) == repeated).all()  # each once
-        for held_out in masks:
+        times = np.zeros(len(labels), dtype=int)
+        for held_out in complete_folds(groups, labels, folds):
+            times += held_out
             assert set(labels[held_out]) <= set(labels[~held_out])
             assert not set(groups[held_out]) & set(groups[~held_out & repeated])
-        apart = rng.permutation(len(labels)) + 10 * seed  # a group of each row
-        session = np.tile(np.arange(spanning), classes)  # every class is in every session
-        in_session = np.repeat(np.arange(classes), spanning)
-        for group, label in ((apart, labels), (session, in_session)):
-            across = group is session
-            in_turn = [
-                in_fold(group, label, folds=folds, fold=fold, across=across)
-                for fold in range(folds)
-            ]
-            expected = [held_out for held_out in in_turn if held_out.any()]
-            masks = complete_folds(group, label, folds)
-            assert len(masks) == len(expected)
-            assert all(map(np.array_equal, masks, expected))
+        assert (times == repeated).all()
+        # every row has a group of its own
+        apart = rng.permutation(len(labels)) + 10 * seed
+        np.testing.assert_array_equal(
+            complete_folds(apart, labels, folds),
+            folds_in_turn(apart, labels, folds=folds, across=False),
+        )
+        # every class is in every session
+        session = np.tile(np.arange(sessions), classes)
+        in_session = np.repeat(np.arange(classes), sessions)
+        np.testing.assert_array_equal(
+            complete_folds(session, in_session, folds),
+            folds_in_turn(session, in_session, folds=folds, across=True),
+        )

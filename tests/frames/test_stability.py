@@ -37,31 +37,33 @@ PARAMS = recipe(
 def input_error(counts, baseline=None, transform="clip"):
     """Return the error of the network input of counts (n, H, W) above a baseline (1, H, W).
 
-    The counts take the place of the counts in the small table, or in another table.
+    The counts take the place of the counts in the small table. Without a baseline its first one is
+    subtracted.
     """
-    mean = table().baseline_mean[:1] if baseline is None else baseline
+    if baseline is None:
+        baseline = table().baseline_mean[:1]
     columns = pd.DataFrame({"baseline": np.zeros(len(counts), dtype=int)})
-    frames = replace(table(), counts=counts, columns=columns, baseline_mean=mean)
+    frames = replace(table(), counts=counts, columns=columns, baseline_mean=baseline)
     frames = with_settings(frames, transform=transform)
-    excess = counts.astype(np.float64) - mean.astype(np.float64)
-    exact = (
-        np.clip(excess / frames.scale, 0, 1)
-        if transform == "clip"
-        else np.log1p(np.maximum(excess, 0))
-    )
+    excess = counts.astype(np.float64) - baseline.astype(np.float64)
+    if transform == "clip":
+        exact = np.clip(excess / frames.scale, 0, 1)
+    else:
+        exact = np.log1p(np.maximum(excess, 0))
     return max_rel_error(frames.inputs(np.arange(len(exact))), exact)
 
 
 def exact_moments(counts):
     """Return the mean and standard deviation (H, W) of counts (T, H, W), by exact sums."""
-    columns = [[float(x) for x in column] for column in counts.reshape(len(counts), -1).T]
-    means = [math.fsum(column) / len(column) for column in columns]
-    pairs = zip(columns, means, strict=True)
-    spreads = [
-        math.sqrt(math.fsum((x - mean) ** 2 for x in column) / len(column))
-        for column, mean in pairs
-    ]
-    return tuple(np.array(values).reshape(counts.shape[1:]) for values in (means, spreads))
+    means = np.zeros(counts.shape[1:])
+    spreads = np.zeros(counts.shape[1:])
+    for sensor in np.ndindex(means.shape):
+        readings = [float(reading) for reading in counts[:, *sensor]]
+        mean = math.fsum(readings) / len(readings)
+        squares = math.fsum((reading - mean) ** 2 for reading in readings)
+        means[sensor] = mean
+        spreads[sensor] = math.sqrt(squares / len(readings))
+    return means, spreads
 
 
 @pytest.mark.stability("unusual frames")
@@ -81,8 +83,8 @@ def test_a_signal_in_the_last_digits_of_a_billion(row, tmp_path, name, offset, k
     counts = (offset + np.random.default_rng(0).integers(-3, 4, (400, 2, 2))).astype(kind)
     mean, noise = trimmed_moments(counts)
     exact, spread = exact_moments(counts)
-    off = np.abs(mean - exact).max() / np.spacing(float(offset))
-    row(f"mean baseline, in last digits of the offset, {name}", off, 1)
+    last_digits = np.abs(mean - exact).max() / np.spacing(float(offset))
+    row(f"mean baseline, in last digits of the offset, {name}", last_digits, 1)
     row(f"noise of the baseline, {name}", max_rel_error(noise, spread), ROUNDING)
     pressed = np.concatenate([counts, counts, counts + kind(120)])
     recordings = written(tmp_path / "t", pressed, object=np.arange(1200) // 400)
@@ -93,12 +95,10 @@ def test_a_signal_in_the_last_digits_of_a_billion(row, tmp_path, name, offset, k
 @pytest.mark.stability("a million frames of drift")
 def test_a_baseline_that_drifts_over_a_million_frames(row):
     drift = BASELINE + np.arange(10**6) // 10**4
-    counts = (
-        np.stack([drift, 2 * drift - 300, 30 * drift, -drift], axis=1)
-        .reshape(-1, 2, 2)
-        .astype(np.int16)
-    )
-    (mean, noise), (exact, spread) = trimmed_moments(counts), exact_moments(counts)
+    sensors = [drift, 2 * drift - 300, 30 * drift, -drift]
+    counts = np.stack(sensors, axis=1).reshape(-1, 2, 2).astype(np.int16)
+    mean, noise = trimmed_moments(counts)
+    exact, spread = exact_moments(counts)
     row("mean baseline", max_rel_error(mean, exact), ROUNDING)
     row("noise of the baseline", max_rel_error(noise, spread), ROUNDING)
 
@@ -111,26 +111,25 @@ def test_a_baseline_that_drifts_over_a_million_frames(row):
 def test_of_a_sensor_without_noise_one_count_more_is_noise_and_two_are_contact(
     row, tmp_path, name, kind, unit
 ):
-    quiet, pressed = np.full((20, 3, 3), 500), np.repeat([0, 1, 2, 3, 40], 4)
+    quiet = np.full((20, 3, 3), 500)
     quiet[::3, 2, 2] += 1  # only one sensor has noise
+    pressed = np.repeat([0, 1, 2, 3, 40], 4)
     touched = np.broadcast_to(500 + pressed[:, None, None], (20, 3, 3))
     counts = (unit * np.concatenate([quiet, touched])).astype(kind)
     recordings = written(tmp_path / "t", counts, object=np.arange(40) // 20)
     baseline = measure_baseline(recordings, PARAMS.preprocess, session_moments(recordings))
     contact = pressed_frames(recordings, baseline, 8)
     noise = baseline.noise.ravel()[:8]
-    row(
-        f"noise of the baseline, {name}", max_rel_error(noise, np.full(8, ROUNDING_SD * unit)), 1e-4
-    )
+    noise_error = max_rel_error(noise, np.full(8, ROUNDING_SD * unit))
+    row(f"noise of the baseline, {name}", noise_error, 1e-4)
     row(f"frames in contact, {name}", share_different(contact[20:], pressed > 5 * ROUNDING_SD))
 
 
 def prepared(path, counts, **columns):
     """Return the frames of recordings (R, T, H, W) with different names; folds are recordings."""
     recording = np.repeat(np.arange(len(counts)), counts.shape[1])
-    recordings = written(
-        path, counts.reshape(-1, *counts.shape[2:]), recording=recording, **columns
-    )
+    frames = counts.reshape(-1, *counts.shape[2:])
+    recordings = written(path, frames, recording=recording, **columns)
     return preprocess_recordings(recordings, PARAMS.preprocess, PARAMS.split).frames
 
 
@@ -146,6 +145,14 @@ def test_sensors_that_never_change_are_refused(row, tmp_path, reading):
     )
 
 
+def pressed_rows(index):
+    """Return which rows of sensors are pressed in a recording.
+
+    Objects alternate from recording to recording.
+    """
+    return slice(0, 4) if index % 2 == 0 else slice(4, 8)
+
+
 def two_grasped_objects():
     """Return readings (R, T, 8, 8) around 0 of six recordings.
 
@@ -153,8 +160,8 @@ def two_grasped_objects():
     """
     rng = np.random.default_rng(0)
     readings = rng.normal(0, 1, (6, 24, 8, 8)) - 40
-    for number, grasp in enumerate(readings):
-        grasp[7:18, 4 * (number % 2) : 4 * (number % 2) + 4] += rng.uniform(40, 80, (11, 4, 8))
+    for index, recording in enumerate(readings):
+        recording[7:18, pressed_rows(index)] += rng.uniform(40, 80, (11, 4, 8))
     return readings
 
 
@@ -165,15 +172,15 @@ def automatic(path, readings):
     names.
     """
     path.mkdir()
-    for number, counts in enumerate(np.reshape(readings, (6, -1, 8, 8))):
-        folder = path / "source" / ("mug", "ball")[number % 2]
+    for index, counts in enumerate(np.reshape(readings, (6, -1, 8, 8))):
+        folder = path / "source" / ("mug", "ball")[index % 2]
         folder.mkdir(parents=True, exist_ok=True)
-        np.save(folder / f"{number}.npy", counts)
+        np.save(folder / f"{index}.npy", counts)
     recordings = read_here(path / "source", path / "table")
     params = recipe("split.by=recording", "split.folds=3")
-    made = preprocess_recordings(recordings, params.preprocess, params.split)
-    chosen = {note.key: note.value for note in made.choice.notes}
-    return chosen, made.frames.inputs(np.arange(len(made.frames.label)))
+    result = preprocess_recordings(recordings, params.preprocess, params.split)
+    chosen = {note.key: note.value for note in result.choice.notes}
+    return chosen, result.frames.inputs(np.arange(len(result.frames.label)))
 
 
 @pytest.mark.stability("readings far from one")
@@ -184,41 +191,30 @@ def test_what_is_recommended_and_the_network_input_do_not_depend_on_the_unit(row
     The reference is multiplied by 1e3, since the released scale does not fit such readings.
     """
     chosen, expected = automatic(tmp_path / "reference", (1e3 * two_grasped_objects()).astype(kind))
-    for number, factor in enumerate((1e-30, 1e-20, 1e20, 8e27)):
-        of_unit, inputs = automatic(
-            tmp_path / f"{number}", (factor * two_grasped_objects()).astype(kind)
-        )
-        others = [
-            key for key in chosen if of_unit.get(key) != chosen[key] and key != "preprocess.scale"
-        ]
-        row(
-            f"settings that differ, {factor:g} times, {kind.__name__}",
-            len(others),
-            0,
-            ", ".join(others),
-        )
+    for index, factor in enumerate((1e-30, 1e-20, 1e20, 8e27)):
+        readings = (factor * two_grasped_objects()).astype(kind)
+        of_unit, inputs = automatic(tmp_path / f"{index}", readings)
+        unit = f"{factor:g} times, {kind.__name__}"
+        others = [key for key in chosen if key != "preprocess.scale"]
+        differing = [key for key in others if of_unit.get(key) != chosen[key]]
+        row(f"settings that differ, {unit}", len(differing), 0, ", ".join(differing))
         ratio = of_unit["preprocess.scale"] / factor / (chosen["preprocess.scale"] / 1e3)
-        row(f"scale in the unit, {factor:g} times, {kind.__name__}", abs(ratio - 1), 1e-6)
-        row(
-            f"network input, {factor:g} times, {kind.__name__}",
-            max_rel_error(inputs, expected),
-            2 * ROUNDING,
-        )
+        row(f"scale in the unit, {unit}", abs(ratio - 1), 1e-6)
+        row(f"network input, {unit}", max_rel_error(inputs, expected), 2 * ROUNDING)
+
+
+TOO_SMALL = "no sensor varies by more than .*e-299; expected 1e-30 or more: rescale the readings"
+TOO_LARGE = (
+    "strongest hundredth of the sensors in contact .* expected 1e-30 to 1e.30: rescale the readings"
+)
 
 
 @pytest.mark.stability("readings far from one")
 @pytest.mark.parametrize(
     ("factor", "message"),
     [
-        (
-            1e-300,
-            "no sensor varies by more than .*e-299; expected 1e-30 or more: rescale the readings",
-        ),
-        (
-            2e28,
-            "strongest hundredth of the sensors in contact .* expected 1e-30 to 1e.30: "
-            "rescale the readings",
-        ),
+        (1e-300, TOO_SMALL),
+        (2e28, TOO_LARGE),
         (1e30, r"expected real numbers from -1e\+30 to 1e\+30"),
     ],
 )
@@ -229,17 +225,16 @@ def test_readings_for_which_params_has_no_scale_are_refused(row, tmp_path, facto
 
 @pytest.mark.stability("the ends of 16 bits")
 def test_the_least_and_the_most_that_16_bits_hold_are_65_535_apart(row, tmp_path):
-    lowest, highest = np.iinfo(np.int16).min, np.iinfo(np.int16).max
+    lowest = np.iinfo(np.int16).min
+    highest = np.iinfo(np.int16).max
     counts = np.full((6, 24, 8, 8), lowest)
     counts += np.random.default_rng(0).integers(0, 3, counts.shape)
-    for number, grasp in enumerate(counts):
-        grasp[7:18, 4 * (number % 2) : 4 * (number % 2) + 4] = highest - number
+    for index, recording in enumerate(counts):
+        recording[7:18, pressed_rows(index)] = highest - index
     chosen, inputs = automatic(tmp_path / "t", counts.astype(np.int16))
-    row(
-        "scale",
-        abs(chosen["preprocess.scale"] / (highest - lowest) - 1),
-        0.02,
-        f"{chosen['preprocess.scale']:g}",
-    )
-    row("network input out of [0, 1]", float(((inputs < 0) | (inputs > 1)).sum()))
-    row("sensors that read neither 0 nor 1", float(((inputs > 1e-4) & (inputs < 0.99)).mean()))
+    scale = chosen["preprocess.scale"]
+    row("scale", abs(scale / (highest - lowest) - 1), 0.02, f"{scale:g}")
+    outside = (inputs < 0) | (inputs > 1)
+    row("network input out of [0, 1]", float(outside.sum()))
+    between = (inputs > 1e-4) & (inputs < 0.99)
+    row("sensors that read neither 0 nor 1", float(between.mean()))

@@ -31,16 +31,19 @@ GRASPS = (
     (3e10, 1e11, 0.0007, 2.0),
     (3e11, 1e12, 0.0007, 2.0),
 )
-# m: above the palm, so that only fingers touch it at first
-BALL, BALL_AT = sphere(0.034), (0.075, 0.0, 0.037)
+# m: a ball above the palm, so that only fingers touch it at first
+BALL = sphere(0.034)
+BALL_AT = (0.075, 0.0, 0.037)
 TILES = 4  # patches of a bed along each side
 SPHERE_RADIUS = 0.1  # m, of the sphere on a bed
-RTOL, MOST = 1e-6, 60_000  # of Radau: its tolerance, and its largest number of evaluations
+RTOL = 1e-6  # Radau's tolerance
+MAX_EVALUATIONS = 60_000  # Radau's largest number of evaluations
 FLAT = (0.08, 0.04, 0.03)  # m: a plate that lies on the palm between the fingers and the thumb
-# of the plate: its x in m; the least stiffness of its sensors together, N/m
-MIDDLE, FIRM = 0.02, 15_000.0
-SUNK = 2e-4  # m by which it sinks in at most: the sensors beside the two rows are 0.5 mm lower
-OBJECTS_BY_NAME = {one.name: one for one in OBJECTS}
+MIDDLE = 0.02  # m: the x of the plate
+FIRM = 15_000.0  # N/m: the least stiffness of the plate's sensors together
+# m by which the plate sinks in at most: the sensors beside the two rows are 0.5 mm lower
+SUNK = 2e-4
+OBJECTS_BY_NAME = {grasp_object.name: grasp_object for grasp_object in OBJECTS}
 GRIPPED = [
     OBJECTS_BY_NAME[name]
     for name in ("ball", "mug", "chain", "empty_hand", "tea_box", "safety_glasses")
@@ -64,8 +67,9 @@ def bed(count: int, width: float, *, hands: int = 1) -> Hands:
         [(column - middle) * pitch, (row - middle) * pitch, np.zeros(len(row))], axis=1
     )
     normal = np.tile([0.0, 0.0, 1.0], (len(row), 1))
-    values = (local, normal, np.full(len(row), pitch**2), BASES, LINKS)
-    return Hands(row, column, patch, *(np.stack([each] * hands) for each in values))
+    area = np.full(len(row), pitch**2)
+    repeated = [np.stack([values] * hands) for values in (local, normal, area, BASES, LINKS)]
+    return Hands(row, column, patch, *repeated)
 
 
 def scene(
@@ -106,17 +110,17 @@ def scene(
         "rotation": rotation,
         "load": load,
     }
-    drive = Drive(
-        **{
-            name: np.broadcast_to(values[name], (count, knots, *size)).astype(float)
-            for name, size in shapes.items()
-        }
-    )
-    solids = Solids([list(one) for one in parts] * (count if len(parts) == 1 else 1))
+    at_knots = {
+        name: np.broadcast_to(values[name], (count, knots, *size)).astype(float)
+        for name, size in shapes.items()
+    }
+    unions = [list(primitives) for primitives in parts]
+    if len(unions) == 1:
+        unions = unions * count
+    if hands is None:
+        hands = stag_hands(*[USUAL] * count)
     stiffness = np.broadcast_to(np.asarray(stiffness, dtype=float), count)
-    return Mechanics(
-        hands or stag_hands(*[USUAL] * count), solids, stiffness, drive, layer, motion=motion
-    )
+    return Mechanics(hands, Solids(unions), stiffness, Drive(**at_knots), layer, motion=motion)
 
 
 def gripping_hands(*, motion: bool, seed: int = 0) -> tuple[Mechanics, np.ndarray]:
@@ -125,26 +129,34 @@ def gripping_hands(*, motion: bool, seed: int = 0) -> tuple[Mechanics, np.ndarra
     The objects are pressed a little into the palm.
     """
     rng = np.random.default_rng(seed)
-    rotations = [
-        Rotation.from_rotvec(rng.normal(0, 0.2, 3)) * Rotation.from_rotvec(o.orientation)
-        for o in GRIPPED
-    ]
     count = len(GRIPPED)
-    height = np.array(
-        [one.lowest(turned.as_matrix()) for one, turned in zip(GRIPPED, rotations, strict=True)]
-    )
-    position = np.stack([np.full(count, 0.07), rng.normal(0, 0.004, count), height - 0.001], axis=1)
+    rotations = []
+    heights = []
+    for grasp_object in GRIPPED:
+        tilt = Rotation.from_rotvec(rng.normal(0, 0.2, 3))
+        rotation = tilt * Rotation.from_rotvec(grasp_object.orientation)
+        rotations.append(rotation.as_rotvec())
+        heights.append(grasp_object.lowest(rotation.as_matrix()) - 0.001)
+    position = np.stack([np.full(count, 0.07), rng.normal(0, 0.004, count), heights], axis=1)
     q = rng.uniform(0.5, 1.3, (count, 5, 2))
-    q[0, 3] = 1.75, 2.0  # beyond the joints' limits
+    q[0, 3] = [1.75, 2.0]  # beyond the joints' limits
     mechanics = scene(
-        [one.parts for one in GRIPPED], position, posture=q[:, None] - 0.1, hands=stag_hands(*FITS),
-        stiffness=[one.stiffness for one in GRIPPED], motion=motion, squeeze=0.1, opposition=0.9,
-        rotation=np.stack([one.as_rotvec() for one in rotations])[:, None], load=(0.1, -0.2, -0.5),
-    )  # fmt: skip
+        [grasp_object.parts for grasp_object in GRIPPED],
+        position,
+        posture=q[:, None] - 0.1,
+        hands=stag_hands(*FITS),
+        stiffness=[grasp_object.stiffness for grasp_object in GRIPPED],
+        motion=motion,
+        squeeze=0.1,
+        opposition=0.9,
+        rotation=np.stack(rotations)[:, None],
+        load=(0.1, -0.2, -0.5),
+    )
     y = q.reshape(count, 10)
-    return mechanics, np.concatenate(
-        [y, position + rng.normal(0, 3e-4, position.shape)], axis=1
-    ) if motion else y
+    if motion:
+        moved = position + rng.normal(0, 3e-4, position.shape)
+        y = np.concatenate([y, moved], axis=1)
+    return mechanics, y
 
 
 def sphere_on_bed() -> tuple[Mechanics, np.ndarray]:
@@ -181,10 +193,8 @@ def free_finger(*, posture=0.3, squeeze=0.0, knots=2, **layer: float) -> Mechani
 
 def rod(damping: float) -> Mechanics:
     """Return fingers that would close behind a rod within a frame; `damping` is in N m s/rad."""
-    across, layer = (
-        capsule(0.012, 0.2, rotation=(np.pi / 2, 0, 0)),
-        replace(LAYER, joint_damping=damping),
-    )
+    across = capsule(0.012, 0.2, rotation=(np.pi / 2, 0, 0))
+    layer = replace(LAYER, joint_damping=damping)
     mechanics = scene([[across]], [0.105, 0, 0.05], posture=0.1, layer=layer, knots=3, motion=False)
     mechanics.drive.posture[0, 2:] = 1.5
     return mechanics
@@ -222,11 +232,12 @@ def grasp(setting: tuple[float, float, float, float], *, seed: int, frames: int)
 def forces(mechanics: Mechanics, states: np.ndarray) -> np.ndarray:
     """Return the forces (B, T, S) N on sensors at states (B, T, n), whichever way they face."""
     hands, frames, _ = states.shape
-    out, rows = np.zeros((hands, frames, len(mechanics.hands.patch))), np.arange(hands)
+    rows = np.arange(hands)
+    total = np.zeros((hands, frames, len(mechanics.hands.patch)))
     for t in range(frames):
         balance = mechanics.evaluate(rows, np.full(hands, t + 1.0), states[:, t], palm=True)
-        np.add.at(out[:, t], (balance.contacts.row, balance.contacts.sensor), balance.force)
-    return out
+        np.add.at(total[:, t], (balance.contacts.row, balance.contacts.sensor), balance.force)
+    return total
 
 
 def radau(
@@ -234,7 +245,7 @@ def radau(
 ) -> np.ndarray:
     """Return states (1, frames, n) of the first hand from y (1, n), by Radau."""
     states, _ = integrate_with_scipy(
-        "Radau", mechanics, 0, y[0], frames, frame, rtol=rtol, max_evaluations=MOST
+        "Radau", mechanics, 0, y[0], frames, frame, rtol=rtol, max_evaluations=MAX_EVALUATIONS
     )
     return states[None]
 
@@ -258,10 +269,12 @@ def plate(lambda_h: float, *, frames: int) -> tuple[Mechanics, np.ndarray, np.nd
             sensors.
     """
     hand = stag_hands()
-    (x, y, z), area = hand.local[0].T, hand.area[0]
-    x, y = x - MIDDLE, np.abs(y)
-    below = (hand.patch >= LINK_PATCHES) & (np.abs(x) < FLAT[0] / 2) & (y < FLAT[1] / 2)
-    carry = below & (y > y[below].max() - 1e-6)
+    x, y, z = hand.local[0].T
+    area = hand.area[0]
+    across = np.abs(y)  # m from the middle of the plate
+    on_palm = hand.patch >= LINK_PATCHES
+    below = on_palm & (np.abs(x - MIDDLE) < FLAT[0] / 2) & (across < FLAT[1] / 2)
+    carry = below & (across > across[below].max() - 1e-6)
     damping = max(2.0, (FIRM + HOLDING) * FRAME / lambda_h)  # N s/m
     whole = damping * lambda_h / FRAME  # N/m: sensors and holding
     per_area = (whole - HOLDING) / area[carry].sum()
@@ -280,23 +293,17 @@ def plate(lambda_h: float, *, frames: int) -> tuple[Mechanics, np.ndarray, np.nd
     )
     load = min(8.0, 1.5 * SUNK * whole) * np.where(np.arange(frames + 1) % 2, 1.0, 0.5)  # N
     mechanics.drive.load[0, :, 2] = -load
-    start, depth, exact = (
-        mechanics.drive.position[:, 0] - [0, 0, load[1] / whole],
-        load[1] / whole,
-        [],
-    )
+    depth = load[1] / whole
+    start = mechanics.drive.position[:, 0] - [0, 0, depth]
+    state = np.concatenate([mechanics.drive.posture[:, 0].reshape(1, 10), start], axis=1)
+    decay = np.exp(-FRAME * whole / damping)
+    depths = []
     for begin, end in pairwise(load):
         lag = (end - begin) / FRAME * damping / whole
-        depth = (end - lag) / whole + (depth - (begin - lag) / whole) * np.exp(
-            -FRAME * whole / damping
-        )
-        exact.append(depth)
-    force = np.array(exact)[:, None] * np.where(carry, per_area * area, 0.0)
-    return (
-        mechanics,
-        np.concatenate([mechanics.drive.posture[:, 0].reshape(1, 10), start], axis=1),
-        force[None],
-    )
+        depth = (end - lag) / whole + (depth - (begin - lag) / whole) * decay
+        depths.append(depth)
+    force = np.array(depths)[:, None] * np.where(carry, per_area * area, 0.0)
+    return mechanics, state, force[None]
 
 
 def points(hands: Hands, hand: int, pose: Pose, row: int) -> np.ndarray:
@@ -305,11 +312,14 @@ def points(hands: Hands, hand: int, pose: Pose, row: int) -> np.ndarray:
     The hand is a row of the pose.
     """
     sensors = zip(hands.patch, hands.local[hand], strict=True)
-    return np.array([pose.origin[row, n] + pose.axes[row, n] @ local for n, local in sensors])
+    positions = [
+        pose.origin[row, patch] + pose.axes[row, patch] @ local for patch, local in sensors
+    ]
+    return np.array(positions)
 
 
 def recipe(objects=("ball", "coin"), *, without=(), **changes) -> Recipe:
-    """Return two sessions of one grasp, 22 frames, with all effects but those in `without`."""
+    """Return two sessions of one grasp, 22 frames, with all effects except those in `without`."""
     defaults = {"sessions": 2, "frames": 22, "grasps": 1, "seed": 0, "layer": LAYER}
     return Recipe(
         select_objects(list(objects)),
@@ -321,4 +331,5 @@ def recipe(objects=("ball", "coin"), *, without=(), **changes) -> Recipe:
 def simulated_counts(recipe: Recipe) -> tuple[np.ndarray, Simulation]:
     """Return the counts (B, T, S) of all recordings of a recipe, and the simulation."""
     run = Simulation(recipe)
-    return np.concatenate(list(run.blocks()), axis=1)[..., run.hands.row, run.hands.column], run
+    frames = np.concatenate(list(run.blocks()), axis=1)
+    return frames[..., run.hands.row, run.hands.column], run

@@ -16,11 +16,15 @@ angles = st.lists(st.floats(-0.5, 2.0), min_size=10, max_size=10).map(
 
 
 def chained(hand, q, opposition):
-    """(S, 3) places and normals of the sensors, each by its own chain of rotations."""
+    """Return the positions (S, 3) m of the sensors and their normals (S, 3).
+
+    Each sensor has its own chain of rotations.
+    """
     places, normals = np.zeros((2, len(hand.row), 3))
     for s, patch in enumerate(hand.patch):
         if patch >= LINK_PATCHES:
-            places[s], normals[s] = hand.local[0, s], hand.normal[0, s]
+            places[s] = hand.local[0, s]
+            normals[s] = hand.normal[0, s]
             continue
         finger, link = divmod(int(patch), 3)
         if finger == THUMB:
@@ -28,14 +32,16 @@ def chained(hand, q, opposition):
         else:
             rotation = Rotation.from_euler("Z", FINGER_SPREAD[finger])
         position = hand.bases[0, finger].copy()
-        for joint, angle in enumerate(
-            (q[finger, 0], q[finger, 1], q[finger, 1] * 2 / 3)[: link + 1]
-        ):
-            rotation = rotation * Rotation.from_euler("Y", -angle)
-            position += rotation.apply(
-                [hand.links[0, finger, joint], 0, 0] if joint < link else hand.local[0, s]
-            )
-        places[s], normals[s] = position, rotation.apply(hand.normal[0, s])
+        # the last joint is coupled to the middle one
+        angles_of_joints = [q[finger, 0], q[finger, 1], q[finger, 1] * 2 / 3]
+        for joint in range(link + 1):
+            rotation = rotation * Rotation.from_euler("Y", -angles_of_joints[joint])
+            if joint < link:
+                position += rotation.apply([hand.links[0, finger, joint], 0, 0])
+            else:
+                position += rotation.apply(hand.local[0, s])
+        places[s] = position
+        normals[s] = rotation.apply(hand.normal[0, s])
     return places, normals
 
 
@@ -53,7 +59,6 @@ def test_every_sensor_is_where_its_own_chain_of_rotations_takes_it(q, opposition
     pose = hand.pose(np.array([0]), q, np.array([opposition]))
     places, normals = chained(hand, q[0], opposition)
     np.testing.assert_allclose(points(hand, 0, pose, 0), places, atol=1e-14)
-    turned = np.array(
-        [pose.axes[0, n] @ normal for n, normal in zip(hand.patch, hand.normal[0], strict=True)]
-    )
+    sensors = zip(hand.patch, hand.normal[0], strict=True)
+    turned = np.array([pose.axes[0, patch] @ normal for patch, normal in sensors])
     np.testing.assert_allclose(turned, normals, atol=1e-14)

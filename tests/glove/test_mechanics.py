@@ -1,6 +1,6 @@
 """Mechanics: forces are slopes of the energy, and a sphere on a bed has a closed form.
 
-The closed form is the one of an elastic foundation.
+The closed form belongs to an elastic foundation.
 """
 
 import numpy as np
@@ -13,10 +13,13 @@ from tactile_viewgcn.glove.hand import LINK_PATCHES
 from tactile_viewgcn.glove.shapes import sphere
 from tests.glove.scenes import LAYER, bed, gripping_hands, scene
 
-WIDTH, RADIUS, DEPTH = 0.04, 0.1, 0.001  # m: of the bed; of a sphere; and its depth in the bed
+WIDTH = 0.04  # m, of the bed
+RADIUS = 0.1  # m, of a sphere
+DEPTH = 0.001  # m by which the sphere sinks into the bed
 
 
 def balanced(mechanics, y):
+    """Return the balance of all hands and their palms at states (B, n)."""
     return mechanics.evaluate(np.arange(len(y)), np.zeros(len(y)), y, palm=True)
 
 
@@ -36,12 +39,12 @@ def test_the_residual_is_the_slope_of_the_energy(motion):
         assert {False, True} == set(on_palm[balance.contacts.row == row])  # fingers and palm
     step = 1e-7
     for unknown in range(mechanics.size):
-        ahead, behind = y.copy(), y.copy()
+        ahead = y.copy()
         ahead[:, unknown] += step
+        behind = y.copy()
         behind[:, unknown] -= step
-        slope = (balanced(mechanics, ahead).energy - balanced(mechanics, behind).energy) / (
-            2 * step
-        )
+        difference = balanced(mechanics, ahead).energy - balanced(mechanics, behind).energy
+        slope = difference / (2 * step)
         np.testing.assert_allclose(balance.residual[:, unknown], slope, rtol=2e-5, atol=2e-6)
 
 
@@ -66,9 +69,8 @@ def test_the_change_of_the_forces_is_that_of_a_small_step(motion):
     after = balanced(mechanics, y + dy)
     np.testing.assert_array_equal(after.contacts.sensor, balance.contacts.sensor)
     change = mechanics.force_change(balance, np.arange(len(y)), dy)
-    np.testing.assert_allclose(
-        change, after.force - balance.force, atol=1e-3 * np.abs(change).max()
-    )
+    tolerance = 1e-3 * np.abs(change).max()
+    np.testing.assert_allclose(change, after.force - balance.force, atol=tolerance)
 
 
 def test_finer_beds_come_ever_closer_to_the_closed_form():
@@ -76,7 +78,8 @@ def test_finer_beds_come_ever_closer_to_the_closed_form():
 
     So the force is F_z = pi k (R - d) d^2.
     """
-    stiff, height = 1 / (1 / LAYER.stiffness + 1 / 1e9), RADIUS - DEPTH
+    stiff = 1 / (1 / LAYER.stiffness + 1 / 1e9)
+    height = RADIUS - DEPTH
     load = np.pi * stiff * height * DEPTH**2
     # sum of the sizes of the forces, whatever their directions
     total = np.pi * stiff * (RADIUS * DEPTH**2 - 2 / 3 * DEPTH**3)
@@ -88,14 +91,13 @@ def test_finer_beds_come_ever_closer_to_the_closed_form():
         balance = pressed(count, np.c_[aside, np.full(16, height)])
         row = balance.contacts.row
         away = np.linalg.norm(balance.contacts.point[:, :2] - aside[row], axis=1)
-        furthest = np.array([away[row == one].max() for one in range(16)])
+        furthest = np.array([away[row == sphere_row].max() for sphere_row in range(16)])
         assert (np.abs(furthest - edge) < pitch).all()
-        shares = np.stack([
-            np.bincount(row, -balance.force * balance.contacts.normal[:, 2]) / load,
-            np.bincount(row, balance.force) / total,
-            # the radius of a disc with the area of the pressed sensors
-            np.sqrt(np.bincount(row) / np.pi) * pitch / edge,
-        ])  # fmt: skip
+        upward = np.bincount(row, -balance.force * balance.contacts.normal[:, 2])
+        # the radius of a disc with the area of the pressed sensors
+        disc = np.sqrt(np.bincount(row) / np.pi) * pitch
+        shares = np.stack([upward / load, np.bincount(row, balance.force) / total, disc / edge])
         errors.append(np.sqrt(((shares - 1) ** 2).mean(axis=1)))
-    assert (np.array(errors[0]) < 0.05).all() and (np.array(errors[-1]) < 1e-3).all()
+    assert (np.array(errors[0]) < 0.05).all()
+    assert (np.array(errors[-1]) < 1e-3).all()
     assert (np.diff(errors, axis=0) < 0).all()

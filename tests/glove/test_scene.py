@@ -12,25 +12,32 @@ from tactile_viewgcn.randomness import stream
 from tests.glove.scenes import OBJECTS_BY_NAME
 
 FIXED = sum(scene.PHASES.values())
-FRAMES, GRASPS = 50, 2
+FRAMES = 50
+GRASPS = 2
 PHASE, _, GRASP = schedule(FRAMES, GRASPS)
 # knots at which the object is not held yet
 ARRIVED = 1 + np.flatnonzero(list(scene.PHASES).index("arrive") >= PHASE)
 
 
 def solids(objects):
-    return Solids([list(one.parts) for one in objects])
+    """Return the solids of objects."""
+    return Solids([list(grasp_object.parts) for grasp_object in objects])
 
 
 def planned(names, *effects):
     """Return the drive of one recording of each object."""
     objects = [OBJECTS_BY_NAME[name] for name in names]
-    habits, rngs = (
+    hands = stag_hands(*[USUAL] * len(objects))
+    return plan(
+        objects,
+        hands,
+        solids(objects),
         [stream(0, name) for name in names],
         [stream(0, f"scene {name}") for name in names],
+        effects=frozenset(effects),
+        frames=FRAMES,
+        grasps=GRASPS,
     )
-    hands, sizes = stag_hands(*[USUAL] * len(objects)), {"frames": FRAMES, "grasps": GRASPS}
-    return plan(objects, hands, solids(objects), habits, rngs, effects=frozenset(effects), **sizes)
 
 
 def holds(grasp):
@@ -39,21 +46,21 @@ def holds(grasp):
 
 
 def test_a_recording_begins_with_an_open_hand_and_between_grasps_the_object_is_away():
-    drive, opening = planned(["ball", "mug"]), 1 + np.flatnonzero(PHASE == -1)
-    for number in range(GRASPS):
-        first, end = holds(number)[0], 1 + np.flatnonzero(number == GRASP)[-1]
+    drive = planned(["ball", "mug"])
+    opening = 1 + np.flatnonzero(PHASE == -1)
+    for grasp in range(GRASPS):
+        first = holds(grasp)[0]
+        end = 1 + np.flatnonzero(grasp == GRASP)[-1]
         away = drive.position[:, first, None] + [0, 0, scene.AWAY]
         np.testing.assert_allclose(drive.position[:, [end]], away)
-        if number == 0:
-            np.testing.assert_allclose(
-                drive.position[:, opening], np.repeat(away, len(opening), axis=1)
-            )
+        if grasp == 0:
+            waiting = np.repeat(away, len(opening), axis=1)
+            np.testing.assert_allclose(drive.position[:, opening], waiting)
         assert (drive.posture[:, end] >= scene.OPEN - 1e-12).all()
         assert (drive.posture[:, end] <= drive.posture[:, first]).all()
         assert (drive.posture[:, end] < drive.posture[:, first]).any()
-    np.testing.assert_allclose(
-        drive.posture[:, opening], np.broadcast_to(scene.OPEN, (2, len(opening), 5, 2))
-    )
+    open_hand = np.broadcast_to(scene.OPEN, (2, len(opening), 5, 2))
+    np.testing.assert_allclose(drive.posture[:, opening], open_hand)
     np.testing.assert_array_equal(drive.squeeze[:, ARRIVED], 0)
     for values in vars(drive).values():
         # before the first frame nothing moves
@@ -61,10 +68,8 @@ def test_a_recording_begins_with_an_open_hand_and_between_grasps_the_object_is_a
 
 
 def test_weight_pulls_down_with_mass_times_gravity_while_the_object_is_held():
-    load, grams = (
-        planned(["ball", "mug", "empty_hand"], "weight").load,
-        np.array([[55], [509], [0]]),
-    )
+    load = planned(["ball", "mug", "empty_hand"], "weight").load
+    grams = np.array([[55], [509], [0]])
     steady = np.concatenate([holds(0), holds(1)])
     np.testing.assert_array_equal(load[..., :2], 0)
     np.testing.assert_allclose(load[:, steady, 2], np.tile(-1e-3 * grams * GRAVITY, len(steady)))
@@ -73,26 +78,30 @@ def test_weight_pulls_down_with_mass_times_gravity_while_the_object_is_held():
 
 def test_fingers_close_until_they_touch():
     grasp_objects = [OBJECTS_BY_NAME[name] for name in ("mug", "ball", "empty_hand")]
-    hands, shapes, rows = stag_hands(*[USUAL] * 3), solids(grasp_objects), np.arange(3)
+    hands = stag_hands(*[USUAL] * 3)
+    shapes = solids(grasp_objects)
     position = np.tile([0.080, 0.002, 0.042], (3, 1))
     rotation = np.array([grasp_object.orientation for grasp_object in grasp_objects])
-    share = closure(hands, shapes, position, rotation, np.full(3, 0.95))
+    opposition = np.full(3, 0.95)
+    share = closure(hands, shapes, position, rotation, opposition)
 
-    def touched(part):
-        """Return which fingers, bool (B, 5), are inside the object if they are closed so far."""
-        pose = hands.pose(
-            rows, scene.OPEN + part[..., None] * (scene.CLOSED - scene.OPEN), np.full(3, 0.95)
-        )
+    def touching(share):
+        """Return which fingers, bool (B, 5), are inside the object at shares (B, 5) of closure."""
+        rows = np.arange(3)
+        q = scene.OPEN + share[..., None] * (scene.CLOSED - scene.OPEN)
+        pose = hands.pose(rows, q, opposition)
         turned = Rotation.from_rotvec(rotation).as_matrix()
         contacts = collisions(hands, shapes, rows, pose, position, turned, palm=False)
-        out = np.zeros((3, 5), dtype=bool)
-        out[contacts.row, contacts.patch // 3] = True
         assert (contacts.patch < LINK_PATCHES).all()
-        return out
+        fingers = np.zeros((3, 5), dtype=bool)
+        fingers[contacts.row, contacts.patch // 3] = True
+        return fingers
 
-    closed = touched(share)
-    assert closed[0, :4].all() and not closed[2].any()
-    assert (share > 0)[closed].any() and not touched(share - 0.05)[closed & (share > 0)].any()
+    closed = touching(share)
+    assert closed[0, :4].all()
+    assert not closed[2].any()
+    assert (share > 0)[closed].any()
+    assert not touching(share - 0.05)[closed & (share > 0)].any()
     np.testing.assert_array_equal(share[2], scene.IDLE)
     np.testing.assert_array_equal(share[:2][~closed[:2]], scene.RELAXED)
     assert ((share >= 0) & (share <= 1)).all()

@@ -13,23 +13,24 @@ HAND = stag_hands()
 COUNT = len(HAND.row)
 FLAT = np.zeros((1, 1, 1))  # no flexion
 PA = 1 / sensor.SENSITIVITY  # Pa for one count at low pressure
-
-
 PLAIN = {
-    "gain": np.ones(COUNT), "stuck": np.full(COUNT, np.nan), "bend": np.zeros(COUNT),
-    "baseline": np.full(COUNT, 100.0), "noise": np.zeros(COUNT), "common": 0.0,
-}  # fmt: skip
+    "gain": np.ones(COUNT),
+    "stuck": np.full(COUNT, np.nan),
+    "bend": np.zeros(COUNT),
+    "baseline": np.full(COUNT, 100.0),
+    "noise": np.zeros(COUNT),
+    "common": 0.0,
+}
 
 
 def frames_of(pressure, *effects, flexion=FLAT, **changes):
     """Return frames (B, T, 32, 32) for pressures (B, T, S) Pa.
 
-    The sensors of the gloves are equal, with baseline 100 and gain 1.
+    The sensors of the gloves are equal, with baseline 100 and gain 1 if `changes` has no others.
     """
     count = len(pressure)
-    glove = Sensors(
-        HAND, 0, [0] * count, [stream(0, "noise", n) for n in range(count)], frozenset(effects)
-    )
+    noises = [stream(0, "noise", recording) for recording in range(count)]
+    glove = Sensors(HAND, 0, [0] * count, noises, frozenset(effects))
     for name, values in (PLAIN | changes).items():
         setattr(glove, name, np.stack([values] * count))
     return glove.read(pressure, flexion)
@@ -43,18 +44,21 @@ def read(pressure, *effects, **changes):
     pressure = np.asarray(pressure, dtype=float)
     if pressure.ndim == 1:
         pressure = np.repeat(pressure[:, None], COUNT, axis=1)
-    counts = frames_of(pressure[None] * PA, *effects, **changes)[0][:, HAND.row, HAND.column]
-    return counts - changes.get("baseline", PLAIN["baseline"]).astype(int)
+    frames = frames_of(pressure[None] * PA, *effects, **changes)[0]
+    baseline = changes.get("baseline", PLAIN["baseline"])
+    return frames[:, HAND.row, HAND.column] - baseline.astype(int)
 
 
 def test_counts_follow_pressure_and_with_bending_the_flexion_each_sensor_by_its_own_share():
-    rng, gain, bend = np.random.default_rng(0), np.linspace(0.5, 2, COUNT), np.linspace(0, 3, COUNT)
-    pressure, flexion = rng.uniform(0, 300, (4, COUNT)), rng.uniform(0, 1.5, (1, 4, COUNT))
-    for effects, share in ((), 0), (("bending",), 1):
+    rng = np.random.default_rng(0)
+    gain = np.linspace(0.5, 2, COUNT)
+    bend = np.linspace(0, 3, COUNT)
+    pressure = rng.uniform(0, 300, (4, COUNT))
+    flexion = rng.uniform(0, 1.5, (1, 4, COUNT))
+    for effects, share in (((), 0), (("bending",), 1)):
         counts = read(pressure, *effects, gain=gain, bend=bend, flexion=flexion)
-        np.testing.assert_array_equal(
-            counts, np.rint(100 + gain * pressure + share * bend * flexion[0]) - 100
-        )
+        expected = np.rint(100 + gain * pressure + share * bend * flexion[0]) - 100
+        np.testing.assert_array_equal(counts, expected)
 
 
 def test_at_the_saturation_pressure_a_sensor_reads_half_and_never_less_when_pressed_more():
@@ -62,31 +66,33 @@ def test_at_the_saturation_pressure_a_sensor_reads_half_and_never_less_when_pres
     pressure = sensor.SATURATION * sensor.SENSITIVITY
     options = {"gain": np.full(COUNT, 800 / pressure), "baseline": np.zeros(COUNT)}
     counts = read(np.linspace(0, 10, 101) * pressure, "saturation", **options)[:, 0]
-    np.testing.assert_array_equal(
-        counts[[1, 10, 30, 100]], np.rint([80 / 1.1, 400, 600, 8000 / 11])
-    )
+    expected = np.rint([80 / 1.1, 400, 600, 8000 / 11])
+    np.testing.assert_array_equal(counts[[1, 10, 30, 100]], expected)
     assert (np.diff(counts) >= 0).all()
 
 
 def test_counts_are_integers_of_ten_bits_and_510_where_no_sensor_is():
     pressure = np.zeros((2, 3, COUNT))
-    pressure[0], pressure[1, :, ::2] = 1e9, -1e9
-    frames, there = frames_of(pressure), np.zeros((32, 32), dtype=bool)
-    there[HAND.row, HAND.column] = True
-    assert frames.shape == (2, 3, 32, 32) and frames.dtype == np.int16
-    assert (frames[:, :, ~there] == sensor.NO_SENSOR).all() and there.sum() == 548
-    assert (frames[0][:, there] == sensor.MAX_COUNT).all() and sensor.MAX_COUNT == 1023
-    np.testing.assert_array_equal(
-        frames[1][:, HAND.row, HAND.column], np.where(pressure[1] < 0, 0, 100)
-    )
+    pressure[0] = 1e9
+    pressure[1, :, ::2] = -1e9
+    frames = frames_of(pressure)
+    has_sensor = np.zeros((32, 32), dtype=bool)
+    has_sensor[HAND.row, HAND.column] = True
+    assert frames.shape == (2, 3, 32, 32)
+    assert frames.dtype == np.int16
+    assert has_sensor.sum() == 548
+    assert (frames[:, :, ~has_sensor] == sensor.NO_SENSOR).all()
+    assert sensor.MAX_COUNT == 1023
+    assert (frames[0][:, has_sensor] == sensor.MAX_COUNT).all()
+    expected = np.where(pressure[1] < 0, 0, 100)
+    np.testing.assert_array_equal(frames[1][:, HAND.row, HAND.column], expected)
 
 
 def test_hysteresis_by_hand():
+    pressure = np.array([100.0, 40.0, 0.0, 0.0])
     # the peak fades, but stays above the second pressure, 40
-    pressure, peak = [100.0, 40.0, 0.0, 0.0], 100 * sensor.RECOVERY ** np.arange(4.0)
-    expected = [
-        now + sensor.HYSTERESIS * (top - now) for now, top in zip(pressure, peak, strict=True)
-    ]
+    peak = 100 * sensor.RECOVERY ** np.arange(4.0)
+    expected = pressure + sensor.HYSTERESIS * (peak - pressure)
     np.testing.assert_array_equal(read(pressure, "hysteresis")[:, 0], np.rint(expected))
 
 
@@ -111,15 +117,17 @@ def test_dead_sensors_never_move_and_stuck_ones_neither(monkeypatch):
     monkeypatch.setattr(sensor, "STUCK", 0.05)
     effects = frozenset(["defects", "saturation", "hysteresis"])
     glove = Sensors(HAND, 0, [0], [stream(0, "noise")], effects)
-    dead, stuck = glove.gain[0] == 0, np.isfinite(glove.stuck[0])
-    assert 10 < dead.sum() < 50 and 10 < stuck.sum() < 50 and not (dead & stuck).any()
+    dead = glove.gain[0] == 0
+    stuck = np.isfinite(glove.stuck[0])
+    assert 10 < dead.sum() < 50
+    assert 10 < stuck.sum() < 50
+    assert not (dead & stuck).any()
     pressure = np.random.default_rng(0).uniform(0, 1e5, (1, 30, COUNT))
     counts = glove.read(pressure, FLAT)[0][:, HAND.row, HAND.column]
     moves = np.ptp(counts, axis=0) > 0
-    assert not moves[dead | stuck].any() and moves[~dead & ~stuck].mean() > 0.95
-    np.testing.assert_array_equal(
-        counts[:, dead], np.rint(glove.baseline[0, dead])[None].repeat(30, 0)
-    )
-    np.testing.assert_array_equal(
-        counts[:, stuck], np.rint(glove.baseline + glove.stuck)[0, stuck][None].repeat(30, 0)
-    )
+    assert not moves[dead | stuck].any()
+    assert moves[~dead & ~stuck].mean() > 0.95
+    of_dead = np.rint(glove.baseline[0, dead])
+    np.testing.assert_array_equal(counts[:, dead], np.tile(of_dead, (30, 1)))
+    of_stuck = np.rint(glove.baseline + glove.stuck)[0, stuck]
+    np.testing.assert_array_equal(counts[:, stuck], np.tile(of_stuck, (30, 1)))

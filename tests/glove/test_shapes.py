@@ -1,7 +1,5 @@
 """Signed distances of the solids, and the directions in which they grow."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -26,22 +24,32 @@ HAND_WORKED = [  # shape, point, distance
     (sphere(2, cut=(0, 0, 1, 1)), (0, 0, 0), -1),
 ]
 PARTS = (
-    sphere(0.03), box(0.02, 0.05, 0.09), box(0.02, 0.05, 0.09, 0.006),
-    cylinder(0.02, 0.05, 0.004), cylinder(0.04, 0.02), capsule(0.01, 0.06),
-    torus(0.03, 0.008), tube(0.02, 0.03, 0.04, 0.003), tube(0.0, 0.02, 0.05),
-    box(0.03, 0.04, 0.05, cut=(0.6, 0.0, 0.8, 0.01)), torus(0.03, 0.01, cut=(-1.0, 0.0, 0.0, 0.01)),
-)  # fmt: skip
+    sphere(0.03),
+    box(0.02, 0.05, 0.09),
+    box(0.02, 0.05, 0.09, 0.006),
+    cylinder(0.02, 0.05, 0.004),
+    cylinder(0.04, 0.02),
+    capsule(0.01, 0.06),
+    torus(0.03, 0.008),
+    tube(0.02, 0.03, 0.04, 0.003),
+    tube(0.0, 0.02, 0.05),
+    box(0.03, 0.04, 0.05, cut=(0.6, 0.0, 0.8, 0.01)),
+    torus(0.03, 0.01, cut=(-1.0, 0.0, 0.0, 0.01)),
+)
 position = st.tuples(*[st.floats(-0.08, 0.08)] * 3).map(np.array)
 
 
-def evaluated(name, part, at):
-    """`distance` or `gradient` of one primitive at points (n, 3) or (3,)."""
-    at = np.atleast_2d(np.asarray(at, dtype=float))
-    first = np.zeros(len(at), dtype=int)
-    return getattr(Solids([[part]]), name)(first, first, at)
+def distance(part, point):
+    """Return the signed distances (n,) of one primitive at points (n, 3) or (3,)."""
+    points = np.atleast_2d(np.asarray(point, dtype=float))
+    first = np.zeros(len(points), dtype=int)
+    return Solids([[part]]).distance(first, first, points)
 
 
-distance, gradient = partial(evaluated, "distance"), partial(evaluated, "gradient")
+def gradient(part, point):
+    """Return the gradient (3,) of the distance of one primitive at a point (3,)."""
+    first = np.zeros(1, dtype=int)
+    return Solids([[part]]).gradient(first, first, np.array([point], dtype=float))[0]
 
 
 @pytest.mark.parametrize(("part", "at", "expected"), HAND_WORKED)
@@ -50,14 +58,15 @@ def test_distances_by_hand(part, at, expected):
 
 
 @settings(max_examples=300, deadline=None)
-@given(part=st.sampled_from(PARTS), at=position)
-def test_the_gradient_is_a_unit_vector_and_the_slope_of_the_distance(part, at):
+@given(part=st.sampled_from(PARTS), point=position)
+def test_the_gradient_is_a_unit_vector_and_the_slope_of_the_distance(part, point):
     step = 1e-6
-    ahead, behind = distance(part, at + step * np.eye(3)), distance(part, at - step * np.eye(3))
-    here = distance(part, at)
+    ahead = distance(part, point + step * np.eye(3))
+    behind = distance(part, point - step * np.eye(3))
+    here = distance(part, point)
     # no edge, axis or middle surface in between
     assume(np.abs(ahead + behind - 2 * here).max() < 1e-3 * step)
-    slope = gradient(part, at)[0]
+    slope = gradient(part, point)
     np.testing.assert_allclose(slope, (ahead - behind) / (2 * step), atol=1e-3)
     assert np.linalg.norm(slope) == pytest.approx(1, abs=1e-12)
 
@@ -65,4 +74,4 @@ def test_the_gradient_is_a_unit_vector_and_the_slope_of_the_distance(part, at):
 @pytest.mark.parametrize("at", [(0, 0, 0), (0, 0, 0.07), (0.03, 0, 0), (0, -0.03, 0)])
 @pytest.mark.parametrize("part", PARTS)
 def test_on_axes_and_kinks_the_gradient_is_still_a_unit_vector(part, at):
-    assert np.linalg.norm(gradient(part, at)[0]) == pytest.approx(1, abs=1e-12)
+    assert np.linalg.norm(gradient(part, at)) == pytest.approx(1, abs=1e-12)

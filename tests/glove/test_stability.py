@@ -50,9 +50,8 @@ def solved(mechanics, y, frames, **options):
         "unsolved": "stages unsolved",
         "forced": "forced",
     }
-    return states, ", ".join(
-        f"{integrator.statistics[name]} {text}" for name, text in names.items()
-    )
+    counts = [f"{integrator.statistics[name]} {text}" for name, text in names.items()]
+    return states, ", ".join(counts)
 
 
 def wedge(setting):
@@ -60,24 +59,23 @@ def wedge(setting):
 
     The two lean towards each other and squeeze ever harder.
     """
-    posture, layer = np.array([[0.1, 0.1]] * 3 + [[0.8, 0.64], [0.3, 0.24]]), skin(setting)
-    options = {
-        "posture": posture,
-        "layer": layer,
-        "stiffness": setting[1],
-        "knots": 6,
-        "opposition": 0.95,
-    }
-    mechanics = scene([[sphere(0.03)]], [0.083, 0.027, 0.071], **options)  # m
+    mechanics = scene(
+        [[sphere(0.03)]],  # m
+        [0.083, 0.027, 0.071],  # m
+        posture=np.array([[0.1, 0.1]] * 3 + [[0.8, 0.64], [0.3, 0.24]]),
+        layer=skin(setting),
+        stiffness=setting[1],
+        knots=6,
+        opposition=0.95,
+    )
     mechanics.drive.squeeze[..., 3:] = 0.05 * np.arange(6)[:, None]  # N m
     return mechanics
 
 
 def case(check, make, frames):
     """Return a case of the test below."""
-    return pytest.param(
-        make, frames, marks=[pytest.mark.stability(check), pytest.mark.slow], id=check
-    )
+    marks = [pytest.mark.stability(check), pytest.mark.slow]
+    return pytest.param(make, frames, marks=marks, id=check)
 
 
 @pytest.mark.parametrize(
@@ -85,20 +83,22 @@ def case(check, make, frames):
     [
         # Beyond lambda h = 1e6 Radau takes minutes.
         *(
-            case("stiffness of a grasp", partial(grasp, one, seed=3000, frames=6), 6)
-            for one in GRASPS
+            case("stiffness of a grasp", partial(grasp, setting, seed=3000, frames=6), 6)
+            for setting in GRASPS
         ),
         *(case("fingers stopped by a rod", partial(rod, damping), 2) for damping in (1e-3, 1e-4)),
-        *(case("wedged between two fingers", partial(wedge, one), 5) for one in GRASPS[3:6]),
+        *(
+            case("wedged between two fingers", partial(wedge, setting), 5)
+            for setting in GRASPS[3:6]
+        ),
     ],
 )
 def test_the_sensors_forces_are_radau_s(row, make, frames):
     mechanics = make()
     y = mechanics.initial_state()
     states, work = solved(mechanics, y, frames)
-    error = rel_norm_error(
-        forces(mechanics, states), forces(mechanics, radau(mechanics, y, frames))
-    )
+    exact = forces(mechanics, radau(mechanics, y, frames))
+    error = rel_norm_error(forces(mechanics, states), exact)
     row(f"forces against Radau's, {lambda_h(mechanics, states)}", error, TOLERANCE, work)
 
 
@@ -112,9 +112,8 @@ def test_a_loaded_plate_on_the_palm_has_the_forces_of_its_closed_form(row):
         mechanics, y, exact = plate(10.0**decade, frames=4)
         states, work = solved(mechanics, y, 4)
         error = rel_norm_error(forces(mechanics, states), exact)
-        row(
-            f"forces against the closed form, {lambda_h(mechanics, states)}", error, TOLERANCE, work
-        )
+        stiff = lambda_h(mechanics, states)
+        row(f"forces against the closed form, {stiff}", error, TOLERANCE, work)
 
 
 @pytest.mark.slow
@@ -125,10 +124,13 @@ def test_steps_far_too_long_stay_bounded_and_come_to_the_same_rest(row, setting)
     mechanics = around_a_ball(setting, HALF_CLOSED, knots=13, squeeze=0.1, load=(0.1, -0.2, -0.5))
     y = mechanics.initial_state()
     y[:, :10] = 0.15
-    (long, work), (short, _) = solved(mechanics, y, 12, step=FRAME), solved(mechanics, y, 12)
+    long, work = solved(mechanics, y, 12, step=FRAME)
+    short, _ = solved(mechanics, y, 12)
     stiff = lambda_h(mechanics, short)
     row(f"states that are not finite, {stiff}", share_not_finite(long), 0, work)
-    reach = max(np.abs(long[..., :10]).max() / np.pi, np.abs(long[..., 10:] - BALL_AT).max() / AWAY)
+    largest_angle = np.abs(long[..., :10]).max()
+    largest_way = np.abs(long[..., 10:] - BALL_AT).max()
+    reach = max(largest_angle / np.pi, largest_way / AWAY)
     row(f"largest angle over pi, or way over AWAY, {stiff}", reach, 1, work)
     rest = rel_norm_error(forces(mechanics, long)[:, -1], forces(mechanics, short)[:, -1])
     row(f"forces at rest against those of short steps, {stiff}", rest, TOLERANCE, work)
@@ -142,14 +144,16 @@ def test_with_next_to_no_damping_the_hand_is_where_the_springs_balance(row):
     """
     goal = 0.2 * TOLERANCE * FORCE_FLOOR
     for smallness in (1e-3, 1e-6, 1e-9):
-        joint, motion = LAYER.joint_damping * smallness, LAYER.object_damping * smallness
-        options = {
-            "layer": replace(LAYER, joint_damping=joint, object_damping=motion),
-            "squeeze": 0.1,
-            "knots": 5,
-        }
+        joint = LAYER.joint_damping * smallness
+        motion = LAYER.object_damping * smallness
         mechanics = scene(
-            [[BALL]], [0.08, 0, 0.3], posture=HALF_CLOSED, load=(0, 0, -3.0), **options
+            [[BALL]],
+            [0.08, 0, 0.3],
+            posture=HALF_CLOSED,
+            layer=replace(LAYER, joint_damping=joint, object_damping=motion),
+            squeeze=0.1,
+            knots=5,
+            load=(0, 0, -3.0),
         )
         mechanics.drive.posture[0] += 0.2 * np.sin(np.arange(5))[:, None, None]
         states, work = solved(mechanics, mechanics.initial_state(), 4)
@@ -169,16 +173,14 @@ def test_fingers_that_begin_inside_a_ball_come_out_where_radau_does(row, setting
     mechanics = around_a_ball(setting, HALF_CLOSED, knots=7)
     y = mechanics.initial_state()
     y[:, :10] = 1.2
-    at = mechanics.evaluate(np.zeros(1, dtype=int), np.zeros(1), y, palm=True)
+    balance = mechanics.evaluate(np.zeros(1, dtype=int), np.zeros(1), y, palm=True)
+    depth = 1e3 * balance.contacts.depth.max()  # mm
     states, work = solved(mechanics, y, 6)
-    stiff, remark = (
-        lambda_h(mechanics, states),
-        f"{at.contacts.depth.max() * 1e3:.3g} mm deep; {work}",
-    )
+    remark = f"{depth:.3g} mm deep; {work}"
+    stiff = lambda_h(mechanics, states)
     row(f"states that are not finite, {stiff}", share_not_finite(states), 0, remark)
-    error = rel_norm_error(
-        forces(mechanics, states)[:, -1], forces(mechanics, radau(mechanics, y, 6))[:, -1]
-    )
+    exact = forces(mechanics, radau(mechanics, y, 6))
+    error = rel_norm_error(forces(mechanics, states)[:, -1], exact[:, -1])
     row(f"forces at the end against Radau's, {stiff}", error, TOLERANCE, remark)
 
 

@@ -7,16 +7,20 @@ from tactile_viewgcn.glove.integrator import SAMPLE_DISTANCE, ImplicitIntegrator
 from tactile_viewgcn.glove.shapes import sphere
 from tests.glove.scenes import bed, rod, scene
 
-FRAME, RADIUS, MM = 0.1, 0.05, 1e-3  # s, m, m
-BALL, NOTHING = [sphere(RADIUS)], []
+FRAME = 0.1  # s
+RADIUS = 0.05  # m
+MM = 1e-3  # m
+BALL = [sphere(RADIUS)]
+NOTHING = []
 
 
 def over_a_bed(paths, parts=(BALL,)):
-    """Return which paths (B, 2, 3) m tunnel through a bed at z = 0, and the evaluations.
+    """Return which paths (B, 2, 3) m tunnel through a bed at z = 0.
 
-    Balls, or objects of these parts, move along the paths.
+    Balls, or objects of these parts, move along the paths. Also return the number of evaluations.
     """
-    paths, count = np.asarray(paths, dtype=float), len(paths)
+    paths = np.asarray(paths, dtype=float)
+    count = len(paths)
     mechanics = scene(list(parts), paths[:, 0], hands=bed(20, 0.04, hands=count), stiffness=1e9)
     before, after = np.concatenate([np.zeros((2, count, 10)), paths.swapaxes(0, 1)], axis=2)
     tunnelling, evaluations = tunnels(
@@ -26,8 +30,10 @@ def over_a_bed(paths, parts=(BALL,)):
 
 
 def test_what_is_deeper_between_its_ends_than_at_them_tunnels():
-    # a finger's bone is 8 mm below its skin
-    deep, shallow, side = RADIUS - 10 * MM, RADIUS - 6 * MM, 0.2
+    # m; a finger's bone is 8 mm below its skin
+    deep = RADIUS - 10 * MM
+    shallow = RADIUS - 6 * MM
+    side = 0.2
     tunnelling, evaluations = over_a_bed([
         [[0, 0, 0.2], [0, 0, -0.2]],  # through the bed
         [[-side, 0, deep], [side, 0, deep]],
@@ -49,14 +55,17 @@ def test_an_empty_hand_never_tunnels_and_is_not_evaluated():
 
 
 def test_steps_that_would_tunnel_are_rejected(monkeypatch):
-    """Of hardly damped fingers, three of which a rod stops on their way."""
-    mechanics, frames = rod(1e-4), 2
+    """The fingers are hardly damped, and a rod stops three of them on their way."""
+    mechanics = rod(1e-4)
     y = mechanics.initial_state()
-    exact = ImplicitIntegrator(mechanics, FRAME, step=FRAME / 128).run(y, frames)[0, 1]
+    exact = ImplicitIntegrator(mechanics, FRAME, step=FRAME / 128).run(y, 2)[0, 1]
     solver = ImplicitIntegrator(mechanics, FRAME)
-    assert np.abs(solver.run(y, frames)[0, 1] - exact).max() < 0.02  # rad
+    assert np.abs(solver.run(y, 2)[0, 1] - exact).max() < 0.02  # rad
     assert solver.statistics["rejected"] > 0
-    monkeypatch.setattr(
-        integrator, "tunnels", lambda mechanics, rows, *length: (np.zeros(len(rows), dtype=bool), 0)
-    )
-    assert np.abs(ImplicitIntegrator(mechanics, FRAME).run(y, frames)[0, 1] - exact).max() > 0.2
+
+    def never_tunnels(mechanics, rows, *_):
+        return np.zeros(len(rows), dtype=bool), 0
+
+    monkeypatch.setattr(integrator, "tunnels", never_tunnels)
+    without_search = ImplicitIntegrator(mechanics, FRAME).run(y, 2)[0, 1]
+    assert np.abs(without_search - exact).max() > 0.2

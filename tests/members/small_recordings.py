@@ -12,7 +12,8 @@ from tactile_viewgcn.members.representation import Representation, contact_unit
 from tactile_viewgcn.systems.sensors import SensorClassifier, short_limit
 from tactile_viewgcn.views.viewpoints import viewpoints
 
-CHANNELS, ARRAY = np.ones((1, 2), dtype=bool), np.ones((8, 8), dtype=bool)
+CHANNELS = np.ones((1, 2), dtype=bool)
+ARRAY = np.ones((8, 8), dtype=bool)
 NAMES = ("up", "down", "trembling", "pushed", "pulled")
 
 
@@ -21,34 +22,39 @@ def recording(name, seed, *, frames=32, live=CHANNELS):
 
     The first three objects have the same forces, each in another order.
     """
-    rng, time = np.random.default_rng([seed, NAMES.index(name)]), np.linspace(-1, 1, frames)
-    force = {"up": time, "down": -time, "trembling": rng.permutation(time)}.get(
-        name, np.exp(-8 * time**2)
-    )
+    rng = np.random.default_rng([seed, NAMES.index(name)])
+    time = np.linspace(-1, 1, frames)
+    in_any_order = rng.permutation(time)
+    push = np.exp(-8 * time**2)
+    forces = {"up": time, "down": -time, "trembling": in_any_order, "pushed": push, "pulled": -push}
+    pressed = 8 if live is ARRAY else 1
     counts = rng.normal(0, 0.05, (frames, live.sum()))
-    counts[:, : 8 if live is ARRAY else 1] += (-1 if name == "pulled" else 1) * force[:, None]
+    counts[:, :pressed] += forces[name][:, None]
     return (50 * counts).astype(np.float32)
 
 
-def recordings(seeds=range(8), names=NAMES, **how):
-    """Return recordings of each object, and their labels."""
-    return [recording(name, seed, **how) for seed in seeds for name in names], np.tile(
-        range(len(names)), len(seeds)
-    )
+def recordings(seeds=range(8), names=NAMES, **options):
+    """Return a recording of each object for each seed, and their labels."""
+    of_all = [recording(name, seed, **options) for seed in seeds for name in names]
+    return of_all, np.tile(range(len(names)), len(seeds))
 
 
-def examples_of(made, labels, *, live=CHANNELS, sizes=(1, 2, 4)):
+def examples_of(of_all, labels, *, live=CHANNELS, sizes=(1, 2, 4)):
     """Return the examples of recordings, in the unit of their glove."""
-    frames = np.concatenate(made)
+    frames = np.concatenate(of_all)
     scale = Representation.of(live, frames, contact_unit(frames))
     classes = max(labels) + 1
-    return Examples(made.__getitem__, labels, scale, sizes=sizes, classes=classes, seed=0)
+    return Examples(of_all.__getitem__, labels, scale, sizes=sizes, classes=classes, seed=0)
 
 
-def fitted(names, made, labels, *, live=CHANNELS, sizes=(1, 2, 4), weights=None):
-    """Return a classifier that is fitted to recordings."""
-    examples = examples_of(made, labels, live=live, sizes=sizes)
-    scale, classes = examples.representation, examples.classes
+def fitted(names, of_all, labels, *, live=CHANNELS, sizes=(1, 2, 4), weights=None):
+    """Return a classifier whose members, with these names, are fitted to recordings.
+
+    Without weights all members have the same.
+    """
+    examples = examples_of(of_all, labels, live=live, sizes=sizes)
+    scale = examples.representation
+    classes = examples.classes
     members = build_members(names, scale, classes)
     for_sets = answering_sets(members, scale, classes)
     # fewer trees are quicker, and enough for small recordings
@@ -74,6 +80,7 @@ def values(classifier, counts):
     return classifier.frame_values(counts.reshape(-1, *classifier.representation.live.shape))
 
 
-def answers(classifier, made):
+def answers(classifier, of_all):
     """Return the probabilities (R, classes) of recordings."""
-    return softmax([classifier.recording(values(classifier, each)) for each in made], axis=1)
+    logits = [classifier.recording(values(classifier, counts)) for counts in of_all]
+    return softmax(logits, axis=1)

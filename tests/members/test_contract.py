@@ -35,9 +35,10 @@ def values(member, readings):
 
 def test_every_name_of_params_has_a_member_and_every_member_a_name():
     assert set(ON_SENSORS) == set(NAMES)
-    assert {*ON_SENSORS, NetworkMember.name} == {
-        name for names in get_args(Member) for name in get_args(names) or [names]
-    }
+    all_names = set()
+    for part in get_args(Member):  # names, or types of several names
+        all_names.update(get_args(part) or [part])
+    assert {*ON_SENSORS, NetworkMember.name} == all_names
 
 
 @pytest.mark.parametrize("live", [CHANNELS, ARRAY], ids=["channels", "array"])
@@ -47,7 +48,8 @@ def test_held_out_recordings_are_answered_as_new_ones_are(name, live):
     member, examples = fitted(name, live)
     held_out = np.arange(30) >= 20
     together = member.answer_examples(examples, held_out)
-    assert together.shape == (10, 5) and together.dtype == np.float32
+    assert together.shape == (10, 5)
+    assert together.dtype == np.float32
     for recording, expected in zip(np.flatnonzero(held_out), together, strict=True):
         frames = values(member, examples.readings(recording))[None]
         np.testing.assert_allclose(member.answer_recordings(frames)[0], expected, atol=1e-5)

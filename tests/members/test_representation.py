@@ -14,48 +14,43 @@ def test_one_reading_in_ten_is_above_four_units_and_a_glove_that_is_hardly_touch
     unit = contact_unit(readings)
     assert np.mean(readings > 4 * unit) == pytest.approx(0.1, abs=2e-3)
     assert contact_unit(readings / 1000) == pytest.approx(unit / 1000)
-    hardly = np.zeros((10, 100), dtype=np.float32)  # a glove that is hardly touched
-    hardly[0, :4] = 8
-    assert contact_unit(hardly) == 2.0 and contact_unit(0 * hardly) == 1.0
+    hardly_touched = np.zeros((10, 100), dtype=np.float32)
+    hardly_touched[0, :4] = 8
+    assert contact_unit(hardly_touched) == 2.0
+    assert contact_unit(0 * hardly_touched) == 1.0
 
 
 def test_the_noise_limits_the_unit_where_more_than_one_sensor_in_ten_is_pressed():
     readings = np.random.default_rng(0).normal(0, 2, (50, 100)).astype(np.float32)
     readings[:, :40] += 200
-    assert contact_unit(readings) == pytest.approx(50, rel=0.05)
-    assert contact_unit(readings, noise=5.0) == 7.5 and contact_unit(
-        readings, noise=100.0
-    ) == contact_unit(readings)
-    assert contact_unit(readings, noise=0.0) == pytest.approx(contact_unit(readings) / 10)
+    unit = contact_unit(readings)
+    assert unit == pytest.approx(50, rel=0.05)
+    assert contact_unit(readings, noise=5.0) == 7.5
+    assert contact_unit(readings, noise=100.0) == unit
+    assert contact_unit(readings, noise=0.0) == pytest.approx(unit / 10)
 
 
 def test_noise_is_that_of_successive_frames_of_a_recording(monkeypatch):
-    rng, recording = np.random.default_rng(0), np.repeat(np.arange(6), 50)
-    offset, index, live = (
-        1000 * recording[:, None, None],
-        np.arange(300),
-        np.arange(4)[:, None] > np.zeros(5),
-    )
-    counts = offset + live * rng.normal(0, 3, (300, 4, 5))  # a row of five has no sensors
-    noise, change = (
-        successive_noise(counts, recording, index, live),
-        np.diff(counts.reshape(6, 50, 4, 5), axis=1),
-    )
-    assert (
-        noise
-        == np.median(np.abs(change[:, :, live])) / (0.6745 * 2**0.5)
-        == pytest.approx(3, rel=0.1)
-    )
+    rng = np.random.default_rng(0)
+    recording = np.repeat(np.arange(6), 50)
+    offset = 1000 * recording[:, None, None]
+    index = np.arange(300)
+    live = np.ones((4, 5), dtype=bool)
+    live[0] = False  # a row of five has no sensors
+    counts = offset + live * rng.normal(0, 3, (300, 4, 5))
+    noise = successive_noise(counts, recording, index, live)
+    change = np.diff(counts.reshape(6, 50, 4, 5), axis=1)
+    assert noise == np.median(np.abs(change[:, :, live])) / (0.6745 * 2**0.5)
+    assert noise == pytest.approx(3, rel=0.1)
     # the few compared pairs come from all recordings, of which the first two are quiet
     monkeypatch.setattr(representation, "MOST_PAIRS", 30)
-    quiet = offset + np.where(recording < 2, 0.1, 1)[:, None, None] * (counts - offset)
+    factor = np.where(recording < 2, 0.1, 1)
+    quiet = offset + factor[:, None, None] * (counts - offset)
     assert 0.2 < successive_noise(quiet, recording, index, live) / noise < 0.9
     assert successive_noise(counts, index, index, live) == np.inf  # each frame is a recording
     assert successive_noise(counts, recording, index[::2], live) == np.inf
-    assert (
-        successive_noise(np.rint(offset + rng.normal(0, 0.4, counts.shape)), recording, index, live)
-        == np.inf
-    )
+    mostly_equal = np.rint(offset + rng.normal(0, 0.4, counts.shape))
+    assert successive_noise(mostly_equal, recording, index, live) == np.inf
 
 
 def test_channels_are_in_standard_deviations_from_their_mean_and_arrays_in_units():
@@ -72,20 +67,22 @@ def test_channels_are_in_standard_deviations_from_their_mean_and_arrays_in_units
 )
 def test_each_member_has_an_estimator_and_a_quick_one_of_fewer_frames_or_trees(shape, vectors):
     scale = Representation(np.ones(shape, bool), np.zeros(64), np.ones(64))
-    of = {
+    estimators = {
         "trees": "Forest",
         "svm": vectors,
         "convolutions": "Ridge",
         "pooled_kernel": "KernelRidge",
     }
-    for member in build_members([*of], scale, 2):
-        assert type(member.estimator()).__name__ == of[member.name]
-    made = list(np.arange(2100 * 64.0).reshape(2, 1050, 64))
-    examples = Examples(made.__getitem__, np.arange(2), scale, sizes=(600,), classes=2, seed=0)
+    for member in build_members([*estimators], scale, 2):
+        assert type(member.estimator()).__name__ == estimators[member.name]
+    recordings = list(np.arange(2100 * 64.0).reshape(2, 1050, 64))
+    examples = Examples(
+        recordings.__getitem__, np.arange(2), scale, sizes=(600,), classes=2, seed=0
+    )
     both = np.ones(2, dtype=bool)
     kernel, trees = build_members(["kernel", "trees"], scale, 2)
-    for quick, frames, number in ((False, 2000, 300), (True, 1000, 100)):
+    for quick, frames, tree_count in ((False, 2000, 300), (True, 1000, 100)):
         kernel.fit(examples, both, seed=0, quick=quick)
         trees.fit(examples, both, seed=0, quick=quick)
         assert frames <= len(kernel.of_frames.points) <= frames + 2
-        assert len(trees.whole.roots) == number
+        assert len(trees.whole.roots) == tree_count

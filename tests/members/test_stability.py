@@ -10,18 +10,16 @@ from tactile_viewgcn.params import SensorMember
 from tests.members.small_recordings import ARRAY, answers, fitted, values
 
 CHANNELS = np.ones((1, 5), dtype=bool)
-SCALED, FRAME, SINGLE = (
-    "a sensor of 1e27 times the readings",
-    "one frame each",
-    "one recording of each",
-)
+SCALED = "a sensor of 1e27 times the readings"
+FRAME = "one frame each"
+SINGLE = "one recording of each"
 NOT_BY_ONE_FRAME = {
     ("convolutions", "channels"),
     ("convolutions", "array"),
     ("svm", "array"),
     ("trees", "array"),
 }
-CASES = {  # functions of a recording's counts, which are at most 60, and of its number
+CASES = {  # functions of a recording's counts, which are at most 60, and of its index
     "a constant sensor": lambda counts, _: last(counts, 500.1),
     "a sensor that reads 0": lambda counts, _: last(counts, 0),
     SCALED: lambda counts, _: last(counts, 1e27 * counts[:, :1]),
@@ -29,29 +27,32 @@ CASES = {  # functions of a recording's counts, which are at most 60, and of its
     "1e27 times": lambda counts, _: 1e27 * counts,
     "1e-30 times": lambda counts, _: 1e-30 * counts,
     "0 and the most of 16 bits": lambda counts, _: np.where(counts > 30, 65535, 0),
-    "unequal lengths": lambda counts, number: counts[number % 9 : 40 - number % 7],
+    "unequal lengths": lambda counts, index: counts[index % 9 : 40 - index % 7],
     SINGLE: lambda counts, _: counts,
-    FRAME: lambda counts, number: counts[20 + number % 5][None],
+    FRAME: lambda counts, index: counts[20 + index % 5][None],
     "all equal": lambda counts, _: 0 * counts + 1,
     "all 0": lambda counts, _: 0 * counts,
 }
 
 
 def last(counts, reading):
-    return np.concatenate([counts[:, :-1], np.broadcast_to(reading, (len(counts), 1))], axis=1)
+    """Return counts (T, S) whose last sensor reads one value, or values (T, 1)."""
+    of_last = np.broadcast_to(reading, (len(counts), 1))
+    return np.concatenate([counts[:, :-1], of_last], axis=1)
 
 
-def presses(case, live=CHANNELS, seed=0, each=6):
+def presses(case, live=CHANNELS, seed=0, repeats=6):
     """Return recordings of three objects, changed as the case says, and their labels.
 
     Each object presses one sensor for half of the time.
     """
-    rng, labels = np.random.default_rng(seed), np.tile(np.arange(3), each)
-    counts = rng.normal(0, 1, (len(labels), 40, live.sum()))
-    counts[np.arange(len(labels)), 10:30, labels] += 55
-    return [
-        CASES[case](each, number).astype(np.float32) for number, each in enumerate(counts)
-    ], labels
+    rng = np.random.default_rng(seed)
+    labels = np.tile(np.arange(3), repeats)
+    recordings = rng.normal(0, 1, (len(labels), 40, live.sum()))
+    recordings[np.arange(len(labels)), 10:30, labels] += 55
+    change = CASES[case]
+    changed = [change(counts, i).astype(np.float32) for i, counts in enumerate(recordings)]
+    return changed, labels
 
 
 @pytest.mark.stability("members on extreme readings")
@@ -65,45 +66,38 @@ def test_every_member_distinguishes_objects_by_extreme_readings(row, member, kin
     stronger sensor outweighs others.
     """
     for case in CASES:
-        examples = presses(case, live, each=1 if case == SINGLE else 6)
-        made, labels = examples if case == SINGLE else presses(case, live, seed=1)
-        shares = answers(fitted([member], *examples, live=live), made)
-        row(
-            f"probabilities' sum less 1, {case}, {kind}, {member}",
-            max_rel_error(shares.sum(axis=1), 1 + 0 * labels),
-            1e-5,
-        )
+        if case == SINGLE:
+            trained = presses(case, live, repeats=1)
+            new, labels = trained
+        else:
+            trained = presses(case, live)
+            new, labels = presses(case, live, seed=1)
+        probabilities = answers(fitted([member], *trained, live=live), new)
+        where = f"{case}, {kind}, {member}"
+        sum_error = max_rel_error(probabilities.sum(axis=1), 1 + 0 * labels)
+        row(f"probabilities' sum less 1, {where}", sum_error, 1e-5)
         if case in ("all equal", "all 0"):
-            row(
-                f"answers that differ, {case}, {kind}, {member}", np.ptp(shares, axis=0).max(), 1e-5
-            )
+            row(f"answers that differ, {where}", np.ptp(probabilities, axis=0).max(), 1e-5)
         elif case != FRAME or (member, kind) not in NOT_BY_ONE_FRAME:
             tolerance = 1 / 9 if (case, kind) == (SCALED, "array") else 0
-            row(
-                f"wrong answers, {case}, {kind}, {member}",
-                (shares.argmax(axis=1) != labels).mean(),
-                tolerance,
-            )
+            wrong = (probabilities.argmax(axis=1) != labels).mean()
+            row(f"wrong answers, {where}", wrong, tolerance)
 
 
 @pytest.mark.stability("members on extreme readings")
 # in these cases the scaled readings can be outside of float32
 @pytest.mark.parametrize("case", ["unequal lengths", "1e-30 times"])
 @pytest.mark.parametrize("member", get_args(SensorMember))
-def test_readings_far_outside_of_the_training_have_finite_answers_and_1_000_frames_one(
+def test_readings_far_outside_of_the_training_set_have_finite_answers_and_1_000_frames_one(
     row, member, case
 ):
-    classifier = fitted([member], *presses(case), live=CHANNELS, sizes=(1000,))
-    logits = classifier.view_sets(
-        values(classifier, presses(case)[0][0]), np.arange(1000)[None] % 40
-    )
+    recordings, labels = presses(case)
+    classifier = fitted([member], recordings, labels, live=CHANNELS, sizes=(1000,))
+    read = values(classifier, recordings[0])
+    logits = classifier.view_sets(read, np.arange(1000)[None] % 40)
     row(f"wrong answers, 1,000 views, {case}, {member}", int(logits.argmax() != 0))
     for reading in (0, 65535, 1e20, -1e30):
-        sums = answers(
-            classifier, [last(each, np.float32(reading)) for each in presses(case)[0]]
-        ).sum(axis=1)
-        row(
-            f"probabilities' sum less 1, a new {reading:g}, {case}, {member}",
-            max_rel_error(sums, 1 + 0 * sums),
-            1e-5,
-        )
+        new = [last(counts, np.float32(reading)) for counts in recordings]
+        sums = answers(classifier, new).sum(axis=1)
+        sum_error = max_rel_error(sums, 1 + 0 * sums)
+        row(f"probabilities' sum less 1, a new {reading:g}, {case}, {member}", sum_error, 1e-5)

@@ -1,5 +1,6 @@
 """The modified ResNet-18."""
 
+import math
 from itertools import product
 
 import pytest
@@ -11,7 +12,8 @@ from tactile_viewgcn.params import BackboneParams
 
 
 def test_it_has_the_released_code_s_number_of_weights():
-    assert sum(weight.numel() for weight in Backbone(BackboneParams()).parameters()) == 674_240
+    backbone = Backbone(BackboneParams())
+    assert sum(weight.numel() for weight in backbone.parameters()) == 674_240
 
 
 def plain_stem(stem):
@@ -26,11 +28,13 @@ def plain_stem(stem):
 def test_the_stem_is_convolution_normalisation_relu_and_pooling():
     """Frames in float64 are as faint as tactile frames; the normalisation inverts some maps."""
     torch.manual_seed(0)
-    stem, frames = Stem(8).double(), torch.rand(5, 1, 9, 12, dtype=torch.float64) ** 4
+    stem = Stem(8).double()
+    frames = torch.rand(5, 1, 9, 12, dtype=torch.float64) ** 4
     nn.init.uniform_(stem.norm.weight, -1, 1)
     nn.init.normal_(stem.norm.bias)
     plain = plain_stem(stem)
-    maps, expected = stem(frames), plain(frames)
+    maps = stem(frames)
+    expected = plain(frames)
     torch.testing.assert_close(maps, expected)
     for name, running in plain[1].named_buffers():
         torch.testing.assert_close(dict(stem.norm.named_buffers())[name], running)
@@ -48,20 +52,23 @@ def test_the_stem_is_convolution_normalisation_relu_and_pooling():
 def maps_and_features(backbone, frames):
     """Return the last maps of the backbone in evaluation mode, and the features made of them."""
     maps = []
-    hook = backbone.stage2.register_forward_hook(lambda _, __, out: maps.append(out))
+    hook = backbone.stage2.register_forward_hook(lambda _, __, output: maps.append(output))
     features = backbone.eval()(frames)
     hook.remove()
     return maps[0], features
 
 
+def quarters(length):
+    """Return four slices that cover a length; they overlap if it is no multiple of 4."""
+    return [slice(i * length // 4, math.ceil((i + 1) * length / 4)) for i in range(4)]
+
+
 def grid_of(maps):
     """Return the means (B, C * 16) of 4 x 4 parts of maps (B, C, H, W), by map and row."""
-    parts = [
-        [slice(i * side // 4, -(-(i + 1) * side // 4)) for i in range(4)] for side in maps.shape[2:]
-    ]
-    return torch.stack(
-        [maps[:, :, rows, columns].mean(dim=(2, 3)) for rows, columns in product(*parts)], 2
-    ).flatten(1)
+    height, width = maps.shape[2:]
+    parts = product(quarters(height), quarters(width))
+    means = [maps[:, :, rows, columns].mean(dim=(2, 3)) for rows, columns in parts]
+    return torch.stack(means, 2).flatten(1)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (12, 12), (5, 40), (32, 32)])
@@ -81,7 +88,8 @@ def test_the_grid_reads_4_by_4_parts_of_all_maps_out_through_a_linear_layer(shap
 @pytest.mark.parametrize("shape", [(1, 1), (12, 12), (32, 32), (5, 7), (33, 2)])
 def test_maps_are_those_that_the_average_reads_out_and_map_shape_names_their_shape(shape):
     torch.manual_seed(0)
-    backbone, frames = Backbone(BackboneParams(width=2)), torch.rand(2, 1, *shape)
+    backbone = Backbone(BackboneParams(width=2))
+    frames = torch.rand(2, 1, *shape)
     whole = Backbone(BackboneParams(width=2), maps=True).eval()
     whole.load_state_dict(backbone.state_dict())
     maps, features = maps_and_features(backbone, frames)
@@ -95,7 +103,8 @@ def test_maps_are_those_that_the_average_reads_out_and_map_shape_names_their_sha
 def test_maps_keep_the_precision_they_are_computed_in_and_features_are_float32(readout, maps):
     backbone = Backbone(BackboneParams(width=2, readout=readout), maps=maps).eval()
     frames = torch.rand(2, 1, 12, 12)
+    expected = torch.bfloat16 if maps else torch.float32
     with torch.autocast("cpu", torch.bfloat16):
-        assert backbone(frames).dtype == (torch.bfloat16 if maps else torch.float32)
+        assert backbone(frames).dtype == expected
     assert backbone(frames).dtype == torch.float32
     assert backbone.double()(frames.double()).dtype == torch.float64

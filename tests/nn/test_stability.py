@@ -46,17 +46,22 @@ def view_gcn(places, *changes):
 
 
 def nodes_of(views, count=4):
+    """Return random nodes (count, V, 128)."""
     return torch.rand(count, views, 128, generator=torch.Generator().manual_seed(0))
 
 
 def logits_error(head, nodes):
     """Return the error of logits in float32 against float64, for the same selected views."""
+
+    def single(network):
+        return network(nodes)[0]
+
+    def double(network):
+        return network.double()(nodes.double())[0]
+
     with torch.inference_mode():
-        return max_rel_error(
-            *with_the_same_views(
-                lambda net: net(nodes)[0], lambda net: net.double()(nodes.double())[0], head
-            )
-        )
+        logits, expected = with_the_same_views(single, double, head)
+    return max_rel_error(logits, expected)
 
 
 def ranks(positions):
@@ -67,6 +72,10 @@ def ranks(positions):
 
 
 def looped_furthest(squared):
+    """Return all points, each the furthest from the points before it, by squared distances (V, V).
+
+    The first point comes first, and ties go to the lowest index.
+    """
     chosen = [0]
     while len(chosen) < len(squared):
         to_chosen = squared[chosen].min(axis=0)
@@ -80,10 +89,8 @@ def test_the_graph_and_its_network_at_extreme_places(row):
         single = places.float()
         if len(places) <= 8:
             squared = ranks(single)
-            row(
-                f"neighbours, {name}",
-                share_different(nearest(single, 4), squared.argsort(kind="stable")[:, :4]),
-            )
+            neighbours = squared.argsort(kind="stable")[:, :4]
+            row(f"neighbours, {name}", share_different(nearest(single, 4), neighbours))
             furthest = furthest_points(single, len(places))
             row(f"furthest points, {name}", share_different(furthest, looped_furthest(squared)))
         row(f"logits, {name}", logits_error(view_gcn(places), nodes_of(len(places))), SINGLE)
@@ -102,34 +109,27 @@ def test_the_graph_and_its_network_at_extreme_places(row):
 def test_the_graph_of_all_viewpoints_is_the_same_in_float64_and_on_the_device_in_float32(
     row, kind, counts
 ):
-    device, wrong = "cuda" if torch.cuda.is_available() else "cpu", 0.0
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    wrong = 0.0
     for count in counts:
         places = torch.from_numpy(viewpoints(count, kind))
         single = places.float().to(device)
         wrong += share_different(nearest(single, 8).cpu(), nearest(places, 8))
-        wrong += share_different(
-            furthest_points(single, count).cpu(), furthest_points(places, count)
-        )
-    row(
-        f"neighbours and furthest points on {device}, {kind}, {counts[0]} to {counts[-1]:,} views",
-        wrong,
-    )
+        furthest = furthest_points(single, count).cpu()
+        wrong += share_different(furthest, furthest_points(places, count))
+    views = f"{counts[0]} to {counts[-1]:,} views"
+    row(f"neighbours and furthest points on {device}, {kind}, {views}", wrong)
 
 
 @pytest.mark.stability("distances without cancellation")
 def test_distances_keep_their_digits_a_million_away_from_the_origin(row):
-    steps = list(product(range(3), repeat=3))
-    exact = torch.tensor(
-        [[sum((a - b) ** 2 for a, b in zip(p, q, strict=True)) / 16 for q in steps] for p in steps]
-    )
+    steps = torch.tensor(list(product(range(3), repeat=3)))
+    exact = ((steps[:, None] - steps) ** 2).sum(dim=2) / 16
     everyone = torch.arange(len(steps)).expand(1, len(steps), -1)
     for offset in (0.0, 1e3, 1e6):
-        grid = torch.tensor(steps) / 4 + offset
-        row(
-            f"squared distances, {offset:g} away",
-            max_rel_error(squared_distances(grid), exact),
-            ROUNDING,
-        )
+        grid = steps / 4 + offset
+        error = max_rel_error(squared_distances(grid), exact)
+        row(f"squared distances, {offset:g} away", error, ROUNDING)
         edges = edge_geometry(grid[None], everyone)[0, ..., 9]
         row(f"squared distances of edges, {offset:g} away", max_rel_error(edges, exact), ROUNDING)
     row("coincident points", squared_distances(torch.full((2, 3), 1e6 / 3)).max())
@@ -137,7 +137,8 @@ def test_distances_keep_their_digits_a_million_away_from_the_origin(row):
 
 @pytest.mark.stability("sum of messages")
 def test_the_sum_of_messages_keeps_its_digits_and_grows_with_the_number_of_views(row):
-    passing, sums = NonLocalMessagePassing(128), []
+    passing = NonLocalMessagePassing(128)
+    sums = []
     with torch.no_grad():  # a pair's message is LeakyReLU(F_j + F_i), so that nothing else rounds
         passing.message.weight.copy_(torch.eye(128).repeat(1, 2))
         passing.message.bias.zero_()

@@ -13,11 +13,12 @@ from tactile_viewgcn.nn.view_selection import SelectiveViewSampling, log_odds
 def test_log_odds_are_each_logit_against_the_sum_of_the_others_even_where_a_probability_rounds_to_1(
     dim, size
 ):
-    logits = size * torch.randn(
-        3, 4, 5, 6, generator=torch.Generator().manual_seed(0), dtype=torch.float64
-    )
-    others = [[j for j in range(logits.shape[dim]) if j != i] for i in range(logits.shape[dim])]
-    sums = [logits.index_select(dim, torch.tensor(each)).logsumexp(dim) for each in others]
+    generator = torch.Generator().manual_seed(0)
+    logits = size * torch.randn(3, 4, 5, 6, generator=generator, dtype=torch.float64)
+    sums = []
+    for i in range(logits.shape[dim]):
+        others = [j for j in range(logits.shape[dim]) if j != i]
+        sums.append(logits.index_select(dim, torch.tensor(others)).logsumexp(dim))
     torch.testing.assert_close(log_odds(logits, dim), logits - torch.stack(sums, dim))
 
 
@@ -25,4 +26,5 @@ def test_the_odds_of_the_only_choice_are_infinite_and_ties_go_to_the_nearest():
     assert (log_odds(torch.zeros(2, 1, 3), 1) == math.inf).all()
     sampler = SelectiveViewSampling(3, classes=2, samples=1, neighbours=2, joint=True).eval()
     nodes, positions, _ = sampler(torch.rand(1, 4, 3), torch.rand(1, 4, 3), 1)
-    assert positions.shape == (1, 1, 3) and torch.isfinite(nodes).all()
+    assert positions.shape == (1, 1, 3)
+    assert torch.isfinite(nodes).all()

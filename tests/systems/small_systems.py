@@ -14,6 +14,7 @@ LINE = torch.tensor([[0.0, 0, 0], [1, 0, 0], [3, 0, 0], [7, 0, 0]])
 
 
 def fill(parameter, values):
+    """Write values into a parameter, in its shape."""
     with torch.no_grad():
         parameter.copy_(torch.as_tensor(values, dtype=parameter.dtype).view_as(parameter))
 
@@ -35,11 +36,14 @@ def built(name, *changes, places=LINE, classes=5):
 
 def head_of(kind, *changes, places=LINE, classes=5, features=16):
     """Return only the head of a system; `features` is C, or the shape (C, H, W) of maps."""
-    shape = features if isinstance(features, tuple) else (features,)
-    return kind(torch.as_tensor(places), shape, classes, recipe(*changes).model)
+    if not isinstance(features, tuple):
+        features = (features,)
+    return kind(torch.as_tensor(places), features, classes, recipe(*changes).model)
 
 
 def some_views(classifier, count=None):
     """Return features, or maps, of three view sets of `count` views, or of V views."""
-    shape = (3, classifier.views if count is None else count, *classifier.feature_shape)
-    return torch.randn(shape, generator=torch.Generator().manual_seed(1))
+    if count is None:
+        count = classifier.views
+    generator = torch.Generator().manual_seed(1)
+    return torch.randn(3, count, *classifier.feature_shape, generator=generator)

@@ -27,24 +27,25 @@ def test_two_layers_of_gcn_by_hand():
     fill(system.layers[1].bias, [-1])
     r = 1 / math.sqrt(6)
     # first layer: [-3, 3, 5] -> ReLU[-1.5 + 3r, -3r + 1 + 5r, 3r + 2.5] = [0, 1 + 2r, 2.5 + 3r]
-    # second: [-1, 2r, 1.5 + 3r] -> ReLU[-1/2 + 2r², -r + 2r/3 + 1.5r + 3r², 2r² + 0.75 + 1.5r], r²
-    # = 1/6
+    # second layer: [-1, 2r, 1.5 + 3r]
+    #     -> ReLU[-1/2 + 2r², -r + 2r/3 + 1.5r + 3r², 2r² + 0.75 + 1.5r], where r² = 1/6
     nodes = [0, 1 / 2 + 7 * r / 6, 13 / 12 + 3 * r / 2]
-    assert system(torch.tensor([[[-1.0], [2], [3]]]))[0].item() == pytest.approx(max(nodes))
+    logits, _ = system(torch.tensor([[[-1.0], [2], [3]]]))
+    assert logits.item() == pytest.approx(max(nodes))
 
 
 def test_fewer_views_sit_where_furthest_point_sampling_comes_first():
-    whole, few = (
-        built("gcn", "model.neighbours=2", places=places) for places in (LINE, LINE[[0, 3, 2]])
-    )
+    whole = built("gcn", "model.neighbours=2", places=LINE)
+    few = built("gcn", "model.neighbours=2", places=LINE[[0, 3, 2]])
     views = some_views(few)
     assert torch.equal(whole.head(views)[0], few.head(views)[0])
 
 
 def test_gcn_takes_the_first_of_listed_neighbours():
-    one, listed = (built("gcn", f"model.neighbours={near}") for near in ("2", "[2, 4, 4]"))
-    views = some_views(one)
-    assert torch.equal(one.head(views)[0], listed.head(views)[0])
-    assert (
-        one.head(views)[0] - built("gcn", "model.neighbours=4").head(views)[0]
-    ).abs().max() > 1e-3
+    two = built("gcn", "model.neighbours=2")
+    listed = built("gcn", "model.neighbours=[2, 4, 4]")
+    four = built("gcn", "model.neighbours=4")
+    views = some_views(two)
+    logits, _ = two.head(views)
+    assert torch.equal(listed.head(views)[0], logits)
+    assert (four.head(views)[0] - logits).abs().max() > 1e-3

@@ -15,10 +15,9 @@ def test_the_grouped_mean_by_hand():
     # four groups, the third of them empty: each view is in a group of its own
     expected = torch.tensor([[(0.2 * 1 + 0.4 * 3 + 0.9 * 5) / 1.5, (0.4 * 4 + 0.9 * 10) / 1.5]])
     torch.testing.assert_close(grouped_mean(features, scores, 4), expected)
-    for alike in (0.2, 1):  # a score can round to 1
-        torch.testing.assert_close(
-            grouped_mean(features, torch.full((1, 3), alike), 2), features.mean(dim=1)
-        )
+    for score in (0.2, 1):  # a score can round to 1
+        of_equal_scores = grouped_mean(features, torch.full((1, 3), score), 2)
+        torch.testing.assert_close(of_equal_scores, features.mean(dim=1))
 
 
 def test_gvcnn_scores_the_maps_and_averages_them_by_hand():
@@ -26,11 +25,11 @@ def test_gvcnn_scores_the_maps_and_averages_them_by_hand():
     system = only_leaky(head_of(GVCNN, places=LINE[:2], features=(1, 1, 2), classes=1))
     fill(system.score.weight, [1, -1])
     fill(system.score.bias, [0])
-    # the maps [1, 4] and [2, 1] have scores 3/4 and 1/2, both in the upper half. The maps [2, 2.25]
-    # and [3, 3] have scores 1/5 and 0, both in the lower half
+    # The maps [1, 4] and [2, 1] have scores 3/4 and 1/2, both in the upper half. The maps [2, 2.25]
+    # and [3, 3] have scores 1/5 and 0, both in the lower half.
     views = torch.tensor([[1.0, 4], [2, 1], [2, 2.25], [3, 3]]).view(1, 4, 1, 1, 2)
-    expected = ((3 / 4 + 1 / 2) / 2 * (2.5 + 1.5) / 2 + 1 / 5 / 2 * (2.125 + 3) / 2) / (
-        (3 / 4 + 1 / 2) / 2 + 1 / 5 / 2
-    )
+    upper = (3 / 4 + 1 / 2) / 2
+    lower = (1 / 5 + 0) / 2
+    expected = (upper * (2.5 + 1.5) / 2 + lower * (2.125 + 3) / 2) / (upper + lower)
     assert system(views)[0].item() == pytest.approx(expected)
     assert system(views.bfloat16())[0].item() == pytest.approx(expected)

@@ -9,11 +9,13 @@ from tests.systems.small_systems import built, head_of, some_views
 
 
 def test_cnn_lstm_classifies_the_last_state_of_the_plain_loop():
-    head, views = built("cnn_lstm").head, some_views(built("cnn_lstm"))
-    cell, states = nn.LSTMCell(16, 16), [None]
-    cell.load_state_dict(
-        {name.removesuffix("_l0"): weight for name, weight in head.memory.state_dict().items()}
-    )
+    network = built("cnn_lstm")
+    head = network.head
+    views = some_views(network)
+    cell = nn.LSTMCell(16, 16)
+    weights = head.memory.state_dict()
+    cell.load_state_dict({name.removesuffix("_l0"): weight for name, weight in weights.items()})
+    states = [None]
     for view in views.unbind(dim=1):
         states.append(cell(view, states[-1]))
     logits = head(views)[0]
@@ -27,13 +29,14 @@ def plain_conv_lstm(system, views):
     Each gate is a convolution of the view plus a convolution of the hidden state.
     """
     batch, _, channels, height, width = views.shape
-    weight, bias = system.gates.weight, system.gates.bias
+    weight = system.gates.weight
+    bias = system.gates.bias
     hidden, cell = torch.zeros(2, batch, channels, height, width)
-    for number in range(views.shape[1]):
+    for view in views.unbind(dim=1):
         gates = []
         for gate in range(4):
             rows = slice(gate * channels, (gate + 1) * channels)
-            of_view = functional.conv2d(views[:, number], weight[rows, :channels], padding=1)
+            of_view = functional.conv2d(view, weight[rows, :channels], padding=1)
             of_hidden = functional.conv2d(hidden, weight[rows, channels:], padding=1)
             gates.append(of_view + of_hidden + bias[rows, None, None])
         cell = torch.sigmoid(gates[1]) * cell + torch.sigmoid(gates[0]) * torch.tanh(gates[3])

@@ -50,14 +50,9 @@ def python(*words, cwd) -> str:
 @pytest.mark.slow
 def test_the_manual_s_system_does_what_the_manual_says_and_passes_the_tests_that_it_names(tmp_path):
     copy_repository(tmp_path)
-    (tmp_path / "tactile_viewgcn" / "systems" / f"{NAME}.py").write_text(
-        f'"""Median."""\n\n{example()}'
-    )
-    put(
-        tmp_path / "tactile_viewgcn" / "params.py",
-        r"(?s)\nSystem = Literal\[.*?\n",
-        f'    "{NAME}",\n',
-    )
+    package = tmp_path / "tactile_viewgcn"
+    (package / "systems" / f"{NAME}.py").write_text(f'"""Median."""\n\n{example()}')
+    put(package / "params.py", r"(?s)\nSystem = Literal\[.*?\n", f'    "{NAME}",\n')
     put(tmp_path / "params.yaml", r"\n  system: view_gcn .*", f" | {NAME}")
     for name in described_by():
         put(tmp_path / "tests" / "systems" / "test_systems.py", rf"\n{name} = {{", f'"{NAME}", ')
@@ -65,9 +60,8 @@ def test_the_manual_s_system_does_what_the_manual_says_and_passes_the_tests_that
         "-m", "pytest", "tests/systems", "-k", NAME, "-rp", "-p", "no:cacheprovider", cwd=tmp_path
     )
     passed = re.findall(rf"^PASSED .*::(\w+)\[.*{NAME}.*\]$", output, re.MULTILINE)
-    assert (
-        "test_fewer_and_more_views_are_taken_where_a_system_says_so" in passed and len(passed) > 4
-    )
+    assert "test_fewer_and_more_views_are_taken_where_a_system_says_so" in passed
+    assert len(passed) > 4
     python("-m", "pytest", "tests/test_params.py", "-p", "no:cacheprovider", cwd=tmp_path)
     python("-m", "ruff", "check", "--no-cache", ".", cwd=tmp_path)
     python("-m", "ruff", "format", "--no-cache", "--check", ".", cwd=tmp_path)

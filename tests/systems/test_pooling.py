@@ -24,16 +24,15 @@ def test_vote_averages_log_probabilities_by_hand():
     fill(system.classifier.weight, torch.eye(2))
     fill(system.classifier.bias, [0, 0])
     # probabilities 3/4 and 1/4, then 1/2 and 1/2, then 1/10 and 9/10
-    log3, ln = math.log(3), math.log
-    views = torch.tensor([[[log3, 0], [5, 5], [0, 2 * log3]]])
-    expected = torch.tensor([[ln(3 / 4 / 2 / 10) / 3, ln(1 / 4 / 2 * 9 / 10) / 3]])
+    views = torch.tensor([[[math.log(3), 0], [5, 5], [0, 2 * math.log(3)]]])
+    products = [3 / 4 * 1 / 2 * 1 / 10, 1 / 4 * 1 / 2 * 9 / 10]
+    expected = torch.tensor([[math.log(product) / 3 for product in products]])
     torch.testing.assert_close(system(views)[0], expected)
 
 
 def test_vote_begins_as_the_pretrained_classifier_and_is_not_trained():
     network, _ = finetune("model.system=vote", "finetune.moments=running", every=12)
     for part, module in (("backbone", network.backbone), ("classifier", network.head.classifier)):
-        assert all(
-            torch.equal(module.state_dict()[name], weight)
-            for name, weight in pretrained()[part].items()
-        )
+        weights = module.state_dict()
+        for name, weight in pretrained()[part].items():
+            assert torch.equal(weights[name], weight)

@@ -11,10 +11,12 @@ from tests.systems.small_systems import LINE, head_of
 
 def brute_force(ratio):
     """Return the highest sum of a matrix (4, 4) over permutations, and the permutation."""
-    return max(
-        (sum(float(ratio[i, j]) for i, j in enumerate(turn)), turn)
-        for turn in permutations(range(4))
-    )
+
+    def total(turn):
+        return sum(float(ratio[i, j]) for i, j in enumerate(turn))
+
+    best = max(permutations(range(4)), key=total)
+    return total(best), best
 
 
 def test_the_best_permutation_and_its_score_are_those_of_brute_force():
@@ -23,7 +25,8 @@ def test_the_best_permutation_and_its_score_are_those_of_brute_force():
     scores, (log_p,) = system(torch.randn(5, 4, 4))
     torch.testing.assert_close(log_p.exp().sum(dim=-1), torch.ones(5, 4, 4))
     ratio = (log_p[..., :3] - log_p[..., 3:]).permute(0, 3, 1, 2).detach()
-    place, involutions = best_permutation(ratio), 0
+    place = best_permutation(ratio)
+    involutions = 0
     for b in range(5):
         for label in range(3):
             best, turn = brute_force(ratio[b, label])
@@ -43,5 +46,6 @@ def test_rotationnet_s_loss_of_more_views_equals_the_plain_loop():
     for of_set, label in zip(log_p.detach(), labels.tolist(), strict=True):
         _, turn = brute_force(of_set[..., label] - of_set[..., 3])
         for i, j in product(range(4), range(4)):
-            total -= of_set[i, j, label if turn[i] == j else 3].item() / (5 * 4)
+            target = label if turn[i] == j else 3
+            total -= of_set[i, j, target].item() / (5 * 4)
     assert system.loss(logits, [log_p], labels).item() == pytest.approx(total)

@@ -15,23 +15,25 @@ from tests.systems.small_systems import NARROW, NETWORKS
 )
 def test_it_trains_and_evaluates_with_one_view_and_with_more_views_than_frames(name, reuse, views):
     """Features are reused or not; on maps they have another shape."""
-    changes = (
+    params = recipe(
+        NARROW,
         f"model.system={name}",
         f"finetune.feature_reuse={reuse}",
         f"views={views}",
         "evaluate.trials=1",
     )
-    params, frames = recipe(NARROW, *changes), fewer_anchors(table(), 12)
+    frames = fewer_anchors(table(), 12)
     classifier, progress = finetune_classifier(
         frames, views_of(frames, params), pretrained(NARROW), params, CPU
     )
-    assert (
-        np.isfinite(progress.curves["loss"]).all()
-        if classifier.head.trainable
-        else not progress.curves
-    )
+    if classifier.head.trainable:
+        assert np.isfinite(progress.curves["loss"]).all()
+    else:
+        assert not progress.curves
     logits = []
-    classifier.head.register_forward_hook(lambda _, __, out: logits.append(out[0]))
+    classifier.head.register_forward_hook(lambda _, __, output: logits.append(output[0]))
     evaluate_table(classifier, frames, params, CPU, temperature=None)
     assert len(logits) >= 3  # for both protocols, for whole recordings, and for fewer views
-    assert all(part.shape[1] == 4 and part.isfinite().all() for part in logits)
+    for of_batch in logits:
+        assert of_batch.shape[1] == 4
+        assert of_batch.isfinite().all()

@@ -10,28 +10,26 @@ from tests.glove_data import CPU, fewer_anchors, pretrained, recipe, table, view
 
 def frames_of(changes, every):
     """Return the table under the changes to `split`, with only every `every`-th anchor."""
-    return fewer_anchors(
-        table(*(change for change in changes if change.startswith("split"))), every
-    )
+    of_split = [change for change in changes if change.startswith("split")]
+    return fewer_anchors(table(*of_split), every)
 
 
 def pretrain(*changes, every=1, **checkpoint):
     """Return backbone and linear classifier as one module, and the progress."""
-    backbone, linear, progress = pretrain_backbone(
-        frames_of(changes, every), recipe(*changes), CPU, **checkpoint
-    )
+    frames = frames_of(changes, every)
+    backbone, linear, progress = pretrain_backbone(frames, recipe(*changes), CPU, **checkpoint)
     return nn.ModuleList([backbone, linear]), progress
 
 
 def finetune(*changes, every=1, **checkpoint):
     """Return the network, trained from the small table's backbone, and the progress."""
-    frames, params = frames_of(changes, every), recipe(*changes)
-    return finetune_classifier(
-        frames, views_of(frames, params), pretrained(), params, CPU, **checkpoint
-    )
+    frames = frames_of(changes, every)
+    params = recipe(*changes)
+    views = views_of(frames, params)
+    return finetune_classifier(frames, views, pretrained(), params, CPU, **checkpoint)
 
 
-def equal_weights(one, other):
+def equal_weights(module, other):
     """Return whether two modules have equal weights and moments, bit by bit."""
-    pairs = zip(one.state_dict().values(), other.state_dict().values(), strict=True)
-    return all(torch.equal(a, b) for a, b in pairs)
+    pairs = zip(module.state_dict().values(), other.state_dict().values(), strict=True)
+    return all(torch.equal(of_module, of_other) for of_module, of_other in pairs)

@@ -22,23 +22,27 @@ class Interrupted(KeyboardInterrupt):
 
 
 def pretrained(path, *changes):
-    """Return the modules and the progress.
+    """Return the modules and the progress of pretraining with this checkpoint.
 
     `on_epoch` has to be called with every value of the curves, even in a resumed training run.
     """
     calls = []
-    keep = {"checkpoint_path": path, "on_epoch": lambda *values: calls.append(values)}
-    modules, progress = pretrain("pretrain.epochs=4", *changes, every=6, **keep)
-    assert calls == [
-        (number, {"loss": loss}) for number, loss in enumerate(progress.curves["loss"], start=1)
-    ]
+    modules, progress = pretrain(
+        "pretrain.epochs=4",
+        *changes,
+        every=6,
+        checkpoint_path=path,
+        on_epoch=lambda *values: calls.append(values),
+    )
+    losses = enumerate(progress.curves["loss"], start=1)
+    assert calls == [(epoch, {"loss": loss}) for epoch, loss in losses]
     return modules, progress
 
 
 def finetuned(path, *changes):
-    return finetune(
-        "finetune.epochs=4", "split.validation=0.25", *changes, every=6, checkpoint_path=path
-    )
+    """Return the network and the progress of fine-tuning with this checkpoint."""
+    changes = ("finetune.epochs=4", "split.validation=0.25", *changes)
+    return finetune(*changes, every=6, checkpoint_path=path)
 
 
 def interrupt(monkeypatch, after):
@@ -52,25 +56,20 @@ def interrupt(monkeypatch, after):
     monkeypatch.setattr(loop, "save", saved)
 
 
+SAME_SETS_IN_A_COSINE = ("finetune.resample_views=never", "finetune.schedule=cosine")
+
+
 @pytest.mark.parametrize(
     ("train", "changes", "after"),
     [
         (pretrained, (), 1),
         (pretrained, (), 4),
         (finetuned, ("finetune.feature_reuse=4", "finetune.num_views=random"), 1),
-        (
-            finetuned,
-            (
-                "finetune.feature_reuse=4",
-                "finetune.resample_views=never",
-                "finetune.schedule=cosine",
-            ),
-            4,
-        ),
+        (finetuned, ("finetune.feature_reuse=4", *SAME_SETS_IN_A_COSINE), 4),
         (finetuned, ("views=1", "finetune.feature_reuse=8"), 1),
     ],
 )
-def test_an_interrupted_training_ends_as_one_that_was_not(
+def test_an_interrupted_training_run_ends_as_one_that_was_not(
     tmp_path, monkeypatch, train, changes, after
 ):
     whole, progress = train(None, *changes)
@@ -80,15 +79,18 @@ def test_an_interrupted_training_ends_as_one_that_was_not(
         with pytest.raises(Interrupted):
             train(path, *changes)
     torch.manual_seed(99)  # the state of torch's generator in another process
-    resumed, again = train(path, *changes)
-    assert equal_weights(whole, resumed) and again.curves == progress.curves
-    assert again.epoch == progress.epoch == 4 and progress.resumed == (0, 0.0)
-    # the numbers of epochs in the text: all of them, and those before the interruption
-    assert [re.findall(r"\d+ ", str(each)) for each in (progress, again)] == [
-        ["4 "],
-        ["4 ", f"{after} "],
-    ]
-    assert again.resumed[0] == after and again.seconds >= again.resumed[1] > 0
+    resumed, resumed_progress = train(path, *changes)
+    assert equal_weights(whole, resumed)
+    assert resumed_progress.curves == progress.curves
+    assert resumed_progress.epoch == 4
+    assert progress.epoch == 4
+    # the text names all epochs, and the epochs before the interruption
+    assert re.findall(r"\d+ ", str(progress)) == ["4 "]
+    assert re.findall(r"\d+ ", str(resumed_progress)) == ["4 ", f"{after} "]
+    assert progress.resumed == (0, 0.0)
+    epochs_before, seconds_before = resumed_progress.resumed
+    assert epochs_before == after
+    assert resumed_progress.seconds >= seconds_before > 0
 
 
 @pytest.mark.parametrize("stage", ["pretrain", "finetune"])
@@ -102,20 +104,23 @@ def test_a_stage_that_was_interrupted_goes_on_and_ends_as_one_that_was_not(
     (tmp_path / "models").mkdir()
     torch.save(glove_data.pretrained(), tmp_path / "models" / "backbone.pt")
     words = FILES[stage].split() + changed(*SMALL, "precision=float32", "finetune.epochs=2")
-    out = tmp_path / FILES[stage].split()[-1]
+    model = tmp_path / FILES[stage].split()[-1]
     assert "before an interruption" not in run_stage(stage, *words, cwd=tmp_path).stdout
-    whole = out.read_bytes()
-    out.unlink()
+    expected = model.read_bytes()
+    model.unlink()
     with monkeypatch.context() as patch:
         interrupt(patch, 1)
         stopped = run_stage(stage, *words, cwd=tmp_path)
-    assert stopped.returncode == 1 and stopped.stderr.strip().endswith("Aborted!")
-    assert not out.exists() and len(list(tmp_path.glob(f"checkpoints/{stage}-*.pt"))) == 1
+    assert stopped.returncode == 1
+    assert stopped.stderr.strip().endswith("Aborted!")
+    assert not model.exists()
+    assert len(list(tmp_path.glob(f"checkpoints/{stage}-*.pt"))) == 1
     assert "1 of them before an interruption" in run_stage(stage, *words, cwd=tmp_path).stdout
-    assert out.read_bytes() == whole and not list(tmp_path.glob("checkpoints/*.pt"))
+    assert model.read_bytes() == expected
+    assert not list(tmp_path.glob("checkpoints/*.pt"))
 
 
-def test_a_continued_training_has_as_many_threads_as_before(tmp_path):
+def test_a_continued_training_run_has_as_many_threads_as_before(tmp_path):
     save(tmp_path / "training.pt", [], {})
     before = torch.get_num_threads()
     torch.set_num_threads(before + 1)  # as in another process, when one core more is idle
@@ -145,30 +150,29 @@ def path_of(tmp_path, monkeypatch):
 def test_another_stage_key_or_machine_has_another_file_in_the_original_repository(
     tmp_path, monkeypatch, path_of
 ):
-    machines = [
-        CPU,
-        Compute(torch.device("cpu"), "bfloat16"),
-        Compute(torch.device("cuda"), "float32"),
-    ]
     cases = [
         ("finetune", "b", CPU),
         ("pretrain", "a", CPU),
-        *(("finetune", "a", machine) for machine in machines),
+        ("finetune", "a", CPU),
+        ("finetune", "a", Compute(torch.device("cpu"), "bfloat16")),
+        ("finetune", "a", Compute(torch.device("cuda"), "float32")),
     ]
     paths = [path_of(*case) for case in cases]
-    assert len(set(paths)) == 5 and path_of(*cases[0]) == paths[0]
+    assert len(set(paths)) == 5
+    assert path_of(*cases[0]) == paths[0]
     assert {path.parent for path in paths} == {tmp_path / "checkpoints"}
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     assert path_of(*cases[0]) not in paths
 
 
-def test_a_failed_training_keeps_its_file_and_a_second_process_with_the_same_training_has_none(
+def test_a_failed_training_run_keeps_its_file_and_a_second_process_of_the_same_run_has_none(
     path_of,
 ):
-    training = "pretrain", "key", CPU
+    training = ("pretrain", "key", CPU)
     with pytest.raises(Interrupted), training_checkpoint(*training) as path:
         path.write_bytes(b"under way")
         assert path_of(*training) is None
         raise Interrupted
     assert path.read_bytes() == b"under way"
-    assert path_of(*training) == path and not path.exists()
+    assert path_of(*training) == path
+    assert not path.exists()

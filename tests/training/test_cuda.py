@@ -23,7 +23,8 @@ CUDA = select_device("cuda", "float32") if torch.cuda.is_available() else CPU
 @pytest.fixture
 def graphs(monkeypatch):
     """Return the list of repeated graphs, with a graph once for each time that it is repeated."""
-    repeated, replay = [], torch.cuda.CUDAGraph.replay
+    repeated = []
+    replay = torch.cuda.CUDAGraph.replay
 
     def watched(graph):
         repeated.append(graph)
@@ -34,36 +35,39 @@ def graphs(monkeypatch):
 
 
 @pytest.mark.parametrize("name", NETWORKS)
-def test_every_network_learns_in_bfloat16_and_its_logits_are_those_of_the_processor(name, graphs):
-    compute, params = Compute(torch.device("cuda"), "bfloat16"), recipe(f"model.system={name}")
+def test_every_network_learns_in_bfloat16_and_its_logits_are_those_of_the_cpu(name, graphs):
+    compute = Compute(torch.device("cuda"), "bfloat16")
+    params = recipe(f"model.system={name}")
     backbone, classifier, progress = pretrain_backbone(table(), params, compute)
     assert progress.curves["loss"][-1] < 0.5 * progress.curves["loss"][0]
     weights = {"backbone": backbone.state_dict(), "classifier": classifier.state_dict()}
     graphs.clear()
-    tuned, progress = finetune_classifier(
-        table(), views_of(table(), params), weights, params, compute
-    )
-    assert not tuned.head.trainable or progress.curves["loss"][-1] < progress.first_loss
+    views = views_of(table(), params)
+    tuned, progress = finetune_classifier(table(), views, weights, params, compute)
+    if tuned.head.trainable:
+        assert progress.curves["loss"][-1] < progress.first_loss
     assert bool(graphs) == (tuned.head.trainable and tuned.head.capturable)
     draw = torch.Generator().manual_seed(2)
     frames = torch.rand(40, 12, 12, generator=draw).numpy()
     sets = torch.randint(40, (16, tuned.views), generator=draw).numpy()
-    answers = []
+    logits = []
     for place in (CUDA, CPU):
         tuned.prepare(place)
-        answers.append(tuned.view_sets(tuned.frame_values(frames), sets))
-    np.testing.assert_allclose(*answers, rtol=1e-4, atol=1e-4)
+        logits.append(tuned.view_sets(tuned.frame_values(frames), sets))
+    on_gpu, on_cpu = logits
+    np.testing.assert_allclose(on_gpu, on_cpu, rtol=1e-4, atol=1e-4)
 
 
-def test_an_interrupted_training_goes_on_as_one_that_was_not(tmp_path):
+def test_an_interrupted_training_run_goes_on_as_one_that_was_not(tmp_path):
     def stop(epoch, values):
         if epoch == 2:
             raise KeyboardInterrupt
 
-    whole = pretrain_backbone(table(), recipe(), CUDA)[2]
+    path = tmp_path / "training.pt"
+    _, _, whole = pretrain_backbone(table(), recipe(), CUDA)
     with pytest.raises(KeyboardInterrupt):
-        pretrain_backbone(table(), recipe(), CUDA, tmp_path / "kept.pt", stop)
-    progress = pretrain_backbone(table(), recipe(), CUDA, tmp_path / "kept.pt")[2]
+        pretrain_backbone(table(), recipe(), CUDA, path, stop)
+    _, _, progress = pretrain_backbone(table(), recipe(), CUDA, path)
     assert progress.resumed[0] == 2
     # not equal to the last digit, since some sums have no fixed order
     assert progress.curves["loss"] == pytest.approx(whole.curves["loss"], abs=0.01)
@@ -75,47 +79,57 @@ def test_a_repeated_step_has_the_loss_and_the_gradients_of_a_launched_one(graphs
         torch.nn.Linear(8, 16), torch.nn.Tanh(), torch.nn.Linear(16, 3)
     ).cuda()
     repeated = deepcopy(launched)
-    loss_of = Replay(
-        lambda inputs, targets: mse_loss(repeated(inputs), targets), repeated.parameters()
-    )
+
+    def function(inputs, targets):
+        return mse_loss(repeated(inputs), targets)
+
+    loss_of = Replay(function, repeated.parameters())
     for _ in range(4):
-        inputs, targets = (torch.randn(32, width, generator=draw).cuda() for width in (8, 3))
-        expected, loss = mse_loss(launched(inputs), targets), loss_of(inputs, targets)
+        inputs = torch.randn(32, 8, generator=draw).cuda()
+        targets = torch.randn(32, 3, generator=draw).cuda()
+        expected = mse_loss(launched(inputs), targets)
+        loss = loss_of(inputs, targets)
         launched.zero_grad(set_to_none=True)
         expected.backward()
         torch.testing.assert_close(loss, expected.detach(), rtol=1e-4, atol=1e-6)
-        for one, other in zip(repeated.parameters(), launched.parameters(), strict=True):
-            torch.testing.assert_close(one.grad, other.grad, rtol=1e-4, atol=1e-6)
+        pairs = zip(repeated.parameters(), launched.parameters(), strict=True)
+        for of_repeated, of_launched in pairs:
+            torch.testing.assert_close(of_repeated.grad, of_launched.grad, rtol=1e-4, atol=1e-6)
             with torch.no_grad():  # the next step has other weights
-                other -= 0.1 * other.grad
-                one.copy_(other)
-    assert len(graphs) == 3 and len(set(graphs)) == 1  # the first step is computed as usual
+                of_launched -= 0.1 * of_launched.grad
+                of_repeated.copy_(of_launched)
+    assert len(graphs) == 3  # the first step is computed as usual
+    assert len(set(graphs)) == 1
+
+
+def finetuned(*changes):
+    """Return the network and the progress of fine-tuning on the GPU."""
+    params = recipe(*changes)
+    return finetune_classifier(table(), views_of(table(), params), pretrained(), params, CUDA)
 
 
 @pytest.mark.parametrize(
     "change",
     [
-        *(
-            f"finetune.{name}"
-            for name in ("feature_reuse=1", "feature_reuse=4", "num_views=random")
-        ),
+        "finetune.feature_reuse=1",
+        "finetune.feature_reuse=4",
+        "finetune.num_views=random",
         "model.system=stag",
     ],
 )
 def test_repeated_kernels_learn_what_launched_ones_do(change, graphs, monkeypatch):
-    params = recipe("finetune.epochs=3", change)
-    inputs = table(), views_of(table(), params), pretrained(), params, CUDA
-    repeated = finetune_classifier(*inputs)[1].curves["loss"]
+    _, repeated = finetuned("finetune.epochs=3", change)
     assert len(graphs) > len(set(graphs)) > 0
     monkeypatch.setattr(ViewSystem, "capturable", False)
-    assert repeated == pytest.approx(finetune_classifier(*inputs)[1].curves["loss"], rel=0.02)
+    _, launched = finetuned("finetune.epochs=3", change)
+    assert repeated.curves["loss"] == pytest.approx(launched.curves["loss"], rel=0.02)
 
 
 @pytest.mark.parametrize("reuse", [1, 4])
-def test_frames_that_do_not_fit_the_card_stay_in_the_computers_memory(reuse, monkeypatch):
-    params = recipe(f"finetune.feature_reuse={reuse}")
-    inputs = table(), views_of(table(), params), pretrained(), params, CUDA
-    fits = finetune_classifier(*inputs)[0].state_dict()
+def test_frames_that_do_not_fit_the_gpu_stay_in_the_computers_memory(reuse, monkeypatch):
+    on_gpu, _ = finetuned(f"finetune.feature_reuse={reuse}")
+    expected = on_gpu.state_dict()
     monkeypatch.setattr(device, "MAX_MEMORY_SHARE", 0.0)
-    for name, values in finetune_classifier(*inputs)[0].state_dict().items():
-        torch.testing.assert_close(values, fits[name], rtol=1e-3, atol=1e-4)
+    in_memory, _ = finetuned(f"finetune.feature_reuse={reuse}")
+    for name, values in in_memory.state_dict().items():
+        torch.testing.assert_close(values, expected[name], rtol=1e-3, atol=1e-4)

@@ -15,16 +15,21 @@ from tests.glove_data import CPU, table, with_settings
 def both(tmp_path):
     """Return the table in memory, and the same table mapped from its file."""
     save_table(tmp_path / "frames", table())
-    read = load_table(tmp_path / "frames", Frames)
-    return replace(read, counts=read.counts[:]), read
+    mapped = load_table(tmp_path / "frames", Frames)
+    in_memory = replace(mapped, counts=mapped.counts[:])
+    return in_memory, mapped
 
 
 def test_a_batch_is_the_network_input_of_its_frames_in_the_order_that_convolutions_read(both):
-    index = np.random.default_rng(0).permutation(both[1].on(TRAIN))
-    frames, expected = FrameInputs(both[1], index, CPU), both[0].inputs(index)
-    assert len(frames) == len(index) and (frames.labels.numpy() == both[0].label[index]).all()
+    in_memory, mapped = both
+    index = np.random.default_rng(0).permutation(mapped.on(TRAIN))
+    frames = FrameInputs(mapped, index, CPU)
+    expected = in_memory.inputs(index)
+    assert len(frames) == len(index)
+    assert (frames.labels.numpy() == in_memory.label[index]).all()
     batch = frames[torch.tensor([5, 0, 5])]
-    assert batch.shape == (3, 1, 12, 12) and batch.is_contiguous(memory_format=torch.channels_last)
+    assert batch.shape == (3, 1, 12, 12)
+    assert batch.is_contiguous(memory_format=torch.channels_last)
     np.testing.assert_array_equal(batch[:, 0], expected[[5, 0, 5]])
     parts = list(frames.split(50))
     assert [len(part) for part in parts] == [50] * (len(index) // 50) + [len(index) % 50]
@@ -36,8 +41,10 @@ def test_a_batch_is_the_network_input_of_its_frames_in_the_order_that_convolutio
 )
 def test_noise_is_white_of_the_stated_share_of_full_scale(share, transform, full_scale):
     """With the transform log, full scale is log(1 + e² - 1) = 2."""
-    index, everyone = np.arange(200), torch.arange(200)
-    read, noise = with_settings(table(), transform=transform, scale=np.e**2 - 1), share * full_scale
+    index = np.arange(200)
+    everyone = torch.arange(200)
+    noise = share * full_scale
+    read = with_settings(table(), transform=transform, scale=np.e**2 - 1)
     frames = FrameInputs(read, index, CPU, noise=share, rng=torch.Generator().manual_seed(1))
     added = frames.noisy(everyone) - frames[everyone]
     assert float(added.std()) == pytest.approx(noise, rel=0.02)

@@ -37,16 +37,15 @@ def test_moments_are_means_over_batches_the_backbone_s_first_then_the_head_s_in_
     There is no dropout. The frames are a plain tensor, so a call for noisy frames would fail.
     """
     draw = torch.Generator().manual_seed(0)
-    frames, sets = (
-        5 * torch.randn(300, 2, generator=draw).exp(),
-        torch.randint(300, (400, 3), generator=draw),
-    )
+    frames = 5 * torch.randn(300, 2, generator=draw).exp()
+    sets = torch.randint(300, (400, 3), generator=draw)
     network = nn.Module()
     network.backbone = nn.Sequential(nn.Dropout(0.5), nn.BatchNorm1d(2, affine=False))
     network.head = FirstView(in_time_order)
     measure_moments(network, frames, sets.numpy(), CPU, torch.Generator().manual_seed(1))
     order = torch.Generator().manual_seed(1)
-    of_frames, of_sets = (torch.randperm(count, generator=order).split(100) for count in (300, 400))
+    of_frames = torch.randperm(300, generator=order).split(100)
+    of_sets = torch.randperm(400, generator=order).split(100)
     features = normalised(network.backbone[1], frames, of_frames)
     first = sets.amin(dim=1) if in_time_order else sets[:, 0]
     normalised(network.head[1], features[first], of_sets)
@@ -54,16 +53,15 @@ def test_moments_are_means_over_batches_the_backbone_s_first_then_the_head_s_in_
 
 
 def norms(module):
+    """Return the layers that normalise batches."""
     return [layer for layer in module.modules() if hasattr(layer, "running_mean")]
 
 
 @pytest.mark.parametrize("system", ["view_gcn", "mvcnn", "gvcnn", "cnn_lstm", "vote"])
-def test_a_training_ends_with_clean_moments_where_they_are_asked_for(system):
-    running, clean = (
-        finetune(f"model.system={system}", f"finetune.moments={moments}", every=12)[0]
-        for moments in ("running", "clean")
-    )
-    for one, other in zip(running.parameters(), clean.parameters(), strict=True):
-        assert torch.equal(one, other)
-    for one, other in zip(norms(running), norms(clean), strict=True):
-        assert not torch.allclose(one.running_var, other.running_var)
+def test_a_training_run_ends_with_clean_moments_where_they_are_set(system):
+    running, _ = finetune(f"model.system={system}", "finetune.moments=running", every=12)
+    clean, _ = finetune(f"model.system={system}", "finetune.moments=clean", every=12)
+    for of_running, of_clean in zip(running.parameters(), clean.parameters(), strict=True):
+        assert torch.equal(of_running, of_clean)
+    for of_running, of_clean in zip(norms(running), norms(clean), strict=True):
+        assert not torch.allclose(of_running.running_var, of_clean.running_var)

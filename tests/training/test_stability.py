@@ -14,26 +14,29 @@ from tests.trained_network import some_sets, without_dropout
 SUM = 2.0**-20  # error of single precision after a few sums
 SYSTEMS = ["view_gcn", "stag", "gvcnn", "cnn_lstm", "rotationnet", "vote"]
 INPUTS = table().inputs(table().on(TEST)[:24])
-SETS, LABELS = some_sets(24, 4, 6), np.arange(6) % 4
+SETS = some_sets(24, 4, 6)
+LABELS = np.arange(6) % 4
 
 
 def classifier_of(system):
-    """Return the small trained classifier, or that of another system with random weights.
+    """Return the small trained classifier, or another system with random weights.
 
     It is in training mode, but without dropout.
     """
     torch.manual_seed(0)
-    other = build_classifier(
-        torch.from_numpy(viewpoints(4)), 4, recipe(f"model.system={system}").model, (12, 12)
-    )
-    return without_dropout((trained() if system == "view_gcn" else other).train())
+    places = torch.from_numpy(viewpoints(4))
+    model = recipe(f"model.system={system}").model
+    classifier = build_classifier(places, 4, model, (12, 12))
+    if system == "view_gcn":
+        classifier = trained()
+    return without_dropout(classifier.train())
 
 
-def loss_of(classifier, frames, sets=SETS, labels=LABELS):
+def loss_of(classifier, frames, sets, labels):
+    """Return the loss of view sets (B, V) with labels (B,) of frames (n, H, W)."""
     nodes = classifier.backbone(frames.unsqueeze(1))
-    return classifier.head.loss(
-        *classifier.head(nodes[torch.from_numpy(sets)]), torch.from_numpy(labels)
-    )
+    logits, aux = classifier.head(nodes[torch.from_numpy(sets)])
+    return classifier.head.loss(logits, aux, torch.from_numpy(labels))
 
 
 def not_finite(system, inputs, sets=SETS, labels=LABELS):
@@ -48,7 +51,9 @@ def not_finite(system, inputs, sets=SETS, labels=LABELS):
 
 def suffix(system):
     """Return the end of a row's name, which names the system unless it is the default."""
-    return "" if system == "view_gcn" else f", {system}"
+    if system == "view_gcn":
+        return ""
+    return f", {system}"
 
 
 @pytest.mark.stability("gradients at the extremes")
@@ -74,17 +79,15 @@ def test_two_view_sets_of_two_frames_are_enough_for_batch_normalisation(row):
 @pytest.mark.stability("losses of sure logits")
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_a_systems_loss_of_logits_10_000_times_as_large(row, system):
-    head = classifier_of(system).eval().head
-    nodes = torch.rand(
-        24, *classifier_of(system).feature_shape, generator=torch.Generator().manual_seed(0)
-    )
+    classifier = classifier_of(system).eval()
+    head = classifier.head
+    generator = torch.Generator().manual_seed(0)
+    nodes = torch.rand(24, *classifier.feature_shape, generator=generator)
+
+    labels = torch.from_numpy(LABELS)
     with torch.no_grad():
         logits, aux = head(nodes[torch.from_numpy(SETS)])
-        single, exact = (
-            head.loss(
-                1e4 * logits.to(kind), [1e4 * one.to(kind) for one in aux], torch.from_numpy(LABELS)
-            )
-            for kind in (torch.float32, torch.float64)
-        )
+        single = head.loss(1e4 * logits, [1e4 * values for values in aux], labels)
+        exact = head.loss(1e4 * logits.double(), [1e4 * values.double() for values in aux], labels)
     error = max_rel_error(single, exact)
     row(f"the system's loss of logits 10,000 times as large{suffix(system)}", error, SUM)

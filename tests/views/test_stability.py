@@ -47,7 +47,8 @@ def test_equal_frames_are_one_cluster_and_their_view_sets_have_their_anchor(row)
         ("no sensors", np.zeros((9, 0))),
         ("one frame", np.ones((1, 5))),
     ):
-        scores, anchors = principal_components(points, 8), np.arange(len(points))
+        scores = principal_components(points, 8)
+        anchors = np.arange(len(points))
         row(f"scores, {name}", max_rel_error(scores, np.zeros((len(points), 1))))
         labels = kmeans(scores, VIEWS, restarts=2, seed=0)
         row(f"clusters, {name}", share_different(labels, 0 * anchors))
@@ -58,19 +59,14 @@ def test_equal_frames_are_one_cluster_and_their_view_sets_have_their_anchor(row)
 
 @pytest.mark.stability("fewer distinct frames than clusters")
 def test_three_frames_over_and_over_are_three_clusters(row):
-    rng, owner = np.random.default_rng(0), np.arange(30) % 3
-    three = rng.random((3, 6))[owner]
+    rng = np.random.default_rng(0)
+    owner = np.arange(30) % 3
+    points = rng.random((3, 6))[owner]
     for name, noise in (("equal", 0.0), ("equal to 13 digits", 1e-13)):
-        labels = kmeans(
-            principal_components(three + noise * rng.random(three.shape), 6),
-            VIEWS,
-            restarts=2,
-            seed=0,
-        )
-        row(
-            f"pairs in one cluster, {name}",
-            share_different(labels[:, None] == labels, owner[:, None] == owner),
-        )
+        scores = principal_components(points + noise * rng.random(points.shape), 6)
+        labels = kmeans(scores, VIEWS, restarts=2, seed=0)
+        wrong_pairs = share_different(labels[:, None] == labels, owner[:, None] == owner)
+        row(f"pairs in one cluster, {name}", wrong_pairs)
         sets = ViewSets(labels, np.zeros(30, dtype=int), VIEWS).draw(np.arange(30), rng)
         row(f"empty clusters drawn from the pool, {name}", ((sets < 0) | (sets >= 30)).mean())
         row(f"clusters beyond three, {name}", labels.max() - 2)
@@ -81,16 +77,13 @@ def test_of_fewer_frames_than_1_000_views_each_is_a_cluster_and_every_view_is_a_
     points = np.random.default_rng(0).random((300, 12))
     labels = kmeans(principal_components(points, 8), 1000, restarts=2, seed=0)
     row("frames that share a cluster", 300 - len(np.unique(labels)))
-    sets = ViewSets(labels, np.zeros(300, dtype=int), 1000).draw(
-        np.arange(300), np.random.default_rng(0)
-    )
+    view_sets = ViewSets(labels, np.zeros(300, dtype=int), 1000)
+    frames = np.arange(300)
+    sets = view_sets.draw(frames, np.random.default_rng(0))
     row("views that are no frame", float(((sets < 0) | (sets >= 300)).mean()))
-    # the views of a cluster that has one frame
-    alone = np.take_along_axis(sets, np.broadcast_to(labels, (300, 300)), axis=1)
-    row(
-        "frames away from their cluster's view",
-        share_different(alone, np.broadcast_to(np.arange(300), (300, 300))),
-    )
+    # each cluster has one frame, which is its view in every set
+    expected = np.broadcast_to(frames, (300, 300))
+    row("frames away from their cluster's view", share_different(sets[:, labels], expected))
 
 
 @pytest.mark.stability("scales far from one")
@@ -106,9 +99,9 @@ def test_clusters_do_not_depend_on_the_unit(row):
 def test_clusters_do_not_depend_on_the_number_of_threads(row):
     clusters = []
     for threads in (1, 2):
+        rng = np.random.default_rng(0)
         with threadpool_limits(threads):
-            views = cluster_frames(
-                table(), viewpoints(4), recipe().cluster, np.random.default_rng(0)
-            )
-            clusters.append(views.cluster)
-    row("clusters, two threads against one", share_different(*clusters))
+            views = cluster_frames(table(), viewpoints(4), recipe().cluster, rng)
+        clusters.append(views.cluster)
+    by_one, by_two = clusters
+    row("clusters, two threads against one", share_different(by_one, by_two))

@@ -9,6 +9,7 @@ from tactile_viewgcn.views.viewpoints import viewpoints
 
 
 def squared(places):
+    """Return the squared distances (V, V) of places (V, 3)."""
     return ((places[:, None] - places[None]) ** 2).sum(axis=-1)
 
 
@@ -17,7 +18,9 @@ def widest(count):
 
     The bound is reached for 3, 4, 6 and 12 points.
     """
-    return 2.0 if count == 2 else np.sqrt(4 - np.sin(np.pi * count / (6 * (count - 2))) ** -2)
+    if count == 2:
+        return 2.0
+    return np.sqrt(4 - np.sin(np.pi * count / (6 * (count - 2))) ** -2)
 
 
 def test_the_cube_has_three_vertices_near_three_further_and_one_opposite():
@@ -32,9 +35,8 @@ def test_the_circle_is_thirty_degrees_up_and_its_places_are_equally_spaced(count
     across = np.hypot(places[:, 0], places[:, 1])
     np.testing.assert_allclose(np.rad2deg(np.arctan2(places[:, 2], across)), 30)
     steps = np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1)
-    np.testing.assert_allclose(
-        steps, 2 * np.sqrt(3) * np.cos(np.deg2rad(30)) * np.sin(np.pi / count)
-    )
+    radius = np.sqrt(3) * np.cos(np.deg2rad(30))
+    np.testing.assert_allclose(steps, 2 * radius * np.sin(np.pi / count))
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 7, 50, 1000])
@@ -50,7 +52,9 @@ def test_the_sphere_s_places_are_spread_evenly(count):
 def test_every_place_is_as_far_out_as_a_vertex_of_the_cube_and_random_ones_follow_the_seed(
     count, kind
 ):
-    first, again, other = (viewpoints(count, kind, seed) for seed in (3, 3, 4))
+    first = viewpoints(count, kind, seed=3)
+    again = viewpoints(count, kind, seed=3)
+    other = viewpoints(count, kind, seed=4)
     assert first.shape == (count, 3)
     np.testing.assert_allclose(np.linalg.norm(first, axis=1), np.sqrt(3))
     np.testing.assert_array_equal(first, again)
