@@ -13,7 +13,7 @@ def examples(labels):
 
 
 class KnownAnswers(Member):
-    """A member that is right about the groups it was fitted to and wrong about others, or reversed.
+    """A member that is right only about the groups that it was fitted to, or only about all others.
 
     Args:
         groups: group (R,) of each recording.

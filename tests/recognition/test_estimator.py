@@ -63,8 +63,10 @@ def grasps(per_object: int = 5, *, seed: int = 0):
     recordings = []
     for repeat in range(per_object):
         for name in OBJECTS:
-            own_seed = 100 * seed + len(recordings)
-            recordings.append(recording(name, own_seed, before=OPEN, held=16 + repeat, after=0))
+            recording_seed = 100 * seed + len(recordings)
+            recordings.append(
+                recording(name, recording_seed, before=OPEN, held=16 + repeat, after=0)
+            )
     return recordings, np.array(OBJECTS * per_object)
 
 
@@ -109,9 +111,8 @@ def test_equal_seeds_give_equal_files_and_torch_s_generator_is_left_alone(tmp_pa
     X, y = grasps(3)
     before = torch.get_rng_state()
     for name, seed in (("first", 0), ("again", 0), ("other", 1)):
-        small_classifier(NETWORK, system="view_gcn", random_state=seed).fit(X, y).save(
-            tmp_path / name
-        )
+        classifier = small_classifier(NETWORK, system="view_gcn", random_state=seed)
+        classifier.fit(X, y).save(tmp_path / name)
     first, again, other = ((tmp_path / name).read_bytes() for name in ("first", "again", "other"))
     assert first == again != other
     assert (torch.get_rng_state() == before).all()

@@ -34,12 +34,12 @@ def frames(trained, tested):
 
 
 def notes(trained, tested, *, knows=False, weights=None):
-    """Return the notes for a member that is right about all sessions but those it was fitted to.
+    """Return the notes for a member that is right about sessions that it was not fitted to.
 
     Args:
         trained: sessions of the training recordings.
         tested: sessions of the test recordings.
-        knows: the member is right about the sessions that it was fitted to, and about no others.
+        knows: the member is right only about the sessions that it was fitted to, instead.
         weights: weight of each member.
     """
     sessions = np.asarray(trained)

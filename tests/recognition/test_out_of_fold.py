@@ -78,7 +78,7 @@ def test_a_class_that_would_not_be_fitted_stays_and_groups_are_weighed_alike():
 
 
 def test_the_temperature_is_that_of_the_members_answers_with_their_weights():
-    """All 12 answers are right, so by Laplace's rule 13 in 14 are.
+    """All 12 answers are right, so 13 in 14 are right by Laplace's rule.
 
     The right class is then 2 * 13 times as probable as each of the two others.
     """
