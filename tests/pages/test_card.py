@@ -17,7 +17,7 @@ from tactile_viewgcn.params import VIRTUAL
 from tests.glove_data import OBJECTS, recogniser
 from tests.records import RECORD
 
-# rows: true objects; the first is taken once for the third, the third twice for the second
+# A row for each object. The first is once taken for the third, and the third twice for the second.
 ANSWERS = [[0, 0, 0, 2], [1, 1, 1, 1], [2, 2, 1, 1]]
 READ = {
     "frames": 1200,
@@ -66,16 +66,25 @@ ORIGIN = {
 
 
 def error(mean, low, high, **others):
+    """Return an error rate with its interval, and other scores."""
     return {"error": {"mean": mean, "low": low, "high": high}} | others
 
 
 def a_run(*, notes=(), live=(), names=OBJECTS, metrics=None, **changes):
-    """A run of 12 test recordings, of which 3 are answered wrongly."""
+    """Return a run of 12 test recordings, of which 3 are answered wrongly.
+
+    Args:
+        notes: notes of the preprocessing.
+        live: errors of the recordings as a stream.
+        names: the objects.
+        metrics: metrics that the run has too or otherwise.
+        changes: parameters of other values.
+    """
     labels = np.repeat(np.arange(3), 4)
     answers = np.array(ANSWERS).reshape(1, -1, 1)
-    number = np.arange(12)
-    whole = Trials(answers, labels, number, number.astype(str), 48)
-    numbers = {
+    groups = np.arange(12)
+    whole = Trials(answers, labels, groups, groups.astype(str), 48)
+    scores = {
         "views": 8,
         "groups": {"test": 12},
         "new_sessions": False,
@@ -92,18 +101,17 @@ def a_run(*, notes=(), live=(), names=OBJECTS, metrics=None, **changes):
         "evaluate": replace(record, name="my glove · kernels", run_id="f" * 32),
     }
     timing = {"latency_ms": {"whole": {"median": 3.25}}}
-    return FinishedRun(
-        "",
-        numbers | (metrics or {}),
-        timing,
-        Predictions({WHOLE: whole}, np.array(names)),
-        records,
-        list(live),
-    )
+    predictions = Predictions({WHOLE: whole}, np.array(names))
+    return FinishedRun("", scores | (metrics or {}), timing, predictions, records, list(live))
 
 
 def card_of(run=None, **changes):
-    """The card as one line, in which single blanks part the words."""
+    """Return the card as one line, in which single blanks separate the words.
+
+    Args:
+        run: by default `a_run`.
+        changes: attributes of the model of other values.
+    """
     model = copy(recogniser())
     for name, value in changes.items():
         setattr(model, name, value)
@@ -161,7 +169,8 @@ def test_the_errors_of_sessions_are_named_by_what_was_tested():
     assert not_measured in card_of() and shared in card_of()
     tested = card_of(a_run(metrics={"new_sessions": True}))
     assert "No session is in both the training set and the test set." in tested
-    assert "Error `whole` is of new sessions." in tested and not_measured not in tested
+    assert "Error `whole` is of new sessions." in tested
+    assert not_measured not in tested
     held_out = card_of(a_run(metrics={"new_session": error(0.5, 0.375, 0.625)}))
     assert "was held out of the fits that answered it | 50.0 (37.5 to 62.5) |" in held_out
     assert not_measured not in held_out
@@ -175,7 +184,8 @@ def test_the_card_and_the_page_say_the_same_of_an_error():
     assert meanings["object"].startswith("8 frames of any validation recordings of the object")
     assert run_facts(a_run(metrics={"views": 1}))["meanings"]["recording"].startswith("1 frame of")
     text = card_of(run)
-    assert [name for name, meaning in meanings.items() if f": {meaning} |" not in text] == []
+    for meaning in meanings.values():
+        assert f": {meaning} |" in text
 
 
 def test_what_is_said_of_probabilities_follows_from_the_model_and_the_stream():
@@ -187,7 +197,8 @@ def test_what_is_said_of_probabilities_follows_from_the_model_and_the_stream():
     reached = {"answer": "sure", "level": 0.9, "share": 0.5, "error": 0.125, "low": 0, "high": 0.25}
     never = {"answer": "sure", "level": 0.95, "share": 0.0, "error": None, "low": None}
     text = card_of(a_run(live=[reached, never | {"high": None}]))
-    assert "| 90 % or more | 50.0 % | 12.5 (0.0 to 25.0) |" in text and "95 % or" not in text
+    assert "| 90 % or more | 50.0 % | 12.5 (0.0 to 25.0) |" in text
+    assert "95 % or" not in text
     assert "answer to each grasp that reached a probability before the hand opened." in text
     never |= {"high": None}
     assert "No answer reached 80 % before the hand opened." in card_of(a_run(live=[never]))
@@ -207,31 +218,39 @@ def test_the_card_names_the_set_that_was_answered_and_how_much_of_it_as_a_stream
 
 
 def answered(*, right, probability, groups=None, tested_set="test"):
-    """Return a run whose answers have these probabilities; each is a split group by default."""
+    """Return a run whose answers have known probabilities.
+
+    Args:
+        right: whether each answer is right.
+        probability: probability of each answer, or of all answers.
+        groups: split group of each recording; by default each recording is a group.
+        tested_set: the set that was answered.
+    """
     count = len(right)
     labels = np.arange(count) % 3
     answers = np.where(right, labels, (labels + 1) % 3)
-    numbers = np.arange(count) if groups is None else np.array(groups)
+    if groups is None:
+        groups = np.arange(count)
     probabilities = np.full((count, 3), 0.0)
     probabilities[np.arange(count), answers] = probability
-    whole = Trials(
-        answers[None, :, None], labels, numbers, labels.astype(str), 48, probabilities=probabilities
-    )
-    predictions = Predictions({WHOLE: whole}, np.array(OBJECTS))
-    run = a_run(metrics={"groups": {tested_set: len(set(numbers.tolist()))}})
-    return replace(run, predictions=predictions)
+    names = labels.astype(str)
+    whole = Trials(answers[None, :, None], labels, groups, names, 48, probabilities=probabilities)
+    run = a_run(metrics={"groups": {tested_set: len(np.unique(groups))}})
+    return replace(run, predictions=Predictions({WHOLE: whole}, np.array(OBJECTS)))
 
 
 def test_the_card_has_the_probabilities_beside_the_errors():
     right = [True] * 9 + [False] + [True] * 5 + [False] * 5
     run = answered(right=right, probability=np.repeat([0.95, 0.75], 10))
     text = card_of(run).partition("## Probabilities")[2].partition("## ")[0]
-    assert (
+    difference = (
         "By their probabilities, 15.0\xa0% of the answers to whole recordings would be wrong, and "
         "30.0\xa0% are: a difference of 15.0 ("
-    ) in text.replace(" %", "\xa0%")
+    )
+    assert difference in text.replace(" %", "\xa0%")
     low, high = re.findall(r"\| 10 \| (\S+) \| (\S+) \(\S+ to \S+\) \|", text)
-    assert (low, high) == (("25.0", "50.0"), ("5.0", "10.0"))
+    assert low == ("25.0", "50.0")
+    assert high == ("5.0", "10.0")
     few = answered(right=right[:12], probability=0.75)
     assert "expected error" not in card_of(few)  # a table of one row says nothing new
     assert "An earlier version made this run" in card_of()
@@ -257,8 +276,8 @@ def test_the_card_says_if_the_probabilities_were_calibrated_on_these_same_record
     for system, tested_set in product(("view_gcn", "sensors"), ("validation", "test")):
         run = answered(right=[True] * 12, probability=0.75, tested_set=tested_set)
         run.params["model.system"] = system
-        is_said = same in card_of(run)
-        assert is_said == ((system, tested_set) == ("view_gcn", "validation"))
+        is_same_set = system == "view_gcn" and tested_set == "validation"
+        assert (same in card_of(run)) == is_same_set
 
 
 def test_the_training_and_the_evaluation_have_rows_of_their_own():
@@ -295,7 +314,8 @@ def test_python_code_stands_only_with_a_command_that_names_the_file():
     assert python in card_of()
     logged = card_of(replace(a_run(), name="f" * 32))
     assert f"tactile-viewgcn predict {'f' * 32} NEW_RECORDINGS ``` Use it for" in logged
-    assert "TactileClassifier" not in logged and "models/classifier.pt" not in logged
+    assert "TactileClassifier" not in logged
+    assert "models/classifier.pt" not in logged
     run = replace(a_run(), name="brave-mug")
     run.records["evaluate"] = replace(run.records["evaluate"], run_id=None)
     applied = card_of(run)
@@ -338,7 +358,8 @@ def test_warnings_and_checks_are_those_of_the_stages():
     text = card_of(a_run(notes=[note]))
     assert r"- **preprocess**: leak check: see `split.by` of \<a\>." in text
     assert "| objects that are recognised without contact | 1 warning |" in text
-    assert "No stage gave a warning" not in text and "No stage gave a warning" in card_of()
+    assert "No stage gave a warning" not in text
+    assert "No stage gave a warning" in card_of()
 
 
 def test_names_are_no_markup():

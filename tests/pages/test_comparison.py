@@ -1,4 +1,4 @@
-"""`tactile-viewgcn compare`: what it prints of two runs, and which it refuses."""
+"""`tactile-viewgcn compare` prints the differences of two runs, and refuses unlike runs."""
 
 from dataclasses import replace
 
@@ -13,20 +13,22 @@ SECONDS = {"pretrain": 10.0, "evaluate": 2.0, "total": 12.0}
 
 
 def run(name, answers, *, md5="ab", **changes):
-    """Return a finished run of that name.
+    """Return a finished run.
 
     Args:
-        name: of the run.
+        name: name of the run.
         answers: see `finished`.
-        md5: of its recordings.
+        md5: digest of its recordings.
         changes: see `finished`.
     """
-    made = finished(answers, **changes)
+    finished_run = finished(answers, **changes)
     source = {"source": {"path": "my glove", "md5": md5}}
-    made.records["ingest"] = replace(made.records["evaluate"], stage="ingest", inputs=source)
-    made.timing["seconds"] = SECONDS
-    made.name = name
-    return made
+    finished_run.records["ingest"] = replace(
+        finished_run.records["evaluate"], stage="ingest", inputs=source
+    )
+    finished_run.timing["seconds"] = SECONDS
+    finished_run.name = name
+    return finished_run
 
 
 def test_what_differs_and_whether_it_can_be_told():
@@ -38,7 +40,8 @@ def test_what_differs_and_whether_it_can_be_told():
     assert lines[0] == "second compared with first, 36 split groups in common"
     assert "  views=8 -> 4" in lines
     whole = lines[lines.index("") + 1 :]
-    assert whole[0].startswith("whole recordings") and "0.0 -> 33.3 %  +33.3 points (" in whole[0]
+    assert whole[0].startswith("whole recordings")
+    assert "0.0 -> 33.3 %  +33.3 points (" in whole[0]
     assert whole[1] == "  second has the higher error"
     assert "  ball: 0 -> 12 of 12" in lines
     assert "  pretrain          10.0 ->       7.5  -2.5" in lines
@@ -48,7 +51,8 @@ def test_what_differs_and_whether_it_can_be_told():
 def test_the_same_run_twice_has_no_difference():
     lines = comparison_lines(run("", RIGHT), run("again", RIGHT))
     assert lines[0] == "again compared with the workspace, 36 split groups in common"
-    assert lines[1] == "  all parameters are equal" and "  both give the same answers" in lines
+    assert lines[1] == "  all parameters are equal"
+    assert "  both give the same answers" in lines
     assert not any("changed most" in line for line in lines)
 
 

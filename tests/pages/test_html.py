@@ -29,30 +29,36 @@ PAGE = """{% extends "page.html" %}
 
 
 def parsed(text):
-    """Collects the tags of a page and the addresses that it names. The page is XML, so every
-    element is closed in order.
+    """Return the tags of a page and the addresses that it names.
+
+    The page must be XML, in which every element is closed in order.
     """
-    elements = list(ElementTree.fromstring(text).iter())
-    addresses = [
-        each.get(name) for each in elements for name in ("src", "href", "srcset", "action")
-    ]
-    return SimpleNamespace(
-        tags={each.tag for each in elements}, addresses=list(filter(None, addresses))
-    )
+    tags = set()
+    addresses = []
+    for element in ElementTree.fromstring(text).iter():
+        tags.add(element.tag)
+        for name in ("src", "href", "srcset", "action"):
+            if element.get(name):
+                addresses.append(element.get(name))
+    return SimpleNamespace(tags=tags, addresses=addresses)
 
 
 def text_of(page):
-    """Return what a reader sees of a page, in one line."""
-    return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]+>", " ", page.partition("<body>")[2])))
+    """Return the text that a reader sees of a page, in one line."""
+    _, _, body = page.partition("<body>")
+    without_tags = re.sub(r"<[^>]+>", " ", body)
+    return re.sub(r"\s+", " ", unescape(without_tags))
 
 
 def drawn(title="a"):
+    """Return a small figure."""
     figure = Figure(figsize=(2, 1))
     figure.add_subplot().set_title(title, parse_math=False)
     return figure
 
 
 def page_of(text):
+    """Return a page that shows a text in every part."""
     content = {"verdict": Verdict("bad", text, [text]), "step": (text, text), "figure": drawn()}
     return environment().from_string(PAGE).render(title=text, text=text, **content)
 
@@ -60,25 +66,19 @@ def page_of(text):
 def test_everything_that_is_given_is_escaped_once():
     text = page_of(NASTY)
     assert "script" not in parsed(text).tags and "&amp;lt;" not in text
-    # in sentences; a name keeps its marks
+    # backticks mark code in sentences, and stay as they are in a name
     assert page_of("`a`").count("<li><b><code>a</code></b>") == 1
     places = page_of("QQQ").count("QQQ")
-    assert (
-        text.count("alert(")
-        == text.count("&lt;script&gt;alert(&#34;x&#34;)&lt;/script&gt; &amp; ")
-        == places
-        > 8
-    )
+    assert places > 8
+    assert text.count("alert(") == places
+    assert text.count("&lt;script&gt;alert(&#34;x&#34;)&lt;/script&gt; &amp; ") == places
 
 
 def test_a_page_names_no_address_but_its_own_parts_and_forbids_requests():
     text = page_of("Öl")
-    addresses = [
-        address
-        for address in parsed(text).addresses
-        if not address.startswith("data:image/svg+xml;base64,")
-    ]
-    assert addresses == ["#next"]
+    picture = "data:image/svg+xml;base64,"
+    addresses = parsed(text).addresses
+    assert [address for address in addresses if not address.startswith(picture)] == ["#next"]
     assert text.startswith("<!DOCTYPE html>") and "default-src 'none'" in text
     assert "http://" not in text and "url(" not in text
 

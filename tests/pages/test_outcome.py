@@ -1,4 +1,4 @@
-"""The verdict on a run's answers, and the next steps, for runs with chosen answers."""
+"""The verdict on a run and the next steps follow from its answers, which are chosen here."""
 
 from dataclasses import replace
 
@@ -32,20 +32,22 @@ PREDICT = "tactile-viewgcn predict models/classifier.pt NEW_RECORDINGS"
 
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path, monkeypatch):
-    """Change to a folder without params.yaml, in which each test runs."""
+    """Run each test in a folder without params.yaml, and return the folder."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 def finished(answers, *, notes=(), **changes):
-    """Return a run of three objects; each has as many test recordings as `answers` has columns.
+    """Return a run of three objects.
 
     Args:
-        answers: of each object, the answer to each of its recordings.
+        answers: (3, R), the answers to the test recordings of each object.
+        notes: notes of the preprocessing.
         changes: parameters that differ from the committed ones, `_` for a dot.
     """
     answers = np.array(answers)
-    labels, groups = np.repeat(np.arange(3), answers.shape[1]), np.arange(answers.size)
+    labels = np.repeat(np.arange(3), answers.shape[1])
+    groups = np.arange(answers.size)
     trials = Trials(answers.reshape(1, -1, 1), labels, groups, groups.astype(str), 48)
     score = scores_of(trials, np.random.default_rng(0), 3)
     predictions = Predictions({WHOLE: trials}, np.array(NAMES))
@@ -68,35 +70,31 @@ def finished(answers, *, notes=(), **changes):
         stage: replace(RECORD, stage=stage, params=params, run_id="f" * 32) for stage in STAGES
     }
     records["preprocess"] = replace(RECORD, params=params, notes=notes)
-    return FinishedRun(
-        "", {WHOLE: score, "groups": {"test": len(groups)}}, {}, predictions, records
-    )
+    metrics = {WHOLE: score, "groups": {"test": len(groups)}}
+    return FinishedRun("", metrics, {}, predictions, records)
 
 
 def advice(run):
-    """Return the verdict, what to do, and the commands."""
+    """Return the verdict, the next steps, and their commands as lines."""
     steps = next_steps(run)
-    return verdict(run), [what for what, _ in steps], "\n".join(command for _, command in steps)
+    commands = "\n".join(command for _, command in steps)
+    return verdict(run), [step for step, _ in steps], commands
 
 
 def test_a_line_names_what_params_yaml_now_has_otherwise(elsewhere):
     assert "pretrain.epochs" not in advice(finished(FEW))[2]
     (elsewhere / "params.yaml").write_text("pretrain: {epochs: 3}\nfinetune: {epochs: 15}\n")
     line = advice(finished(FEW, views=4))[2].splitlines()[0]
-    assert (
-        " -S views=4 " in line
-        and " -S pretrain.epochs=30 " in line
-        and "finetune.epochs" not in line
-    )
+    assert " -S views=4 " in line
+    assert " -S pretrain.epochs=30 " in line
+    assert "finetune.epochs" not in line
 
 
 def test_objects_and_chance_by_hand():
     labels = np.array([0] * 8 + [1] * 4)  # recordings of a cup and a pen; no tape
     answers = np.array([[0, 0, 1, 2, 0, 1, 1, 0, 1, 1, 1, 0]])
-    trials, names = (
-        Trials(answers[..., None], labels, labels, labels, 48),
-        np.array(["cup", "pen", "tape"]),
-    )
+    trials = Trials(answers[..., None], labels, labels, labels, 48)
+    names = np.array(["cup", "pen", "tape"])
     outcome = replace(finished(FEW), predictions=Predictions({WHOLE: trials}, names))
     assert outcome.tested == "12 recordings, 4 to 8 of each object"
     assert outcome.objects == [
@@ -159,27 +157,27 @@ def test_verdict_and_steps_follow_from_error_interval_and_split(
 ):
     judged, steps, commands = advice(finished(answers, **changes))
     assert judged.kind == kind and reason in " ".join(judged.reasons)
-    assert steps[0].startswith(first_step) and command.replace("{here}", str(elsewhere)) in commands
+    assert steps[0].startswith(first_step)
+    assert command.replace("{here}", str(elsewhere)) in commands
     assert ("predict" in commands) == (kind != "bad")
 
 
 def test_a_warning_comes_first_with_the_remedies_that_are_values(elsewhere):
     line = "dvc exp run -S views=4 -S 'data.columns=[\"time:t\"]' "
     line += f"-S 'data.source=\"{elsewhere}/my glove\"'"
-    beside, line = (
-        line.replace(':t"', ':t","leave_out:my clock, s"'),
-        f"{line} -S preprocess.baseline=grasp",
-    )
+    without_clock = line.replace(':t"', ':t","leave_out:my clock, s"')
+    line = f"{line} -S preprocess.baseline=grasp"
     other = Note("the table is damaged", "warning", "objects", stage="preprocess")
     done = replace(LEAK, key="views", value=4)  # the run has the remedy already
     clock = replace(LEAK, key="data.columns", value=["leave_out:my clock, s"])
     changes = {"views": 4, "data_columns": ["time:t"]}
-    for note, command in ((LEAK, line), (other, ""), (done, ""), (clock, beside)):
-        judged, steps, lines = advice(
-            finished(RIGHT, notes=[note, Note("remark", stage="preprocess")], **changes)
-        )
-        assert judged.kind == "unsure" and "1 warning below puts it in doubt." in judged.reasons
-        assert steps[0].startswith("Correct") and lines.split("\n")[0] == command
+    remark = Note("remark", stage="preprocess")
+    for note, command in ((LEAK, line), (other, ""), (done, ""), (clock, without_clock)):
+        judged, steps, lines = advice(finished(RIGHT, notes=[note, remark], **changes))
+        assert judged.kind == "unsure"
+        assert "1 warning below puts it in doubt." in judged.reasons
+        assert steps[0].startswith("Correct")
+        assert lines.split("\n")[0] == command
 
 
 DOUBTS = [
@@ -193,7 +191,8 @@ DOUBTS = [
 @pytest.mark.parametrize(("groups", "high", "new", "kind"), [*DOUBTS, (1, None, 0, "bad")])
 def test_few_groups_a_wide_interval_and_a_new_session_above_it_are_doubts(groups, high, new, kind):
     run = finished(RIGHT)
-    run.metrics["groups"], run.metrics["new_session"] = {"test": groups}, {"error": {"mean": new}}
+    run.metrics["groups"] = {"test": groups}
+    run.metrics["new_session"] = {"error": {"mean": new}}
     run.metrics[WHOLE]["error"] |= {"mean": 0.1, "low": high and 0.0, "high": high}
     assert verdict(replace(run)).kind == kind
 
@@ -215,9 +214,8 @@ def test_a_report_says_which_checks_were_made():
     outcomes = {check.what: check.outcome for check in run_checks(run)}
     assert outcomes.pop("recordings in another unit") == "1 warning"
     assert all(outcome.startswith("not checked") for outcome in outcomes.values())
-    run.records["ingest"] = replace(
-        RECORD, counts={"recordings.with_shared_frames": 0, "recordings.with_times": 0}
-    )
+    counts = {"recordings.with_shared_frames": 0, "recordings.with_times": 0}
+    run.records["ingest"] = replace(RECORD, counts=counts)
     run.records["preprocess"] = replace(run.records["preprocess"], counts={"leak.error": 0.5})
     outcomes = {check.what: check.outcome for check in run_checks(run)}
     assert outcomes["equal frames at the ends of recordings"] == "nothing found"

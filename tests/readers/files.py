@@ -46,10 +46,10 @@ def save(path: Path, content=COUNTS) -> Path:
     return path
 
 
-def read_here(path: Path, out: Path, form: Form = AUTO) -> Recordings:
-    """Write the table of the recordings at a path to `out` in this process, and return it."""
-    write_recordings(out, discover(path, form), form)
-    return Recordings.read(out)
+def read_here(path: Path, table: Path, form: Form = AUTO) -> Recordings:
+    """Write the table of the recordings at a path to `table` in this process, and return it."""
+    write_recordings(table, discover(path, form), form)
+    return Recordings.read(table)
 
 
 def ingested(path: Path, **options) -> tuple[np.ndarray, Recordings]:
@@ -58,19 +58,32 @@ def ingested(path: Path, **options) -> tuple[np.ndarray, Recordings]:
     return table.counts[np.arange(len(table))], table
 
 
-def refusal(path: Path, place: Path, **options) -> str:
+def refusal(path: Path, folder: Path, **options) -> str:
     """Return the error that ends the reading of a path; "" if the path is read.
 
-    The reading must end in time, and leave nothing in `place`/out.
+    The reading must end in time, and leave nothing in the subfolder `out`.
     """
-    (out := place / "out").mkdir(exist_ok=True)
-    begin, line = sum(os.times()[:4]), ""
+    output = folder / "out"
+    output.mkdir(exist_ok=True)
+    begin = _cpu_seconds()
+    line = ""
     try:
-        read_source(path, out / "table", **options)
-        rmtree(out / "table")
+        read_source(path, output / "table", **options)
+        rmtree(output / "table")
     except UserError as error:
         line = str(error)
-    assert list(out.iterdir()) == []
-    # CPU seconds of this process and of its children that ended
-    assert sum(os.times()[:4]) - begin < 20 and "\n" not in line
+    assert list(output.iterdir()) == []
+    assert _cpu_seconds() - begin < 20
+    assert "\n" not in line
     return line
+
+
+def _cpu_seconds() -> float:
+    """Return the CPU time of this process and of its children that ended."""
+    return sum(os.times()[:4])
+
+
+def comma_separated(rows) -> str:
+    """Return rows of cells as lines, with commas between the cells and no line end after them."""
+    lines = [",".join(map(str, row)) for row in rows]
+    return "\n".join(lines)

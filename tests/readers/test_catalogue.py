@@ -2,6 +2,7 @@
 
 import csv
 import sys
+from itertools import chain
 
 import h5py
 import numpy as np
@@ -26,28 +27,28 @@ HOSTILE = ("=1+1", "'=x", "a\\nb", "line\nbreak", "caf\xe9 \u202e", "\udcff", "-
 
 
 def arrays(folder):
-    for number, place in enumerate(("mon/mug/1_left", "mon/mug/1_right", "tue/pen/1_left")):
-        save(folder / f"{place}.npy", COUNTS + number)
+    for index, name in enumerate(("mon/mug/1_left", "mon/mug/1_right", "tue/pen/1_left")):
+        save(folder / f"{name}.npy", COUNTS + index)
     save(folder / "notes.md", "# none")
     return folder
 
 
 def published(folder):
-    for number, place in enumerate(("train/mug/1", "test/mug/1", "val/pen/1", "train/pen/1")):
-        save(folder / f"{place}.npy", COUNTS + number)
+    for index, name in enumerate(("train/mug/1", "test/mug/1", "val/pen/1", "train/pen/1")):
+        save(folder / f"{name}.npy", COUNTS + index)
     return folder
 
 
 def attributes(folder):
-    for number, name in enumerate(("mug", "pen", "mug")):
-        names = {"object": name, "session": f"s{number // 2}", "split": "test"}
-        record(folder / f"{number}.h5", pressure=COUNTS + number, attributes=names)
+    for index, name in enumerate(("mug", "pen", "mug")):
+        names = {"object": name, "session": f"s{index // 2}", "split": "test"}
+        record(folder / f"{index}.h5", pressure=COUNTS + index, attributes=names)
     return folder
 
 
 def labels(folder):
-    for number in range(3):
-        save(folder / "raw" / f"r{number}.npy", COUNTS + number)
+    for index in range(3):
+        save(folder / "raw" / f"r{index}.npy", COUNTS + index)
     save(folder / "labels.csv", "file,label,person\nr0.npy,mug,a\nr1.npy,pen,a\nr2.npy,mug,b\n")
     return folder
 
@@ -56,7 +57,8 @@ def one_table(folder):
     rows = ["label,trial,time,a,b"]
     for frame in range(6):  # the lines of all recordings are mixed
         for name in ("pen", "mug"):
-            rows += [f"{name},{trial},{frame / 8 + 50},{frame},{trial}.5" for trial in (2, 1)]
+            for trial in (2, 1):
+                rows.append(f"{name},{trial},{frame / 8 + 50},{frame},{trial}.5")
     return save(folder / "all.csv", "\n".join(rows))
 
 
@@ -100,8 +102,8 @@ def joined(folder):
 
 
 def hostile(folder):
-    for number, name in enumerate(HOSTILE):
-        save(folder / name / f"{name}.npy", COUNTS + number)
+    for index, name in enumerate(HOSTILE):
+        save(folder / name / f"{name}.npy", COUNTS + index)
     return folder
 
 
@@ -132,6 +134,7 @@ def catalogued(source, catalogue, form=Form()):  # noqa: B008
 
 
 def assert_equal(table, expected):
+    """Check that two tables have the same frames, columns, types and names."""
     np.testing.assert_array_equal(table.counts, expected.counts)
     assert table.counts.dtype == expected.counts.dtype
     assert table.columns.keys() == expected.columns.keys()
@@ -146,11 +149,15 @@ def assert_equal(table, expected):
 @pytest.mark.parametrize("name", FORMS)
 def test_a_catalogue_that_nobody_edited_gives_the_same_table(tmp_path, name, place):
     make, options = FORMS[name]
-    (tmp_path / "in").mkdir()
-    (tmp_path / "else" / "where").mkdir(parents=True)
+    folders = {
+        "beside": tmp_path,
+        "elsewhere": tmp_path / "else" / "where",
+        "inside": tmp_path / "in",
+    }
+    for folder in folders.values():
+        folder.mkdir(parents=True, exist_ok=True)
     source = make(tmp_path / "in")
-    folder = {"beside": tmp_path, "elsewhere": tmp_path / "else" / "where"}.get(place)
-    catalogue = (folder or tmp_path / "in") / "c.csv"
+    catalogue = folders[place] / "c.csv"
     expected = catalogued(source, catalogue, Form(**options))
     again = read_here(catalogue, tmp_path / "again", Form(**options))
     assert_equal(again, expected)
@@ -170,19 +177,28 @@ def test_the_columns_say_where_each_recording_lies_and_what_it_is(tmp_path):
         ["lab/mon/mug/1_right.npy", "", "mug", "mon", "mon/mug/1_right", "", first, "", "4", ""],
     ]
     assert rows[2][6] == ""  # this recording is held out with no other
-    assert rows[3][0] == "lab/notes.md" and rows[3][-1] and len(rows) == 4
+    assert rows[3][0] == "lab/notes.md"
+    assert rows[3][-1]
+    assert len(rows) == 4
 
 
 def test_no_cell_is_run_by_a_spreadsheet(tmp_path):
     catalogued(hostile(tmp_path / "lab"), tmp_path / "c.csv")
     text = (tmp_path / "c.csv").read_text("utf-8")
-    cells = [cell for row in csv.reader(text.splitlines()) for cell in row]
+    cells = list(chain.from_iterable(csv.reader(text.splitlines())))
     assert [cell for cell in cells if cell.startswith(("=", "+", "-", "@"))] == []
-    assert "'=1+1" in cells and text.replace("\n", "").isprintable()
+    assert "'=1+1" in cells
+    assert text.replace("\n", "").isprintable()
 
 
 def edited(folder, change, *, source=None):
-    """The table that a catalogue gives after a function has changed its rows."""
+    """Write the catalogue of a source with changed rows, and return its path.
+
+    Args:
+        folder: where the catalogue is written.
+        change: function from the rows, a DataFrame, to the new rows.
+        source: the recordings; by default a published split in the folder `lab`.
+    """
     source = source or published(folder / "lab")
     catalogued(source, folder / "c.csv")
     rows = pd.read_csv(folder / "c.csv", dtype=str, keep_default_na=False)
@@ -191,6 +207,7 @@ def edited(folder, change, *, source=None):
 
 
 def with_cell(rows, row, column, value):
+    """Set one cell of the rows, and return the rows."""
     rows.loc[row, column] = value
     return rows
 
@@ -200,17 +217,13 @@ def test_a_label_is_corrected_and_what_the_file_says_counts_less(tmp_path):
     path = edited(tmp_path, lambda rows: with_cell(rows, 0, "object", "cup"), source=source)
     counts, table = ingested(path)
     np.testing.assert_array_equal(counts[::4, 0, 0], [500, 501, 502])
-    assert [table.objects[number] for number in table.columns["object"][::4]] == [
-        "cup",
-        "pen",
-        "mug",
-    ]
+    objects = [table.objects[label] for label in table.columns["object"][::4]]
+    assert objects == ["cup", "pen", "mug"]
 
 
 def test_recordings_are_dropped_by_their_line_or_by_a_word_in_left_out(tmp_path):
-    path = edited(
-        tmp_path, lambda rows: with_cell(rows, 1, "left_out", "the hand was open")[1:]
-    )  # the first row is val/pen/1, since files are in the order of their paths
+    # the rows are in the order of the paths: test/mug, train/mug, train/pen, val/pen
+    path = edited(tmp_path, lambda rows: with_cell(rows, 1, "left_out", "the hand was open")[1:])
     counts, table = ingested(path)
     assert table.recordings == ["train/pen/1", "val/pen/1"] and len(counts) == 8
     assert any("1 line of c.csv left out" in note.text for note in table.notes)
@@ -246,15 +259,14 @@ def test_two_hands_are_joined_by_one_recording_and_two_parts(tmp_path):
 
 def test_parts_stand_in_the_order_of_the_first_recording_whatever_their_files_are_called(tmp_path):
     left = np.full((4, 2, 3), 500)
-    for name, added in (("1_a", 0), ("1_b", 1), ("2_a", 1), ("2_b", 0)):
-        save(tmp_path / "lab" / f"{name}.npy", left + added + 10 * (name > "2"))
+    for name, added in (("1_a", 0), ("1_b", 1), ("2_a", 11), ("2_b", 10)):
+        save(tmp_path / "lab" / f"{name}.npy", left + added)
     rows = "file,object,recording,part\nlab/1_a.npy,mug,1,left\nlab/1_b.npy,mug,1,right\n"
     rows += "lab/2_a.npy,pen,2,right\nlab/2_b.npy,pen,2,left\n"
     counts, _ = ingested(save(tmp_path / "c.csv", rows))
     assert counts[:, 0].tolist() == 4 * [[500] * 3 + [501] * 3] + 4 * [[510] * 3 + [511] * 3]
-    line = refusal(
-        save(tmp_path / "d.csv", rows.replace("right\nlab/2_b", "up\nlab/2_b")), tmp_path
-    )
+    other_part = rows.replace("right\nlab/2_b", "up\nlab/2_b")
+    line = refusal(save(tmp_path / "d.csv", other_part), tmp_path)
     assert "PART is up, left; expected left, right once each" in line
 
 
@@ -265,8 +277,8 @@ def test_recordings_with_and_without_parts_are_one_line_each_if_their_frames_dif
     rows += "lab/c.npy,pen,2,\n"
     line = refusal(save(tmp_path / "c.csv", rows), tmp_path)
     assert "c.npy" in line and "expected" in line
-    alone = rows.replace("lab/b.npy,mug,1,right", "lab/b.npy,mug,3,")
-    assert ingested(save(tmp_path / "d.csv", alone))[1].recordings == ["1", "3", "2"]
+    without_part = rows.replace("lab/b.npy,mug,1,right", "lab/b.npy,mug,3,")
+    assert ingested(save(tmp_path / "d.csv", without_part))[1].recordings == ["1", "3", "2"]
 
 
 def test_a_file_is_one_recording_by_whatever_path_it_is_named(tmp_path):
@@ -278,9 +290,9 @@ def test_a_file_is_one_recording_by_whatever_path_it_is_named(tmp_path):
 
 
 def test_an_escape_that_is_no_letter_stays_as_it_is(tmp_path):
-    rows = [",".join(("file", "place", "object", "left_out")), "x.npy,,\\Uffffffff,"]
     save(tmp_path / "x.npy")
-    assert ingested(save(tmp_path / "c.csv", "\n".join(rows)))[1].objects == ["\\Uffffffff"]
+    save(tmp_path / "c.csv", "file,place,object,left_out\nx.npy,,\\Uffffffff,")
+    assert ingested(tmp_path / "c.csv")[1].objects == ["\\Uffffffff"]
 
 
 def test_takes_are_what_the_catalogue_says(tmp_path):
@@ -293,8 +305,8 @@ def test_takes_are_what_the_catalogue_says(tmp_path):
 
 
 def test_a_labels_csv_is_a_catalogue_of_fewer_columns(tmp_path):
-    for number in range(3):
-        record(tmp_path / "raw" / f"r{number}.h5", pressure=COUNTS + number)
+    for index in range(3):
+        record(tmp_path / "raw" / f"r{index}.h5", pressure=COUNTS + index)
     save(tmp_path / "some.csv", "File;Label\nraw/r2.h5;pen\nraw/r0.h5;cup\n")
     counts, table = ingested(tmp_path / "some.csv")
     np.testing.assert_array_equal(counts[::4, 0, 0], [500, 502])
@@ -339,7 +351,8 @@ def test_a_wrong_edit_ends_in_one_line_that_names_it(tmp_path, name):
     change, words = WRONG[name]
     save(tmp_path / "form.json", "{}")
     line = refusal(edited(tmp_path, change), tmp_path)
-    assert [word for word in words.split("|") if word not in line] == [] and line.count("\n") == 0
+    assert [word for word in words.split("|") if word not in line] == []
+    assert line.count("\n") == 0
     assert str(tmp_path) in line
 
 
@@ -354,7 +367,9 @@ def test_a_file_of_several_recordings_needs_a_place(tmp_path):
     windows(tmp_path / "lab")
     save(tmp_path / "c.csv", "file,object\nlab/all.npz,mug\n")
     line = refusal(tmp_path / "c.csv", tmp_path)
-    assert "line 2: " in line and "holds 6 recordings" in line and "`place`" in line
+    assert "line 2: " in line
+    assert "holds 6 recordings" in line
+    assert "`place`" in line
 
 
 def test_a_catalogue_in_the_folder_that_is_read_is_no_labels_csv(tmp_path):
@@ -375,8 +390,8 @@ def test_the_limits_of_the_child_are_those_of_the_files_that_a_catalogue_names(t
 
 def test_the_command_writes_a_catalogue_that_it_reads_and_never_over_another_file(tmp_path):
     for name in ("mug", "pen"):
-        for number in range(3):
-            save(tmp_path / "lab" / name / f"{number}.npy", RNG.integers(500, 530, (20, 4, 4)))
+        for index in range(3):
+            save(tmp_path / "lab" / name / f"{index}.npy", RNG.integers(500, 530, (20, 4, 4)))
     path = tmp_path / "c.csv"
 
     def inspect(*words):
@@ -389,7 +404,8 @@ def test_the_command_writes_a_catalogue_that_it_reads_and_never_over_another_fil
     before = path.read_bytes()
     for wrong in (path, tmp_path / "c.txt"):
         refused = inspect(tmp_path / "lab", "--catalogue", wrong)
-        assert isinstance(refused.exception, UserError) and path.read_bytes() == before
+        assert isinstance(refused.exception, UserError)
+        assert path.read_bytes() == before
 
 
 OPENINGS = {  # by name, a function that makes a source
@@ -408,7 +424,7 @@ def test_each_file_is_opened_once(tmp_path, name):
     (tmp_path / "in").mkdir()
     source = OPENINGS[name](tmp_path / "in")
     read_here(source, tmp_path / "warm")
-    opened = list[str]()
+    opened: list[str] = []
     sys.addaudithook(lambda event, args: _note_opening(opened, event, args))
     read_here(source, tmp_path / "table")
     # a file that is no recording can be opened once more, to find the reason

@@ -12,7 +12,15 @@ from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import TEST, TRAIN
 from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.tables import writing as module
-from tests.readers.files import COUNTS, ingested, read_here, record, refusal, save
+from tests.readers.files import (
+    COUNTS,
+    comma_separated,
+    ingested,
+    read_here,
+    record,
+    refusal,
+    save,
+)
 from tests.stag_files import (
     SENSORS,
     as_weights,
@@ -35,7 +43,7 @@ RAW = {
 HDF5 = RAW | {"split": "splitId", "valid": "hasValidLabel"}
 ALL = HDF5 | {"balanced": "isBalanced"}
 FLAT = COUNTS.reshape(4, 35)
-LINES = "\n".join(",".join(map(str, frame)) for frame in FLAT)
+LINES = comma_separated(FLAT)
 
 
 @pytest.mark.parametrize(
@@ -55,23 +63,19 @@ def test_stag_s_forms_and_hdf5_give_the_same_frames_and_columns(
     monkeypatch.setattr(module, "BLOCK_FRAMES", block)
     counts, table = ingested(save_as(tmp_path / name, TREE))
     np.testing.assert_array_equal(counts, TREE["pressure"])
-    assert (len(table), table.shape, table.counts.dtype, table.live.sum()) == (
-        96,
-        (32, 32),
-        np.int16,
-        548,
-    )
+    assert (len(table), table.shape) == (96, (32, 32))
+    assert table.counts.dtype == np.int16
+    assert table.live.sum() == 548
     assert table.columns.keys() == fields.keys()
     for column, field in fields.items():
         expected = TREE[field].ravel()
         if column == "split":  # the codes of the file for train and test
             expected = np.array([TRAIN, TEST])[expected]
         np.testing.assert_allclose(table.columns[column], expected, atol=1e-9, err_msg=column)
-    assert (table.objects, table.sessions) == (["empty_hand", "object1", "object2"], ["000", "001"])
-    assert [name.rpartition("/")[2] for name in table.recordings[1:3]] == [
-        "001-empty_hand",
-        "002-object1",
-    ]
+    assert table.objects == ["empty_hand", "object1", "object2"]
+    assert table.sessions == ["000", "001"]
+    names = [name.rpartition("/")[2] for name in table.recordings[1:3]]
+    assert names == ["001-empty_hand", "002-object1"]
 
 
 @pytest.mark.parametrize(
@@ -93,12 +97,12 @@ def test_every_form_of_an_array_gives_the_same_frames(tmp_path, name, content, l
     save(tmp_path / "lab" / "mug" / name, content)
     counts, table = ingested(tmp_path / "lab", form=Form(shape=layout or "auto"))
     np.testing.assert_array_equal(counts, COUNTS)
-    assert counts.dtype.kind == (
-        "f" if getattr(content, "dtype", COUNTS.dtype).kind == "f" else "i"
-    )
+    is_float = getattr(content, "dtype", COUNTS.dtype).kind == "f"
+    assert counts.dtype.kind == ("f" if is_float else "i")
     assert (table.objects, table.recordings, table.sessions) == (["mug"], ["mug/1"], ["session"])
     assert table.columns.keys() == {"object", "recording", "session", "frame", "time"}
-    assert table.columns["frame"].tolist() == [0, 1, 2, 3] and np.isnan(table.columns["time"]).all()
+    assert table.columns["frame"].tolist() == [0, 1, 2, 3]
+    assert np.isnan(table.columns["time"]).all()
 
 
 TABLES = {  # the bytes or the text of a table, its numbers, and the names of its columns
@@ -139,27 +143,28 @@ def test_tables_are_read_as_programs_write_them(tmp_path, name, ending):
     np.testing.assert_array_equal(counts[:, 0], numbers)
     assert counts.dtype.kind == np.array(numbers).dtype.kind
     assert (table.recordings, "|".join(table.channel_names)) == (["mug/1.a"], names)
-    assert [" units " in note.text for note in table.notes if note.topic == "units"] == [True] * (
-        "units" in name
-    )
+    notes = [note.text for note in table.notes if note.topic == "units"]
+    assert len(notes) == ("units" in name)
+    assert all(" units " in text for text in notes)
 
 
 def tables_of(folder, header, line, frames=15):
-    """Write two recordings of each of two objects.
+    """Write two recordings of each of two objects, and return their folder.
 
-    Each line is `line` of the frame's number and of three readings.
+    Args:
+        folder: where the recordings are written.
+        header: the first line, with its line end.
+        line: function from a frame's number and three readings to the cells of a line.
+        frames: frames of a recording.
     """
     rng = np.random.default_rng(0)
-    for place in ("ball/1", "ball/2", "mug/1", "mug/2"):
+    for name in ("ball/1", "ball/2", "mug/1", "mug/2"):
         rows = [line(frame, *rng.integers(500, 600, 3)) for frame in range(frames)]
-        save(
-            folder / f"{place}.csv",
-            header + "".join(",".join(map(str, row)) + "\n" for row in rows),
-        )
+        save(folder / f"{name}.csv", f"{header}{comma_separated(rows)}\n")
     return folder
 
 
-# names, a line, seconds between frames, and the columns that notes name; three sensors stay
+# The header, a line, seconds between frames, and the columns that notes name. Three sensors stay.
 COLUMNS = {
     "seconds": ("time,a,b,c\n", lambda t, *r: [1.7e9 + t / 8, *r], 0.125, ["column 1 ('time')"]),
     "two times": (
@@ -203,7 +208,8 @@ def test_columns_that_are_no_sensors_are_left_out_and_named(tmp_path, name):
     expected = np.tile(np.arange(15) * (interval or np.nan), 4)
     np.testing.assert_allclose(table.columns["time"], expected, rtol=1e-5)
     texts = [note.text for note in table.notes if note.topic == "columns"]
-    assert [words in text for words, text in zip(noted, texts, strict=True)] == [True] * len(noted)
+    for words, text in zip(noted, texts, strict=True):
+        assert words in text
 
 
 def as_h5(path, X, y):
@@ -224,10 +230,8 @@ def test_windows_with_labels_are_recordings_and_those_that_overlap_are_of_one_ta
     tmp_path, shape, ending, write
 ):
     stream = np.random.default_rng(0).normal(size=(40, *shape[1:]))
-    X, y = (
-        np.stack([stream[at : at + 6] for at in (0, 3, 6, 20, 23, 34)]),
-        np.repeat(["mug", "pen"], 3),
-    )
+    X = np.stack([stream[begin : begin + 6] for begin in (0, 3, 6, 20, 23, 34)])
+    y = np.repeat(["mug", "pen"], 3)
     write(tmp_path / f"all.{ending}", X=X, y=y)
     counts, table = ingested(tmp_path)
     np.testing.assert_array_equal(counts.reshape(6, *shape), X)
@@ -237,21 +241,27 @@ def test_windows_with_labels_are_recordings_and_those_that_overlap_are_of_one_ta
 
 
 def windows_of(length, step, *, shape=(6,), levels=0, count=12):
-    """Cut windows (count, length, ...) from a stream of real numbers or of some levels.
+    """Return windows (count, length, *shape) that are cut from one stream.
 
-    The windows begin `step` frames apart.
+    Args:
+        length: frames of a window.
+        step: frames from the beginning of a window to the beginning of the next.
+        shape: sensors of a frame.
+        levels: number of values that readings have, or 0 for real numbers.
+        count: number of windows.
     """
-    rng, frames = np.random.default_rng(0), length + (count - 1) * step
-    stream = (
-        rng.integers(0, levels, (frames, *shape)) if levels else rng.normal(0, 1, (frames, *shape))
-    )
-    return np.stack([stream[step * number :][:length] for number in range(count)])
+    rng = np.random.default_rng(0)
+    size = (length + (count - 1) * step, *shape)
+    stream = rng.integers(0, levels, size) if levels else rng.normal(0, 1, size)
+    return np.stack([stream[step * index :][:length] for index in range(count)])
 
 
 def at_rest(windows, *, before, after, value=0.0):
     """Return the windows with equal frames before and after them."""
-    rest = [np.full((len(windows), count, *windows.shape[2:]), value) for count in (before, after)]
-    return np.concatenate([rest[0], windows, rest[1]], axis=1)
+    rest_before, rest_after = (
+        np.full((len(windows), frames, *windows.shape[2:]), value) for frames in (before, after)
+    )
+    return np.concatenate([rest_before, windows, rest_after], axis=1)
 
 
 APART = windows_of(20, 20)
@@ -294,7 +304,7 @@ def test_windows_are_of_one_take_where_they_share_frames_that_change_and_not_whe
         assert "take" not in columns
 
 
-LEFT = {  # a table, data.columns, the names and readings of its sensors, and words of a note
+LEFT_OUT = {  # a table, data.columns, the names and readings of its sensors, and words of a note
     "a text": ("a,note,b\n1,cold,2\n", ["leave_out:note"], "a|b", [[1, 2]], "'note'|data.columns"),
     "by number": ("1,x,2\n", ["leave_out:2"], "", [[1, 2]], "column 2 "),
     "several": (
@@ -322,26 +332,24 @@ LEFT = {  # a table, data.columns, the names and readings of its sensors, and wo
 }
 
 
-@pytest.mark.parametrize("name", LEFT)
+@pytest.mark.parametrize("name", LEFT_OUT)
 def test_columns_are_left_out_by_name_or_where_they_are_empty_with_a_note(tmp_path, name):
-    text, columns, names, numbers, words = LEFT[name]
-    for number in (1, 2):
-        save(
-            tmp_path / "lab" / "mug" / f"{number}.csv",
-            text if number == 1 else text.replace("b,c", "b,of_one"),
-        )
+    text, columns, names, numbers, words = LEFT_OUT[name]
+    save(tmp_path / "lab" / "mug" / "1.csv", text)
+    save(tmp_path / "lab" / "mug" / "2.csv", text.replace("b,c", "b,of_one"))
     counts, table = ingested(tmp_path / "lab", form=Form(columns=columns))
-    assert "no column 'nix'" in refusal(
-        tmp_path / "lab", tmp_path, form=Form(columns=[*columns, "leave_out:nix"])
-    )
-    assert counts[: len(numbers), 0].tolist() == numbers and "|".join(table.channel_names) == names
+    unknown_column = Form(columns=[*columns, "leave_out:nix"])
+    assert "no column 'nix'" in refusal(tmp_path / "lab", tmp_path, form=unknown_column)
+    assert counts[: len(numbers), 0].tolist() == numbers
+    assert "|".join(table.channel_names) == names
     notes = " ".join(note.text for note in table.notes if note.topic == "columns")
     assert [word for word in words.split("|") if word not in notes] == []
 
 
 @pytest.mark.parametrize("ending", ["npz", "h5"])
 def test_arrays_are_left_out_by_name(tmp_path, ending):
-    path, form = tmp_path / "lab" / "mug" / f"1.{ending}", Form(columns=["leave_out:time"])
+    path = tmp_path / "lab" / "mug" / f"1.{ending}"
+    form = Form(columns=["leave_out:time"])
     if ending == "npz":
         save(path, {"of_the_hand": COUNTS, "time": np.full((4, 2), 7)})
     else:
@@ -350,16 +358,12 @@ def test_arrays_are_left_out_by_name(tmp_path, ending):
 
 
 def test_letters_of_labels_are_composed_and_blanks_at_their_ends_go(tmp_path):
-    for number, name in enumerate((" Te\u0302te", "T\xeate ", "T\xeate")):
-        save(tmp_path / "folders" / name / f"{number}.npy")
-        record(tmp_path / "attributes" / f"{number}.h5", attributes={"object": name})
-    rows = [
-        "label,trial,a",
-        *(f"{name},{number},{number}" for number, name in enumerate(("Te\u0302te", "T\xeate "))),
-    ]
-    save(tmp_path / "all.csv", "\n".join(rows))
-    for place in ("folders", "attributes", "all.csv"):
-        assert ingested(tmp_path / place)[1].objects == ["T\xeate"]
+    for index, name in enumerate((" Te\u0302te", "T\xeate ", "T\xeate")):
+        save(tmp_path / "folders" / name / f"{index}.npy")
+        record(tmp_path / "attributes" / f"{index}.h5", attributes={"object": name})
+    save(tmp_path / "all.csv", "label,trial,a\nTe\u0302te,0,0\nT\xeate ,1,1")
+    for source in ("folders", "attributes", "all.csv"):
+        assert ingested(tmp_path / source)[1].objects == ["T\xeate"]
 
 
 ONE_TABLE = {  # a header, the labels of an object's lines, and the names of recordings and sessions
@@ -388,51 +392,41 @@ ONE_TABLE = {  # a header, the labels of an object's lines, and the names of rec
 def test_one_table_holds_all_recordings(tmp_path, name):
     header, names_of, recordings, sessions = ONE_TABLE[name.removeprefix("mixed ")]
     objects, parts, frames = (axis.ravel() for axis in np.indices((2, 2, 6)))
-    first = 500 + 100 * objects + 10 * parts + frames
-    rows = [
-        [
-            *names_of(("ball", "mug")[label], part + 1),
-            200 * (frame // 2),
-            *range(reading, reading + 3),
-        ]
-        for label, part, frame, reading in zip(objects, parts, frames, first.tolist(), strict=True)
-    ]
+    readings = (500 + 100 * objects + 10 * parts + frames)[:, None] + np.arange(3)
+    rows = []
+    for label, part, frame, sensors in zip(objects, parts, frames, readings, strict=True):
+        names = names_of(("ball", "mug")[label], part + 1)
+        rows.append([*names, 200 * (frame // 2), *sensors])
     if name == "mixed trials":
         rows.sort(key=lambda row: row[2])  # the first frames of all trials come first
-    text = "\n".join(",".join(map(str, row)) for row in rows)
-    counts, table = ingested(save(tmp_path / "all.csv", f"{header},time_ms,a,b,c\n{text}\n"))
-    assert (table.objects, table.recordings, table.sessions) == (
-        ["ball", "mug"],
-        recordings,
-        sessions,
-    )
-    np.testing.assert_array_equal(counts[:, 0], first[:, None] + np.arange(3))
-    for column, values in {
-        "object": objects,
-        "recording": 2 * objects + parts,
-        "frame": frames,
-    }.items():
-        np.testing.assert_array_equal(table.columns[column], values, err_msg=column)
+    text = f"{header},time_ms,a,b,c\n{comma_separated(rows)}\n"
+    counts, table = ingested(save(tmp_path / "all.csv", text))
+    assert table.objects == ["ball", "mug"]
+    assert (table.recordings, table.sessions) == (recordings, sessions)
+    np.testing.assert_array_equal(counts[:, 0], readings)
+    np.testing.assert_array_equal(table.columns["object"], objects)
+    np.testing.assert_array_equal(table.columns["recording"], 2 * objects + parts)
+    np.testing.assert_array_equal(table.columns["frame"], frames)
     np.testing.assert_allclose(table.columns["time"], frames // 2 / 5, atol=1e-9)
 
 
 def test_runs_of_an_object_are_recordings_with_a_note_also_in_a_folder_of_tables(tmp_path):
     rows = "label,a\nmug,1\nmug,2\npen,3\nmug,4\n"
-    _, one = ingested(save(tmp_path / "all.csv", rows))
+    _, table_of_file = ingested(save(tmp_path / "all.csv", rows))
     for name in ("anna", "bert"):
         save(tmp_path / "lab" / f"{name}.csv", rows)
-    _, many = ingested(tmp_path / "lab")
-    assert one.recordings == ["mug/1", "pen/2", "mug/3"]
-    assert many.recordings == [
-        f"{name}/{each}" for name in ("anna", "bert") for each in one.recordings
+    _, table_of_folder = ingested(tmp_path / "lab")
+    assert table_of_file.recordings == ["mug/1", "pen/2", "mug/3"]
+    assert table_of_folder.recordings == [
+        *("anna/mug/1", "anna/pen/2", "anna/mug/3"),
+        *("bert/mug/1", "bert/pen/2", "bert/mug/3"),
     ]
-    assert [many.objects[at] for at in many.columns["object"]] == ["mug", "mug", "pen", "mug"] * 2
-    for table in (one, many):
+    objects = [table_of_folder.objects[label] for label in table_of_folder.columns["object"]]
+    assert objects == ["mug", "mug", "pen", "mug"] * 2
+    for table in (table_of_file, table_of_folder):
         (note,) = [note for note in table.notes if note.topic == "recordings"]
-        assert (
-            "3 recordings of 1 to 2 lines" in note.text
-            and "data.columns=[recording:NAME]" in note.text
-        )
+        assert "3 recordings of 1 to 2 lines" in note.text
+        assert "data.columns=[recording:NAME]" in note.text
         assert note.level == "warning"
     # only the note of the label is left
     assert not ingested(save(tmp_path / "one.csv", "label,a\nmug,1\nmug,2\n"))[1].notes[1:]
@@ -440,10 +434,7 @@ def test_runs_of_an_object_are_recordings_with_a_note_also_in_a_folder_of_tables
 
 def test_real_numbers_of_a_table_are_those_that_python_reads(tmp_path):
     numbers = np.random.default_rng(0).random((200, 20)) ** 9
-    save(
-        tmp_path / "lab" / "mug" / "1.csv",
-        "\n".join(",".join(map(repr, line.tolist())) for line in numbers),
-    )
+    save(tmp_path / "lab" / "mug" / "1.csv", comma_separated(numbers.tolist()))
     np.testing.assert_array_equal(ingested(tmp_path / "lab")[0][:, 0], numbers)
 
 
@@ -455,19 +446,19 @@ def with_letters(path):
 
 
 def soft_link(path):
+    """Write a recording whose pressure is a link, and whose attribute cannot be read."""
     record(path, pressure=None)
     with h5py.File(path, "r+") as file:
         file.create_dataset(
             "raw/counts", data=COUNTS, compression="gzip", shuffle=True, fletcher32=True
         )
         file["pressure"] = h5py.SoftLink("/raw/counts")
-        # an attribute that cannot be read
-        h5py.h5a.create(
-            file.id, b"of no use", h5py.h5t.UNIX_D32LE, h5py.h5s.create(h5py.h5s.SCALAR)
-        )
+        # h5py has no type for this attribute, so it cannot be read
+        scalar = h5py.h5s.create(h5py.h5s.SCALAR)
+        h5py.h5a.create(file.id, b"of no use", h5py.h5t.UNIX_D32LE, scalar)
 
 
-# a function that writes mug/1, its ending, the form, the frames, and the columns that differ from
+# A function that writes mug/1, its ending, the form, the frames, and the columns that differ from
 # the default
 FILES = {
     "one frame by its shape": (
@@ -539,18 +530,20 @@ FILES = {
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_gives_its_frames_and_columns(tmp_path, name):
     write, ending, form, frames, columns = FILES[name]
-    (path := tmp_path / "lab" / "mug" / f"1.{ending}").parent.mkdir(parents=True)
+    path = tmp_path / "lab" / "mug" / f"1.{ending}"
+    path.parent.mkdir(parents=True)
     write(path)
     counts, table = ingested(tmp_path / "lab", form=Form(**form))
     np.testing.assert_array_equal(counts, frames)
     assert (table.objects, table.recordings) == (["mug"], ["mug/1"])
-    for column, values in ({"time": [np.nan] * len(counts)} | columns).items():
+    expected = {"time": [np.nan] * len(counts)} | columns
+    for column, values in expected.items():
         np.testing.assert_array_equal(table.columns[column], values)
 
 
 @pytest.mark.parametrize("name", ["grip.npy", "grip.h5", "grip.csv"])
-@pytest.mark.parametrize("place", [".", "grip"])
-def test_a_recording_needs_no_object_where_none_is_asked_for(tmp_path, name, place):
+@pytest.mark.parametrize("source", [".", "grip"])
+def test_a_recording_needs_no_object_where_none_is_asked_for(tmp_path, name, source):
     path = tmp_path / "new" / name
     match path.suffix:
         case ".npy":
@@ -560,41 +553,36 @@ def test_a_recording_needs_no_object_where_none_is_asked_for(tmp_path, name, pla
         case _:
             save(path, "time_s,a\n0,1\n1,2\n0,3\n")  # a new recording begins where the time falls
     form = Form(labelled=False, columns=["object:motion"])
-    _, table = ingested(path if place == "grip" else path.parent, form=form)
+    if source == ".":
+        path = path.parent
+    _, table = ingested(path, form=form)
     names = ["grip/1", "grip/2"] if name == "grip.csv" else ["grip"]
     assert (table.objects, table.recordings, table.sessions) == ([""], names, ["session"])
 
 
 def test_frames_that_read_nan_and_are_marked_as_not_held_are_left_out_and_counted(tmp_path):
-    pressure, valid = COUNTS.astype(np.float32), np.array([False, True, False, True])
+    pressure = COUNTS.astype(np.float32)
+    valid = np.array([False, True, False, True])
     pressure[2, 1] = np.nan
+    lab = tmp_path / "lab"
     for name in "ab":
-        path = record(
-            tmp_path / "lab" / f"{name}.h5", pressure=pressure, valid=valid, time=np.arange(4)
-        )
-    counts, table = ingested(path.parent)
+        path = record(lab / f"{name}.h5", pressure=pressure, valid=valid, time=np.arange(4))
+    counts, table = ingested(lab)
     np.testing.assert_array_equal(counts, np.tile(COUNTS[[0, 1, 3]], (2, 1, 1)))
-    assert table.columns["frame"].tolist() == table.columns["time"].tolist() == [0, 1, 3] * 2
+    assert table.columns["frame"].tolist() == [0, 1, 3] * 2
+    assert table.columns["time"].tolist() == [0, 1, 3] * 2
     assert [note.text.partition(" ")[0] for note in table.notes] == ["2"]
     assert "valid" in refusal(record(path, pressure=pressure, valid=~valid), tmp_path)
 
 
 @MATLAB
 def test_a_weights_file_has_grasps_and_no_split(tmp_path, save_as):
-    columns = ingested(save_as(tmp_path / "metadata.mat", as_weights(TREE)))[1].columns
-    assert columns.keys() == {
-        "object",
-        "recording",
-        "session",
-        "frame",
-        "time",
-        "grasp",
-        "grasp_valid",
-    }
-    assert (
-        columns["grasp"][:8].tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
-        and columns["grasp_valid"].sum() == 12 * 6
-    )
+    _, table = ingested(save_as(tmp_path / "metadata.mat", as_weights(TREE)))
+    columns = table.columns
+    names = {"object", "recording", "session", "frame", "time", "grasp", "grasp_valid"}
+    assert columns.keys() == names
+    assert columns["grasp"][:8].tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
+    assert columns["grasp_valid"].sum() == 12 * 6
 
 
 @MATLAB
@@ -603,21 +591,23 @@ def test_the_split_goes_by_its_names_and_not_by_its_numbers(tmp_path, save_as):
         "splitId": 1 - TREE["splitId"],
         "splits": np.array([["Test", "Train"]], dtype=object),
     }
-    split = ingested(save_as(tmp_path / "metadata.mat", turned))[1].columns["split"]
-    np.testing.assert_array_equal(split, np.where(TREE["splitId"].ravel() == 1, TEST, TRAIN))
+    _, table = ingested(save_as(tmp_path / "metadata.mat", turned))
+    expected = np.where(TREE["splitId"].ravel() == 1, TEST, TRAIN)
+    np.testing.assert_array_equal(table.columns["split"], expected)
 
 
 def test_a_recording_of_several_objects_is_a_recording_of_each(tmp_path):
     fields = dict(TREE)
-    of_first = fields["recordingId"] == fields["recordingId"].ravel()[0]
-    half = np.flatnonzero(of_first.ravel())[4:]
+    recording = fields["recordingId"].ravel()
+    half = np.flatnonzero(recording == recording[0])[4:]
     fields["objectId"] = fields["objectId"].copy()
     fields["objectId"].reshape(-1)[half] = 2
     for name in "ab":
         (tmp_path / name).mkdir()
     before = ingested(save_matlab5(tmp_path / "a" / "metadata.mat", TREE))[1]
     table = ingested(save_matlab5(tmp_path / "b" / "metadata.mat", fields))[1]
-    assert len(table.recordings) == len(before.recordings) + 1 and len(table) == len(before)
+    assert len(table.recordings) == len(before.recordings) + 1
+    assert len(table) == len(before)
     objects = np.bincount(table.columns["object"]) - np.bincount(before.columns["object"])
     assert objects.tolist() == [-4, 0, 4]
 
@@ -627,11 +617,12 @@ def test_a_type_that_leaves_no_room_is_refused_in_the_line_on_unpacking(tmp_path
     monkeypatch.setattr("tactile_viewgcn.tables.reading.UNPACKED_TIMES", 1)
     monkeypatch.setattr("tactile_viewgcn.readers.child.UNPACKED", 100_000)
     monkeypatch.setattr("tactile_viewgcn.readers.child.UNPACKED_TIMES", 1)
-    for number, kind in enumerate((np.int16, np.float64, np.int16)):
-        (tmp_path / "lab" / "mug").mkdir(parents=True, exist_ok=True)
-        counts = np.zeros((100, 8, 8), dtype=kind)
+    folder = tmp_path / "lab" / "mug"
+    folder.mkdir(parents=True)
+    for index, dtype in enumerate((np.int16, np.float64, np.int16)):
+        counts = np.zeros((100, 8, 8), dtype=dtype)
         counts[1] = 1
-        np.savez_compressed(tmp_path / "lab" / "mug" / f"{number}.npz", pressure=counts)
+        np.savez_compressed(folder / f"{index}.npz", pressure=counts)
     with pytest.raises(UserError, match="unpack to"):
         ingested(tmp_path / "lab")
 
@@ -648,14 +639,20 @@ def test_the_real_files_have_the_frames_that_their_authors_state(
     tmp_path, stag_data, name, frames, recordings, flag, flagged
 ):
     table = read_here(stag_data / name / "metadata.mat", tmp_path / "table")
-    counts, columns = table.counts, table.columns
+    counts = table.counts
+    columns = table.columns
     assert counts.shape == (frames, 32, 32)
     assert (len(table.recordings), len(table.objects)) == (recordings, 27)
     assert table.objects[0] == "empty_hand"
-    assert len(np.unique(columns["recording"])) == recordings and columns[flag].sum() == flagged
-    assert (counts[:, ~SENSORS] == 510).all() and np.ptp(counts[:, SENSORS], axis=0).all()
+    assert len(np.unique(columns["recording"])) == recordings
+    assert columns[flag].sum() == flagged
+    assert (counts[:, ~SENSORS] == 510).all()
+    assert np.ptp(counts[:, SENSORS], axis=0).all()
     if name == "blindfolded_lite":
         assert (columns["split"] == TEST).all()
     else:
-        grasps = [len(np.unique(columns["grasp"][columns["recording"] == i])) for i in range(27)]
+        grasps = []
+        for recording in range(27):
+            grasp = columns["grasp"][columns["recording"] == recording]
+            grasps.append(len(np.unique(grasp)))
         assert "split" not in columns and 6 <= min(grasps) <= max(grasps) <= 7

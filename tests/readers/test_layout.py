@@ -10,13 +10,13 @@ from tactile_viewgcn.tables import frames
 from tests.readers.files import COUNTS, ingested, record, refusal, save
 
 
-def side_of_recording(table):
+def set_of_recording(table):
     """Return the code of the published set of each recording, by its name."""
-    names = [table.recordings[number] for number in table.columns["recording"]]
+    names = [table.recordings[index] for index in table.columns["recording"]]
     return dict(zip(names, table.columns["split"].tolist(), strict=True))
 
 
-SIDES = {"train": TRAIN, "test": TEST, "val": VALIDATION, "dev": VALIDATION}
+SETS = {"train": TRAIN, "test": TEST, "val": VALIDATION, "dev": VALIDATION}
 
 
 @pytest.mark.parametrize(
@@ -33,39 +33,37 @@ def test_files_that_are_not_read_are_counted_by_object(tmp_path, lost, words):
         save(tmp_path / "lab" / name)
     for name in lost.split():
         save(tmp_path / "lab" / name, "none")
-    (note,) = [note for note in ingested(tmp_path / "lab")[1].notes if note.topic == "files"]
-    assert (note.level, f"{len(lost.split())} file" in note.text) == (
-        "warning" if words else "info",
-        True,
-    )
+    _, table = ingested(tmp_path / "lab")
+    (note,) = [note for note in table.notes if note.topic == "files"]
+    assert note.level == ("warning" if words else "info")
+    assert f"{len(lost.split())} file" in note.text
     assert [word for word in words.split("|") if word not in note.text] == []
 
 
-@pytest.mark.parametrize("place", ["lab", "lab/raw"])
-def test_a_table_of_files_names_their_objects_and_sessions(tmp_path, place):
-    for number in range(4):
-        save(tmp_path / place / f"rec_{number}.npy", COUNTS + number)
+@pytest.mark.parametrize("folder", ["lab", "lab/raw"])
+def test_a_table_of_files_names_their_objects_and_sessions(tmp_path, folder):
+    for index in range(4):
+        save(tmp_path / folder / f"rec_{index}.npy", COUNTS + index)
     rows = [
-        f"./raw/rec_{number}.npy;{('mug', 'pen ')[number % 2]};{number // 2}"
-        for number in (2, 3, 0, 1)
+        "Filename;label;subject",
+        "./raw/rec_2.npy;mug;1",
+        "./raw/rec_3.npy;pen ;1",
+        "./raw/rec_0.npy;mug;0",
+        "./raw/rec_1.npy;pen ;0",
     ]
-    save(tmp_path / "lab" / "labels.csv", "\n".join(["Filename;label;subject", *rows]))
+    save(tmp_path / "lab" / "labels.csv", "\n".join(rows))
     counts, table = ingested(tmp_path / "lab")
     first = table.columns["frame"] == 0
-    assert [table.objects[at] for at in table.columns["object"][first]] == [
-        "mug",
-        "pen",
-        "mug",
-        "pen",
-    ]
-    assert table.sessions == ["0", "1"] and table.columns["session"][first].tolist() == [0, 0, 1, 1]
+    objects = [table.objects[label] for label in table.columns["object"][first]]
+    assert objects == ["mug", "pen", "mug", "pen"]
+    assert table.sessions == ["0", "1"]
+    assert table.columns["session"][first].tolist() == [0, 0, 1, 1]
     np.testing.assert_array_equal(counts[first, 0, 0] - 500, np.arange(4))
     assert not [note for note in table.notes if note.topic == "files"]
-    layout = default_params(
-        (f"data.layout={'FILE' if place == 'lab' else 'OBJECT/FILE'}_PART",)
-    ).data.layout
+    key = "FILE_PART" if folder == "lab" else "OBJECT/FILE_PART"
+    layout = default_params((f"data.layout={key}",)).data.layout
     assert ingested(tmp_path / "lab", form=Form(layout=layout))[0].shape == (4, 5, 28)
-    save(tmp_path / "lab" / "labels.csv", "\n".join(["file,object", "rec_0,mug", "rec_0,pen"]))
+    save(tmp_path / "lab" / "labels.csv", "file,object\nrec_0,mug\nrec_0,pen")
     assert "labels.csv: rec_0 has two labels" in refusal(tmp_path / "lab", tmp_path)
 
 
@@ -94,72 +92,63 @@ def test_a_table_of_files_names_their_objects_and_sessions(tmp_path, place):
 def test_recordings_whose_names_differ_by_a_part_or_a_copy_are_held_out_together_or_joined(
     tmp_path, names, takes, joined
 ):
-    for number, name in enumerate(names.split()):
-        record(tmp_path / "lab" / "mug" / f"{name}.h5", pressure=COUNTS + number)
-    layout = "OBJECT/SESSION/FILE" if "/" in names else "OBJECT/FILE"
+    names = names.split()
+    for index, name in enumerate(names):
+        record(tmp_path / "lab" / "mug" / f"{name}.h5", pressure=COUNTS + index)
+    layout = "OBJECT/SESSION/FILE" if "/" in names[0] else "OBJECT/FILE"
     table = ingested(tmp_path / "lab", form=Form(layout=layout))[1]
-    group, expected = (
-        split_groups(table.columns, "recording")[::4],
-        takes or [*range(len(names.split()))],
-    )
-    assert group.tolist() == np.unique(expected, return_inverse=True)[1].tolist()
-    warned = [note.text for note in table.notes if note.topic == "parts"]
-    named = [
-        names.split()[0] in text and ("data.layout=" in text) == bool(joined) for text in warned
-    ]
-    assert named == [True] * bool(takes)
+    group = split_groups(table.columns, "recording")[::4]
+    _, expected = np.unique(takes or np.arange(len(names)), return_inverse=True)
+    assert group.tolist() == expected.tolist()
+    warnings = [note.text for note in table.notes if note.topic == "parts"]
+    assert len(warnings) == bool(takes)
+    for warning in warnings:
+        assert names[0] in warning
+        assert ("data.layout=" in warning) == bool(joined)
     if not joined:
         return
-    form = Form(layout=warned[0].partition("data.layout=")[2].partition("'")[0])
+    form = Form(layout=warnings[0].partition("data.layout=")[2].partition("'")[0])
     if " " in joined:
         assert joined in refusal(tmp_path / "lab", tmp_path, form=form)
         return
     counts, table = ingested(tmp_path / "lab", form=form)
-    pairs = [np.flatnonzero(np.array(takes) == take) for take in dict.fromkeys(takes)]
-    expected = [np.concatenate([COUNTS + number for number in pair], axis=-1) for pair in pairs]
-    assert (
-        form.layout == joined
-        and "take" not in table.columns
-        and len(table.recordings) == len(pairs)
-    )
+    expected = []
+    for take in dict.fromkeys(takes):
+        parts = [COUNTS + index for index in np.flatnonzero(np.array(takes) == take)]
+        expected.append(np.concatenate(parts, axis=-1))
+    assert form.layout == joined
+    assert "take" not in table.columns
+    assert len(table.recordings) == len(expected)
     np.testing.assert_array_equal(counts, np.concatenate(expected))
 
 
 def test_tables_that_differ_by_part_are_joined_by_names_and_refused_with_unlike_frames(tmp_path):
-    lab, form = tmp_path / "lab", Form(layout="OBJECT/PART/FILE")
+    lab = tmp_path / "lab"
+    form = Form(layout="OBJECT/PART/FILE")
     for hand, first in (("left", 1), ("right", 5)):
         save(lab / "mug" / hand / "1.csv", f"time,x,y\n0,{first},{first + 1}\n0.5,9,8\n")
     counts, table = ingested(lab, form=form)
-    assert counts[:, 0].tolist() == [[1, 2, 5, 6], [9, 8, 9, 8]] and table.columns[
-        "time"
-    ].tolist() == [0, 0.5]
-    assert table.channel_names == [
-        "left_x",
-        "left_y",
-        "right_x",
-        "right_y",
-    ] and table.recordings == ["mug/1"]
+    assert counts[:, 0].tolist() == [[1, 2, 5, 6], [9, 8, 9, 8]]
+    assert table.columns["time"].tolist() == [0, 0.5]
+    assert table.channel_names == ["left_x", "left_y", "right_x", "right_y"]
+    assert table.recordings == ["mug/1"]
     counts, table = ingested(lab, form=Form(layout=form.layout, columns=["leave_out:left_y"]))
-    assert (counts[0].tolist(), table.channel_names) == (
-        [[1, 5, 6]],
-        ["left_x", "right_x", "right_y"],
-    )
-    new = save(tmp_path / "new" / "left" / "3.csv", "x,y\n1,2\n").parents[1]
+    assert counts[0].tolist() == [[1, 5, 6]]
+    assert table.channel_names == ["left_x", "right_x", "right_y"]
+    new = tmp_path / "new"
+    save(new / "left" / "3.csv", "x,y\n1,2\n")
     save(new / "right" / "3.csv", "x,y\n3,4\n")
-    alone, table = ingested(new, form=Form(layout=form.layout, labelled=False))
-    assert alone.ravel().tolist() == [1, 2, 3, 4] and table.recordings == ["3"]
+    counts, table = ingested(new, form=Form(layout=form.layout, labelled=False))
+    assert counts.ravel().tolist() == [1, 2, 3, 4]
+    assert table.recordings == ["3"]
     save(lab / "mug" / "right" / "1.csv", "time,x,y\n0,1,2\n")
     line = refusal(lab, tmp_path, form=form)
-    assert (
-        "right/1.csv: (frames, rows) are (1, 1); expected (2, 1) as in " in line
-        and "left/1.csv" in line
-    )
+    assert "right/1.csv: (frames, rows) are (1, 1); expected (2, 1) as in " in line
+    assert "left/1.csv" in line
     save(lab / "mug" / "left" / "1.tsv", "x\n1\n")
     line = refusal(lab, tmp_path, form=form)
-    assert (
-        "PART is left, left, right; expected left, right once each" in line
-        and "data.layout=auto" in line
-    )
+    assert "PART is left, left, right; expected left, right once each" in line
+    assert "data.layout=auto" in line
 
 
 def test_left_and_right_of_two_objects_are_two_recordings(tmp_path):
@@ -170,7 +159,7 @@ def test_left_and_right_of_two_objects_are_two_recordings(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("places", "order", "level"),
+    ("folders", "order", "level"),
     [
         ("ball mug", "OBJECT", "info"),
         ("mon/empty_hand mon/mug", "SESSION/OBJECT", "info"),
@@ -181,34 +170,35 @@ def test_left_and_right_of_two_objects_are_two_recordings(tmp_path):
     ],
 )
 @pytest.mark.parametrize("ending", ["npy", "h5"])
-def test_folders_are_objects_and_above_them_sessions(tmp_path, places, order, level, ending):
-    for place in places.split():
-        file = tmp_path / "lab" / place / f"x.{ending}"
-        save(file) if ending == "npy" else record(
-            file, attributes={"object": None, "session": None}
-        )
-    table, names = ingested(tmp_path / "lab")[1], order.split("/")
-    for name, found in (("object", table.objects), ("session", table.sessions)):
-        if name.upper() in names:
-            expected = {place.split("/")[names.index(name.upper())] for place in places.split()}
+def test_folders_are_objects_and_above_them_sessions(tmp_path, folders, order, level, ending):
+    folders = folders.split()
+    for folder in folders:
+        file = tmp_path / "lab" / folder / f"x.{ending}"
+        if ending == "npy":
+            save(file)
+        else:
+            record(file, attributes={"object": None, "session": None})
+    table = ingested(tmp_path / "lab")[1]
+    words = order.split("/")
+    for word, found in (("OBJECT", table.objects), ("SESSION", table.sessions)):
+        if word in words:
+            expected = {folder.split("/")[words.index(word)] for folder in folders}
             assert found == sorted(expected, key=lambda name: (name != "empty_hand", name))
     (note,) = table.notes
     assert order in note.text and note.level == level
     assert ("data.layout=OBJECT/SESSION/FILE" in note.text) == (level == "warning")
     if "SPLIT" in order:
-        for name, side in side_of_recording(table).items():
-            assert side == next(code for word, code in SIDES.items() if word in name.lower())
+        for name, code in set_of_recording(table).items():
+            assert code == next(code for word, code in SETS.items() if word in name.lower())
     elif level == "warning":
         table = ingested(tmp_path / "lab", form=Form(layout="OBJECT/SESSION/FILE"))[1]
-        assert set(table.objects) == {place.split("/")[0] for place in places.split()}
+        assert set(table.objects) == {folder.split("/")[0] for folder in folders}
         assert not table.notes
 
 
 def test_what_hdf5_says_of_itself_counts_more_than_its_place(tmp_path):
-    record(
-        tmp_path / "lab" / "mon" / "ball" / "1.h5",
-        attributes={"object": None, "recording": "first"},
-    )
+    attributes = {"object": None, "recording": "first"}
+    record(tmp_path / "lab" / "mon" / "ball" / "1.h5", attributes=attributes)
     _, table = ingested(tmp_path / "lab")
     assert (table.objects, table.recordings, table.sessions) == (["ball"], ["first"], ["s1"])
 
@@ -226,32 +216,31 @@ def test_what_hdf5_says_of_itself_counts_more_than_its_place(tmp_path):
 def test_an_object_s_name_may_have_the_mark_that_stands_between_names(tmp_path, layout, name):
     save(tmp_path / "lab" / f"{name}.npy")
     _, table = ingested(tmp_path / "lab", form=Form(layout=layout))
-    assert (table.objects, table.sessions) == (
-        ["tea_box"],
-        ["lab/mon" if "/" in name and "-" not in name else "mon"],
-    )
+    assert table.objects == ["tea_box"]
+    session = "lab/mon" if layout == "SESSION/SESSION_OBJECT" else "mon"
+    assert table.sessions == [session]
 
 
 @pytest.mark.parametrize("order", ["auto", "OBJECT/SESSION/SESSION/FILE"])
 def test_several_folders_above_the_object_or_below_it_are_one_session(tmp_path, order):
-    for place in ("anna/mon/ball", "anna/tue/mug", "bert/mon/mug"):
-        save(tmp_path / "lab" / place / "1.npy")
+    for folder in ("anna/mon/ball", "anna/tue/mug", "bert/mon/mug"):
+        save(tmp_path / "lab" / folder / "1.npy")
     table = ingested(tmp_path / "lab", form=Form(layout=order))[1]
-    assert table.objects == (["ball", "mug"] if order == "auto" else ["anna", "bert"])
-    sessions = (
-        ["anna/mon", "anna/tue", "bert/mon"]
-        if order == "auto"
-        else ["mon/ball", "mon/mug", "tue/mug"]
-    )
-    assert table.sessions == sessions
-    offered = ["'data.layout=OBJECT/SESSION/SESSION/FILE'" in note.text for note in table.notes]
-    assert offered == [True] * (order == "auto")
+    if order == "auto":
+        assert table.objects == ["ball", "mug"]
+        assert table.sessions == ["anna/mon", "anna/tue", "bert/mon"]
+        (note,) = table.notes
+        assert "'data.layout=OBJECT/SESSION/SESSION/FILE'" in note.text
+    else:
+        assert table.objects == ["anna", "bert"]
+        assert table.sessions == ["mon/ball", "mon/mug", "tue/mug"]
+        assert table.notes == []
 
 
 def test_a_published_side_has_the_code_of_the_same_side_of_a_split(tmp_path):
-    for side in frames.SIDES:
-        for label in ("mug", "pen"):
-            save(tmp_path / side / label / "1.npy")
-    sides = side_of_recording(ingested(tmp_path)[1])
-    assert {name.split("/")[0] for name in sides} == {"train", "validation", "test"}
-    assert all(name.startswith(frames.SIDES[side]) for name, side in sides.items())
+    for set_name in frames.SIDES:
+        for name in ("mug", "pen"):
+            save(tmp_path / set_name / name / "1.npy")
+    codes = set_of_recording(ingested(tmp_path)[1])
+    assert {name.split("/")[0] for name in codes} == {"train", "validation", "test"}
+    assert all(name.startswith(frames.SIDES[code]) for name, code in codes.items())

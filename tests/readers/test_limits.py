@@ -18,7 +18,15 @@ from scipy import io
 
 import tactile_viewgcn.readers
 from tactile_viewgcn.messages import UserError
-from tests.readers.files import COUNTS, ingested, read_here, record, refusal, save
+from tests.readers.files import (
+    COUNTS,
+    comma_separated,
+    ingested,
+    read_here,
+    record,
+    refusal,
+    save,
+)
 from tests.stag_files import metadata, save_matlab5, save_matlab73
 
 FRAMES = 2**23
@@ -50,6 +58,7 @@ def one_chunk(path):
 
 
 def zipped(path):
+    """Write a .npz whose array is zeros."""
     with (
         zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
         archive.open("a.npy", "w") as file,
@@ -101,18 +110,19 @@ def test_a_file_that_unpacks_to_far_more_than_it_stores_is_refused_before_it_is_
     tracemalloc.start()
     with pytest.raises(UserError, match="uncompressed") as refused:
         read_here(path.parents[1], tmp_path / "table")
-    _, most = tracemalloc.get_traced_memory()
+    _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert str(path) in str(refused.value) and f"{stored:,} bytes" in str(refused.value)
-    assert most < ZEROS / 2
+    assert str(path) in str(refused.value)
+    assert f"{stored:,} bytes" in str(refused.value)
+    assert peak < ZEROS / 2
     assert "uncompressed" in refusal(path.parents[1], tmp_path)  # `refusal` measures the time
 
 
 def test_many_files_that_unpack_to_far_more_than_all_store_are_refused(tmp_path):
-    for number in range(12):
-        equal = np.full((2**18, 4, 8), number, np.int16)
-        record(tmp_path / "lab" / "mug" / f"{number}.h5", pressure=None)
-        with h5py.File(tmp_path / "lab" / "mug" / f"{number}.h5", "r+") as file:
+    for index in range(12):
+        equal = np.full((2**18, 4, 8), index, np.int16)
+        path = record(tmp_path / "lab" / "mug" / f"{index}.h5", pressure=None)
+        with h5py.File(path, "r+") as file:
             file.create_dataset("pressure", data=equal, compression="gzip", chunks=(2**14, 4, 8))
     assert "uncompressed" in refusal(tmp_path / "lab", tmp_path)
 
@@ -130,10 +140,12 @@ def test_recordings_that_are_packed_as_usual_are_read(tmp_path, ending):
     elif ending == "mat":
         io.savemat(path, {"emg": frames}, do_compression=True)
     elif ending == "csv.gz":
-        lines = "\n".join(",".join(map(str, frame)) for frame in frames.reshape(-1, 16))
+        lines = comma_separated(frames.reshape(-1, 16))
         save(path, gzip.compress(lines.encode()))
+    elif ending == "npz":
+        save(path, {"emg": frames})
     else:
-        save(path, {"emg": frames} if ending == "npz" else frames)
+        save(path, frames)
     counts, _ = ingested(tmp_path / "lab")
     np.testing.assert_array_equal(counts.reshape(frames.shape), frames)
 
@@ -152,27 +164,27 @@ def test_a_single_large_chunk_is_unpacked_once(tmp_path):
 def large_table(path, seed):
     """Write a table that takes 1.6 MB in memory."""
     numbers = np.random.default_rng(seed).integers(100, 999, (4000, 50))
-    save(path, "\n".join(",".join(map(str, row)) for row in numbers) + "\n")
+    save(path, f"{comma_separated(numbers)}\n")
 
 
 @pytest.mark.parametrize("ending", ["csv", "txt", "npz"])
 def test_one_file_is_in_memory_at_a_time(tmp_path, ending):
-    most = dict[int, int]()
+    peaks = {}
     for count in (2, 20):
-        for number in range(count):
-            path = tmp_path / f"lab{count}" / "mug" / f"{number}.{ending}"
+        for seed in range(count):
+            path = tmp_path / f"lab{count}" / "mug" / f"{seed}.{ending}"
             if ending == "npz":
-                save(path, {"emg": np.random.default_rng(number).random((4000, 50))})
+                save(path, {"emg": np.random.default_rng(seed).random((4000, 50))})
             else:
-                large_table(path, number)
+                large_table(path, seed)
         # warm up, so that libraries already hold all that they keep
         read_here(tmp_path / "lab2", tmp_path / "warm")
         tracemalloc.start()
         frames = len(read_here(tmp_path / f"lab{count}", tmp_path / "table"))
-        _, most[count] = tracemalloc.get_traced_memory()
+        _, peaks[count] = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         assert frames == 4000 * count
-    assert most[20] < 1.5 * most[2]
+    assert peaks[20] < 1.5 * peaks[2]
 
 
 class PlantedError(TypeError):
@@ -180,7 +192,7 @@ class PlantedError(TypeError):
 
 
 def sources(folder):
-    """Make a small source of each kind."""
+    """Write a small source of each kind, and return their paths."""
     tree = metadata(objects=2, recordings=1, frames=4)
     save(folder / "npy" / "mug" / "1.npy")
     save(folder / "npz" / "mug" / "1.npz", {"pressure": COUNTS, "time": np.arange(4.0)})
@@ -197,14 +209,9 @@ def sources(folder):
     for name, save_as in (("stag5", save_matlab5), ("stag73", save_matlab73)):
         (folder / name).mkdir()
         save_as(folder / name / "metadata.mat", tree)
-    return [
-        folder / name for name in ("npy", "npz", "h5", "mat", "mat73", "csv", "txt", "labels")
-    ] + [
-        *(
-            folder / name
-            for name in ("windows.npz", "all.csv", "stag5/metadata.mat", "stag73/metadata.mat")
-        )
-    ]
+    folders = ("npy", "npz", "h5", "mat", "mat73", "csv", "txt", "labels")
+    files = ("windows.npz", "all.csv", "stag5/metadata.mat", "stag73/metadata.mat")
+    return [folder / name for name in (*folders, *files)]
 
 
 def own_functions():
@@ -214,11 +221,9 @@ def own_functions():
         module = importlib.import_module(found.name)
         for name, item in vars(module).items():
             is_own = getattr(item, "__module__", "").startswith(package.__name__)
-            if (
-                inspect.isfunction(item)
-                and is_own
-                and not inspect.isgeneratorfunction(inspect.unwrap(item))
-            ):
+            if not is_own or not inspect.isfunction(item):
+                continue
+            if not inspect.isgeneratorfunction(inspect.unwrap(item)):
                 yield module, name
 
 
@@ -248,14 +253,13 @@ def test_a_fault_of_our_own_is_never_called_damage_of_a_file(tmp_path, monkeypat
 @pytest.mark.parametrize("damage", ["cut", "flipped"])
 def test_damage_of_a_file_ends_in_one_line(tmp_path, damage):
     for path in sources(tmp_path):
-        for file in (
-            [path]
-            if path.is_file()
-            else [file for file in path.rglob("1.*") if "csv" not in file.name]
-        ):
+        files = [path] if path.is_file() else path.rglob("1.*")
+        for file in files:
             if file.suffix in (".csv", ".txt"):
                 continue
-            data = bytearray(file.read_bytes())
-            flipped = bytes(255 - byte for byte in data)
-            file.write_bytes(data[: len(data) // 2] if damage == "cut" else flipped)
+            content = file.read_bytes()
+            if damage == "cut":
+                file.write_bytes(content[: len(content) // 2])
+            else:
+                file.write_bytes(bytes(255 - byte for byte in content))
             assert str(file) in refusal(path, tmp_path)

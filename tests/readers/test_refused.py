@@ -1,6 +1,6 @@
 """Sources with mistakes, damage or intent to harm are refused in one line that names the file.
 
-The refusal comes in time, within the memory, and leaves nothing behind.
+The refusal comes in time, keeps within the memory, and leaves nothing behind.
 """
 
 import errno
@@ -67,58 +67,62 @@ MATLAB = {  # changes of a metadata.mat, and words of the error
 
 
 def changed_matlab(folder, save_as, changes):
+    """Write a metadata.mat with some changed fields, or without the fields that are None."""
     tree = {name: values for name, values in (TREE | changes).items() if values is not None}
     return save_as(folder / "metadata.mat", tree)
 
 
-def cut_short(folder, save_as, last, share):
+def cut_short(folder, save_as, file, share):
+    """Write a source, keep only the first share of one file's bytes, and return the source."""
     path = save_as(folder / "metadata.mat", TREE)
-    content = (path / last).read_bytes()
-    (path / last).write_bytes(content[: int(share * len(content))])
+    content = (path / file).read_bytes()
+    (path / file).write_bytes(content[: int(share * len(content))])
     return path
 
 
 def both_forms(folder):
-    (path := save_hdf5(folder / "lab", TREE)).joinpath("mug").mkdir()
-    return save(path / "mug" / "1.npy").parents[1]
+    """Write HDF5 files and an array in a folder of its own, and return the source."""
+    path = save_hdf5(folder / "lab", TREE)
+    save(path / "mug" / "1.npy")
+    return path
 
 
 def saved(folder, name, content=COUNTS, below=True):
+    """Write a file, and return the folder as the source, or the file if `below` is False."""
     path = save(folder / name, content)
     return folder if below else path
 
 
-#: By name, a function that makes a source in a folder, and words of the error that refuses it.
-SOURCES = {
-    **{
-        f"HDF5: {name}": (
-            partial(lambda folder, content: record(folder / "bad.h5", **content), content=content),
-            words,
-        )
-        for name, (content, words) in MISTAKES.items()
-    },
-    **{
-        f"MATLAB {kind}: {name}": (
-            partial(changed_matlab, save_as=save_as, changes=changes),
-            f"metadata.mat|{words}",
-        )
-        for name, (changes, words) in MATLAB.items()
-        for kind, save_as in (("5", save_matlab5), ("7.3", save_matlab73))
-        if kind == "5" or " as " not in name
-    },  # save_matlab73 chooses each type by the field's name, so it cannot write one as another
-    **{
-        f"{save_as.__name__} cut to {share}": (
-            partial(cut_short, save_as=save_as, last=last, share=share),
-            words,
-        )
-        for save_as, last, words in (
-            (save_matlab5, ".", "metadata.mat: "),
-            (save_matlab73, ".", "metadata.mat: "),
-            (save_folder, "000/001-object1/pressuredata.mat", "001-object1/pressuredata.mat: "),
-            (save_hdf5, "001-object1.h5", "001-object1.h5: "),
-        )
-        for share in (0.02, 0.9)
-    },
+def bad_hdf5(folder, content):
+    """Write a recording in HDF5 with this content, and return its path."""
+    return record(folder / "bad.h5", **content)
+
+
+def broken_sources():
+    """Return a function that makes a source in a folder, and words of its refusal, by name."""
+    sources = {}
+    for name, (content, words) in MISTAKES.items():
+        sources[f"HDF5: {name}"] = (partial(bad_hdf5, content=content), words)
+    for name, (changes, words) in MATLAB.items():
+        words = f"metadata.mat|{words}"
+        changed = partial(changed_matlab, changes=changes)
+        sources[f"MATLAB 5: {name}"] = (partial(changed, save_as=save_matlab5), words)
+        # save_matlab73 chooses each type by the field's name, so it cannot write one as another
+        if " as " not in name:
+            sources[f"MATLAB 7.3: {name}"] = (partial(changed, save_as=save_matlab73), words)
+    for save_as, file, words in (
+        (save_matlab5, ".", "metadata.mat: "),
+        (save_matlab73, ".", "metadata.mat: "),
+        (save_folder, "000/001-object1/pressuredata.mat", "001-object1/pressuredata.mat: "),
+        (save_hdf5, "001-object1.h5", "001-object1.h5: "),
+    ):
+        for share in (0.02, 0.9):
+            cut = partial(cut_short, save_as=save_as, file=file, share=share)
+            sources[f"{save_as.__name__} cut to {share}"] = (cut, words)
+    return sources
+
+
+SOURCES = broken_sources() | {
     "lines of text as MATLAB": (
         partial(saved, name="a.mat", content="0,513\n" * 99, below=False),
         "a.mat: damaged",
@@ -142,10 +146,8 @@ def test_a_source_that_cannot_be_read_ends_in_a_line_that_names_what_is_wrong(tm
     make, words = SOURCES[name]
     (tmp_path / "in").mkdir()
     line = refusal(make(tmp_path / "in"), tmp_path)
-    assert (
-        str(tmp_path / "in") in line
-        and [word for word in words.split("|") if word not in line] == []
-    )
+    assert str(tmp_path / "in") in line
+    assert [word for word in words.split("|") if word not in line] == []
 
 
 TABLES = {  # the text of mug/1.csv, and words of the error
@@ -172,13 +174,15 @@ TABLES = {  # the text of mug/1.csv, and words of the error
 def test_a_table_that_cannot_be_read_is_refused_at_a_line_and_a_column(tmp_path, name):
     text, words = TABLES[name]
     save(tmp_path / "lab" / "mug" / "1.csv", text)
-    form = Form(columns=["time:nix"] if "nix" in words else [])
+    columns = ["time:nix"] if "nix" in words else []
+    form = Form(columns=columns)
     line = refusal(tmp_path / "lab", tmp_path, form=form)
-    assert "mug/1.csv: " in line and words in line and "pa55" not in line
+    assert "mug/1.csv: " in line
+    assert words in line
+    assert "pa55" not in line
 
 
-# the content of mug/2.ENDING next to a good mug/1 with the same ending, the form, and words of the
-# error
+# The ending and the content of a file next to good files, the form, and words of the error
 UNLIKE = {
     "order of columns": ("csv", "b,a\n1,2\n", {}, "channels ['b', 'a']; expected ['a', 'b'] as in"),
     "more columns": (
@@ -216,23 +220,21 @@ GOOD = {"csv": "a,b\n1,2\n", "npy": COUNTS, "npz": {"pressure": COUNTS}}
 @pytest.mark.parametrize("name", UNLIKE)
 def test_a_file_unlike_most_others_or_the_form_is_named(tmp_path, name, bad):
     ending, content, form, words = UNLIKE[name]
-    for number in (1, 2, 3):
-        save(
-            tmp_path / "lab" / "mug" / f"{number}.{ending}",
-            content if number == bad else GOOD[ending],
-        )
+    for index in (1, 2, 3):
+        file_content = content if index == bad else GOOD[ending]
+        save(tmp_path / "lab" / "mug" / f"{index}.{ending}", file_content)
     line = refusal(tmp_path / "lab", tmp_path, form=Form(**form))
-    all_alike = (
-        f"mug/1.{ending}: {words}" in line
-        and f"(the same in 2 more files: 2.{ending}, 3.{ending})" in line
-    )
-    assert all_alike or (f"mug/{bad}.{ending}: {words}" in line and line.count(f".{ending}: ") == 1)
+    if f"(the same in 2 more files: 2.{ending}, 3.{ending})" in line:
+        assert f"mug/1.{ending}: {words}" in line
+    else:
+        assert f"mug/{bad}.{ending}: {words}" in line
+        assert line.count(f".{ending}: ") == 1
     assert ("'data.columns=[leave_out:c]'" in line) == (name == "more columns")
     assert ("for other recordings, set 'data.layout=auto'" in line) == ("layout" in form)
 
 
 def test_a_file_of_many_recordings_counts_once(tmp_path):
-    runs = "recording,a,b,c\n" + "".join(f"{number},1,2,3\n" for number in range(4))
+    runs = "recording,a,b,c\n0,1,2,3\n1,1,2,3\n2,1,2,3\n3,1,2,3\n"
     for name, text in {"0": runs, "1": GOOD["csv"], "2": GOOD["csv"]}.items():
         save(tmp_path / "lab" / "mug" / f"{name}.csv", text)
     assert "mug/0.csv: channels ['a', 'b', 'c']" in refusal(tmp_path / "lab", tmp_path)
@@ -242,9 +244,9 @@ def test_a_file_in_which_a_different_program_writes_is_not_called_damaged(tmp_pa
     path = record(tmp_path / "lab" / "a.h5")
     with path.open("rb") as file:
         flock(file, LOCK_EX)  # as HDF5 does where it writes
-        for place in (path, path.parent):
+        for source in (path, path.parent):
             with pytest.raises(OSError, match=r"a\.h5: .*open"):
-                read_source(place, tmp_path / "table")
+                read_source(source, tmp_path / "table")
     read_source(path, tmp_path / "table")
 
 
@@ -254,24 +256,27 @@ def test_a_number_that_no_glove_reads_is_refused(row, tmp_path, value):
     counts = np.ones((6, 3, 3))
     counts[4, 1, 1] = value
     path = record(tmp_path / "mug.h5", pressure=counts)
-    row.refused(
-        f"{value} in a file", lambda: ingested(path), "pressure of frame 4 of recording mug is"
-    )
+    words = "pressure of frame 4 of recording mug is"
+    row.refused(f"{value} in a file", lambda: ingested(path), words)
 
 
 @pytest.mark.stability("too little data")
 def test_a_file_without_frames_is_refused(row, tmp_path):
     empty = {"pressure": np.ones((0, 3, 3)), "valid": np.ones(0, dtype=bool)}
-    row.refused("no frames", lambda: ingested(record(tmp_path / "mug.h5", **empty)), "no frames")
+    path = record(tmp_path / "mug.h5", **empty)
+    row.refused("no frames", lambda: ingested(path), "no frames")
 
 
 class Bomb:
+    """An object that fails the test when it is unpickled."""
+
     def __reduce__(self):
         return (pytest.fail, ("it was unpickled",))
 
 
 def test_the_mistakes_of_all_recordings_are_listed_at_once_ten_at_most(tmp_path):
-    good, lab = save(tmp_path / "good.npy").read_bytes(), tmp_path / "lab" / "mug"
+    good = save(tmp_path / "good.npy").read_bytes()
+    lab = tmp_path / "lab" / "mug"
     record(lab / "0.h5", attributes={"recording": "b"})
     record(lab / "1.h5", time=np.arange(3.0))
     record(lab / "2.h5", attributes={"recording": "b"})
@@ -286,23 +291,25 @@ def test_the_mistakes_of_all_recordings_are_listed_at_once_ten_at_most(tmp_path)
     for name, content in bad.items():
         save(lab / name, content)
     line = refusal(tmp_path / "lab", tmp_path)
-    beside = (
+    other_words = (
         "1.h5: time has",
         "2.h5: it holds recording 'b', as ",
         "3.h5: columns ['valid']; expected []",
         "7.npy",
     )
-    assert [line.count(words) for words in (*beside, *bad)] == [1] * 8
-    for number in range(30):
-        save(lab / f"cut{number:02}.npz", b"PK")
+    assert [line.count(words) for words in (*other_words, *bad)] == [1] * 8
+    for index in range(30):
+        save(lab / f"cut{index:02}.npz", b"PK")
     line = refusal(tmp_path / "lab", tmp_path)
     assert "cut00.npz: " in line and "in 29 more files: cut01.npz, " in line
 
 
 def hdf5(folder, change):
     """Write a recording in HDF5 without /pressure, or a file of MATLAB 7.3, and `change` it."""
-    path = save_matlab73(folder / "metadata.mat", TREE) if change is cell_outside else None
-    path = path or record(folder / "bad.h5", pressure=None)
+    if change is cell_outside:
+        path = save_matlab73(folder / "metadata.mat", TREE)
+    else:
+        path = record(folder / "bad.h5", pressure=None)
     record(folder.parent / "other.h5")
     with h5py.File(path, "r+") as file:
         change(file)
@@ -310,41 +317,44 @@ def hdf5(folder, change):
 
 
 def cell_outside(file):
+    """Let the name of an object refer to an array in another file."""
     loop = file.create_group("loop")
-    loop["itself"] = loop  # stays though no name leads to it
+    loop["itself"] = loop  # keeps the group although no name leads to it
     loop.create_dataset("far", (4, 1), "u2", external=[("/etc/passwd", 0, 8)])
     file["objects"][0, 0] = loop["far"].ref
     del file["loop"]
 
 
 def virtual(file):
+    """Make the pressure a virtual array, which another file holds."""
     layout = h5py.VirtualLayout((4, 5, 7), "i2")
     layout[:] = h5py.VirtualSource("../other.h5", "pressure", (4, 5, 7))
     file.create_virtual_dataset("pressure", layout)
 
 
 def pipe(folder, name):
-    (folder / name).parent.mkdir(parents=True, exist_ok=True)
-    os.mkfifo(folder / name)
-    return folder / name
+    """Make a named pipe, and return its path."""
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    os.mkfifo(path)
+    return path
 
 
 def array(folder, size, shape):
-    """Write a .npz whose array has that many bytes of zeros, and declares a shape."""
+    """Write a .npz whose array has `size` bytes of zeros, and declares a shape."""
     (folder / "mug").mkdir()
+    header = {"descr": "|i1", "fortran_order": False, "shape": shape}
     with (
         zipfile.ZipFile(folder / "mug/1.npz", "w", zipfile.ZIP_DEFLATED) as archive,
         archive.open("a.npy", "w") as file,
     ):
-        np.lib.format.write_array_header_1_0(
-            file, {"descr": "|i1", "fortran_order": False, "shape": shape}
-        )
+        np.lib.format.write_array_header_1_0(file, header)
         for _ in range(size // 2**20):
             file.write(bytes(2**20))
     return folder
 
 
-CHANGES = {  # of an HDF5 file, and words of the line
+CHANGES = {  # a function that changes an HDF5 file, and words of the error
     "external link that nothing uses": (
         lambda file: file.update(far=h5py.ExternalLink("../other.h5", "/")),
         "/far",
@@ -381,7 +391,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_a_hostile_source_ends_in_one_line_in_time_and_leaves_nothing(tmp_path, monkeypatch, name):
-    monkeypatch.setattr(child, "SECONDS", 3)  # what never ends takes that long
+    monkeypatch.setattr(child, "SECONDS", 3)  # a reading that would never end takes that long
     monkeypatch.setattr(child, "MEMORY", 2**28)
     (tmp_path / "in").mkdir()
     make, words = REFUSED[name]
@@ -403,28 +413,28 @@ def test_a_hostile_source_ends_in_one_line_in_time_and_leaves_nothing(tmp_path, 
 )
 def test_what_ends_the_child_is_an_error_here(tmp_path, harm, kind, words):
     (tmp_path / "b.h5").touch()
+    request = {"harm": harm, "file": str(tmp_path / "b.h5")}
     with pytest.raises(kind, match=re.escape(words)):
-        child.run_apart(
-            "tests.readers.harm", {"harm": harm, "file": str(tmp_path / "b.h5")}, tmp_path
-        )
+        child.run_apart("tests.readers.harm", request, tmp_path)
 
 
 def test_a_larger_source_may_take_more_time_memory_and_room(monkeypatch):
-    limits = {10**6: {}, 10**9: {}}
-    for stored, taken in limits.items():
-        monkeypatch.setattr(resource, "setrlimit", taken.__setitem__)
+    small = {}
+    large = {}
+    for stored, limits in ((10**6, small), (10**9, large)):
+        monkeypatch.setattr(resource, "setrlimit", limits.__setitem__)
         child.limit({"seconds": 10, "memory": 2**30}, stored)
-    small, large = ([soft for soft, _ in taken.values()] for taken in limits.values())
-    assert len(small) == 3 and all(0 < one < other for one, other in zip(small, large, strict=True))
+    assert len(small) == 3
+    assert small.keys() == large.keys()
+    for limited, (soft, _) in small.items():
+        larger, _ = large[limited]
+        assert 0 < soft < larger
 
 
 def test_a_line_that_a_library_prints_in_the_child_goes_to_stderr(tmp_path, capfd):
     (tmp_path / "b.h5").touch()
-    child.run_apart(
-        "tests.readers.harm",
-        {"harm": "words of a library", "file": str(tmp_path / "b.h5")},
-        tmp_path,
-    )
+    request = {"harm": "words of a library", "file": str(tmp_path / "b.h5")}
+    child.run_apart("tests.readers.harm", request, tmp_path)
     assert capfd.readouterr() == ("", "libhdf5: a line\n")
 
 
@@ -440,9 +450,9 @@ def test_reading_after_torch_has_started_threads_warns_of_nothing_and_forks_no_t
         "with recordings_of(Path(sys.argv[1])) as table:\n    print(len(table))"
     )
     (tmp_path / "copy.py").write_text("raise RuntimeError('not a module of the child')")
-    run = [sys.executable, "-P", "-W", "error", "-c", program, str(path.parents[1])]
+    command = [sys.executable, "-P", "-W", "error", "-c", program, str(path.parents[1])]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        run, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    result = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
     )
-    assert (done.stdout, done.stderr) == ("4\n", "")
+    assert (result.stdout, result.stderr) == ("4\n", "")

@@ -1,4 +1,4 @@
-"""Data with two readings are refused or asked about, with a command for each reading.
+"""Data with two readings are refused, or a note asks about them, with a command for each reading.
 
 The command then gives the right recordings.
 """
@@ -20,11 +20,11 @@ OBJECTS = ("ball", "mug", "pen")
 
 def run_line(line: str, mark: str) -> None:
     """Run the command that follows `mark` in a refusal."""
-    words = line.partition(mark)[2].partition(" (the same in ")[0].partition("; if it is")[0]
-    environment = {
-        "PATH": ":".join([str(Path(shutil.which("python") or "").parent), "/usr/bin", "/bin"])
-    }
-    subprocess.run(words, shell=True, check=True, env=environment, capture_output=True)
+    _, _, command = line.partition(mark)
+    command = command.partition(" (the same in ")[0].partition("; if it is")[0]
+    python_folder = Path(shutil.which("python") or "").parent
+    environment = {"PATH": f"{python_folder}:/usr/bin:/bin"}
+    subprocess.run(command, shell=True, check=True, env=environment, capture_output=True)
 
 
 def form_in(line: str) -> Form:
@@ -33,10 +33,13 @@ def form_in(line: str) -> Form:
     if key == "layout":
         return Form(layout=value)
     items = value.strip("[]").split(",")
-    return Form(shape=list(map(int, items))) if key == "shape" else Form(columns=items)
+    if key == "shape":
+        return Form(shape=[int(item) for item in items])
+    return Form(columns=items)
 
 
 def texts(table, topic=""):
+    """Return the texts of the notes whose topic holds a word."""
     return [note.text for note in table.notes if topic in note.topic]
 
 
@@ -63,10 +66,8 @@ def test_a_number_of_groups_of_three_digits_is_refused_and_the_line_writes_it_pl
     path = save(tmp_path / "lab" / "mug" / f"1.{ending}", text)
     line = refusal(tmp_path / "lab", tmp_path)
     assert f"mug/1.{ending}: line " in line and "column 1" in line
-    number = numbers[-1][0]
-    if name in ("quoted, all", "millions"):
-        number = numbers[0][0]
-    run_line(line, f"if it is {number}: ")
+    row = 0 if name in ("quoted, all", "millions") else 1  # the first row with a mark
+    run_line(line, f"if it is {numbers[row][0]}: ")
     counts, _ = ingested(path.parents[1])
     np.testing.assert_array_equal(counts[:, 0], numbers)
 
@@ -102,7 +103,9 @@ def test_the_line_keeps_all_that_stands_above_the_numbers(tmp_path, ending, read
     text = b"# glove 2\nrecorded; on a; Monday\n\na;b\nN;N\n987;5\n1,012;6\n"
     path = tmp_path / "lab" / "mug" / f"1.{ending}"
     path.parent.mkdir(parents=True)
-    path.write_bytes(gzip.compress(text) if ending.endswith("gz") else text)
+    if ending.endswith("gz"):
+        text = gzip.compress(text)
+    path.write_bytes(text)
     run_line(refusal(tmp_path / "lab", tmp_path), f"if it is {reading}: ")
     counts, table = ingested(path.parents[1])
     np.testing.assert_array_equal(counts[:, 0], [[987, 5], [float(reading), 6]])
@@ -138,44 +141,35 @@ def test_a_decimal_mark_is_one_where_the_file_shows_it(tmp_path, text, first):
     assert ingested(tmp_path / "lab")[0][0, 0].tolist() == first
 
 
-def label_table(path, label):
-    save(
-        path,
-        "label,trial,a,b\n"
-        + "".join(f"{label},{path.stem},{number},{number + 1}\n" for number in range(4)),
-    )
-
-
 def as_labels(folder, labels):
-    for number in range(len(labels)):
-        save(folder / f"r{number}.npy", COUNTS + number)
-    save(
-        folder / "labels.csv",
-        "\n".join(["file,label", *(f"r{at},{label}" for at, label in enumerate(labels))]),
-    )
+    rows = ["file,label"]
+    for index, label in enumerate(labels):
+        save(folder / f"r{index}.npy", COUNTS + index)
+        rows.append(f"r{index},{label}")
+    save(folder / "labels.csv", "\n".join(rows))
 
 
 def as_attributes(folder, labels):
-    for number, label in enumerate(labels):
+    for index, label in enumerate(labels):
         value = float(label) if "." in label else int(label)
-        record(folder / f"{number}.h5", attributes={"object": value, "session": value})
+        record(folder / f"{index}.h5", attributes={"object": value, "session": value})
 
 
 def as_windows(folder, labels):
-    save(
-        folder / "all.npz",
-        {"X": np.random.default_rng(0).random((len(labels), 5, 3)), "y": np.array(labels, float)},
-    )
+    X = np.random.default_rng(0).random((len(labels), 5, 3))
+    save(folder / "all.npz", {"X": X, "y": np.array(labels, float)})
 
 
 def as_tables(folder, labels):
-    for number, label in enumerate(labels):
-        label_table(folder / f"{number}.csv", label)
+    for index, label in enumerate(labels):
+        rows = [f"{label},{index},{reading},{reading + 1}\n" for reading in range(4)]
+        save(folder / f"{index}.csv", "label,trial,a,b\n" + "".join(rows))
 
 
 @pytest.mark.parametrize("write", [as_labels, as_attributes, as_windows, as_tables])
 def test_labels_that_are_whole_numbers_are_one_object_however_they_are_written(tmp_path, write):
-    write(tmp_path / "lab", ["1", "1.0", "2.00" if write is not as_attributes else "2.0", "2"])
+    two = "2.0" if write is as_attributes else "2.00"
+    write(tmp_path / "lab", ["1", "1.0", two, "2"])
     assert ingested(tmp_path / "lab")[1].objects == ["1", "2"]
 
 
@@ -184,15 +178,20 @@ def test_labels_that_are_fractions_stay_apart(tmp_path):
     assert ingested(tmp_path / "lab")[1].objects == ["1.5", "1.7", "2"]
 
 
-def one_table(label, *, words):
-    """Write lines of three objects with a counter, readings and labels."""
-    rows = [f"ID,s0,s1,s2,{label}"]
+def one_table(column, *, words):
+    """Return the text of a table of three objects with a counter, readings and labels.
+
+    Args:
+        column: name of the column of labels.
+        words: the labels are the objects' names, otherwise the numbers 7, 8 and 9.
+    """
+    rows = [f"ID,s0,s1,s2,{column}"]
     for run in range(4):
-        for number, name in enumerate(OBJECTS):
+        for index, name in enumerate(OBJECTS):
+            label = name if words else index + 7
             for frame in range(5):
-                of_object = name if words else number + 7
-                readings = f"{run + 0.5},{number}.75,{frame}.25"
-                rows.append(f"{len(rows) - 1},{readings},{of_object}")
+                readings = f"{run + 0.5},{index}.75,{frame}.25"
+                rows.append(f"{len(rows) - 1},{readings},{label}")
     return "\n".join(rows) + "\n"
 
 
@@ -215,22 +214,21 @@ def test_a_table_whose_label_has_another_name_says_what_to_set(tmp_path, label, 
     line = refusal(path, tmp_path)
     assert f"set 'data.columns=[object:{label}]'" in line
     _, table = ingested(path, form=form_in(line))
-    assert (
-        table.objects == (list(OBJECTS) if words else ["7", "8", "9"])
-        and len(table.channel_names) == 3
-    )
+    assert table.objects == (list(OBJECTS) if words else ["7", "8", "9"])
+    assert len(table.channel_names) == 3
 
 
-@pytest.mark.parametrize("place", [0, 3])
-def test_a_label_in_a_column_without_a_name_goes_by_its_number(tmp_path, place):
+@pytest.mark.parametrize("column", [0, 3])
+def test_a_label_in_a_column_without_a_name_goes_by_its_number(tmp_path, column):
     rows = []
     for frame in range(12):
         cells = [f"{frame}.5", f"{frame * 2}.25", f"{9 - frame}.5"]
-        cells.insert(place, str(frame // 4 % 3))
+        cells.insert(column, str(frame // 4 % 3))
         rows.append("\t".join(cells))
     path = save(tmp_path / "all.tsv", "\n".join(rows))
     line = refusal(path, tmp_path)
-    assert "line is read as one frame" in line and f"data.columns=[object:{place + 1}]" in line
+    assert "line is read as one frame" in line
+    assert f"data.columns=[object:{column + 1}]" in line
     assert ingested(path, form=form_in(line))[1].objects == ["0", "1", "2"]
 
 
@@ -247,25 +245,15 @@ def test_a_t_that_does_not_rise_is_a_temperature(tmp_path, name):
 
 
 def test_attributes_of_other_names_are_named_with_the_key_that_takes_one(tmp_path):
-    for number in range(4):
-        attributes = {
-            "object": None,
-            "session": None,
-            "rigidity": ("hard", "soft")[number % 2],
-            "slipped": 1,
-        }
-        record(tmp_path / "flat" / f"{number}.h5", pressure=COUNTS + number, attributes=attributes)
-        record(
-            tmp_path / "lab" / "mug" / f"{number}.h5",
-            pressure=COUNTS + number,
-            attributes=attributes,
-        )
+    for index, rigidity in enumerate(("hard", "soft", "hard", "soft")):
+        attributes = {"object": None, "session": None, "rigidity": rigidity, "slipped": 1}
+        for folder in (tmp_path / "flat", tmp_path / "lab" / "mug"):
+            record(folder / f"{index}.h5", pressure=COUNTS + index, attributes=attributes)
     line = refusal(tmp_path / "flat", tmp_path)
-    assert "rigidity, slipped" in line and "data.columns=[object:rigidity]" in line
-    assert ingested(tmp_path / "flat", form=Form(columns=["object:rigidity"]))[1].objects == [
-        "hard",
-        "soft",
-    ]
+    assert "rigidity, slipped" in line
+    assert "data.columns=[object:rigidity]" in line
+    _, table = ingested(tmp_path / "flat", form=Form(columns=["object:rigidity"]))
+    assert table.objects == ["hard", "soft"]
     (note,) = texts(ingested(tmp_path / "lab")[1], "attributes")
     assert "rigidity, slipped" in note and "object:rigidity" in note
 
@@ -274,9 +262,10 @@ STACK = np.random.default_rng(1).integers(500, 600, (6, 40, 4, 3), dtype=np.int1
 
 
 def stacks(folder, array, names=("all.npy",)):
-    for number, name in enumerate(OBJECTS):
-        for at, part in zip(names, np.array_split(array + number, len(names)), strict=True):
-            save(folder / name / at, part)
+    """Write an array of recordings for each object, cut into files, and return the folder."""
+    for label, name in enumerate(OBJECTS):
+        for file, part in zip(names, np.array_split(array + label, len(names)), strict=True):
+            save(folder / name / file, part)
     return folder
 
 
@@ -289,16 +278,14 @@ def test_an_array_that_may_hold_several_recordings_is_asked_about_and_read_by_th
     lab = stacks(tmp_path / "lab", STACK.reshape(6, 40, 12), names)
     (note,) = texts(ingested(lab)[1], "shape")
     counts, table = ingested(lab, form=form_in(note))
-    assert (
-        len(table.recordings) == 18
-        and counts.shape == (720, 1, 12)
-        and len(set(table.recordings)) == 18
-    )
-    assert "6 recordings of 40 frames" in " ".join(
-        texts(ingested(stacks(tmp_path / "b", STACK.reshape(6, 40, 12)))[1])
-    )
+    assert len(table.recordings) == 18
+    assert counts.shape == (720, 1, 12)
+    assert len(set(table.recordings)) == 18
+    _, of_one_file = ingested(stacks(tmp_path / "b", STACK.reshape(6, 40, 12)))
+    assert "6 recordings of 40 frames" in " ".join(texts(of_one_file))
     confirmed = form_in(f"'data.shape={note.partition('if not, data.shape=')[2].strip('.')}'")
-    assert ingested(lab, form=confirmed)[0].shape == (18, 40, 12) and confirmed.shape == [40, 12]
+    assert ingested(lab, form=confirmed)[0].shape == (18, 40, 12)
+    assert confirmed.shape == [40, 12]
 
 
 def test_an_array_of_four_axes_is_refused_and_read_by_the_shape(tmp_path):
@@ -308,7 +295,7 @@ def test_an_array_of_four_axes_is_refused_and_read_by_the_shape(tmp_path):
     for form in (form_in(line), Form(shape=[4, 3])):
         counts, table = ingested(lab, form=form)
         np.testing.assert_array_equal(counts[:240].reshape(STACK.shape), STACK)
-        assert [table.objects[at] for at in table.columns["object"][::240]] == list(OBJECTS)
+        assert [table.objects[label] for label in table.columns["object"][::240]] == list(OBJECTS)
     wide = stacks(tmp_path / "wide", np.zeros((3, 300, 6)) + np.arange(6))
     assert form_in(refusal(wide, tmp_path)).shape == [1, 6]
 
@@ -316,15 +303,14 @@ def test_an_array_of_four_axes_is_refused_and_read_by_the_shape(tmp_path):
 @pytest.mark.parametrize("shape", [(60, 16, 16), (60, 12, 8), (20, 4, 4), (8, 32, 32)])
 def test_ordinary_arrays_are_not_asked_about(tmp_path, shape):
     for name in OBJECTS:
-        for number in range(3):
-            save(
-                tmp_path / "lab" / name / f"{number}.npy",
-                np.random.default_rng(number).random(shape),
-            )
+        for seed in range(3):
+            counts = np.random.default_rng(seed).random(shape)
+            save(tmp_path / "lab" / name / f"{seed}.npy", counts)
     assert not texts(ingested(tmp_path / "lab")[1], "shape")
 
 
 def several_arrays(path, arrays):
+    """Write arrays into one file, under the names arr_0, arr_1 and so on."""
     if path.suffix == ".npz":
         np.savez(path, *arrays)
     else:
@@ -333,7 +319,8 @@ def several_arrays(path, arrays):
 
 @pytest.mark.parametrize("ending", ["npz", "mat"])
 def test_several_arrays_in_a_file_are_saved_apart_by_the_line(tmp_path, ending):
-    (folder := tmp_path / "lab" / "mug").mkdir(parents=True)
+    folder = tmp_path / "lab" / "mug"
+    folder.mkdir(parents=True)
     several_arrays(folder / f"all.{ending}", STACK.reshape(6, 40, 12))
     line = refusal(tmp_path / "lab", tmp_path)
     run_line(line, "save each as a file of its own: ")
@@ -344,7 +331,8 @@ def test_several_arrays_in_a_file_are_saved_apart_by_the_line(tmp_path, ending):
 
 @pytest.mark.parametrize("ending", ["npz", "mat"])
 def test_labels_of_frames_part_an_array_into_runs(tmp_path, ending):
-    X, y = STACK.reshape(240, 12), np.repeat([0, 1, 2, 0, 1, 2], 40)
+    X = STACK.reshape(240, 12)
+    y = np.repeat([0, 1, 2, 0, 1, 2], 40)
     if ending == "npz":
         np.savez(tmp_path / "all.npz", X=X, y=y)
     else:
@@ -371,12 +359,13 @@ PERSONS = {  # the place of a recording, the layout that reads it, and the layou
 
 @pytest.mark.parametrize("name", PERSONS)
 def test_a_word_that_recurs_in_file_names_is_offered_as_the_session(tmp_path, name):
-    place, layout, offered = PERSONS[name]
+    pattern, layout, offered = PERSONS[name]
+    repeats = 4 if "{i" in pattern else 1
     for number, person in enumerate(("anna", "bert", "carl"), 1):
-        for index in range(4 if "{i" in place else 1):
-            for at, object_name in enumerate(OBJECTS):
-                file = place.format(o=object_name, p=number, i=index, n=person)
-                save(tmp_path / "lab" / file, COUNTS + 100 * number + 10 * index + at)
+        for index in range(repeats):
+            for label, object_name in enumerate(OBJECTS):
+                file = pattern.format(o=object_name, p=number, i=index, n=person)
+                save(tmp_path / "lab" / file, COUNTS + 100 * number + 10 * index + label)
     (note,) = texts(ingested(tmp_path / "lab", form=Form(layout=layout))[1], "names")
     assert form_in(note).layout == offered
     _, table = ingested(tmp_path / "lab", form=form_in(note))
@@ -385,7 +374,7 @@ def test_a_word_that_recurs_in_file_names_is_offered_as_the_session(tmp_path, na
 
 
 @pytest.mark.parametrize(
-    "place",
+    "pattern",
     [
         "{o}/{i}.npy",
         "{o}/{o}_{i}.npy",
@@ -397,68 +386,62 @@ def test_a_word_that_recurs_in_file_names_is_offered_as_the_session(tmp_path, na
         "{o}/{i}_right.npy",
     ],
 )
-def test_numbers_of_recordings_are_no_persons(tmp_path, place):
+def test_numbers_of_recordings_are_no_persons(tmp_path, pattern):
     for index in range(4):
-        for at, name in enumerate(OBJECTS):
-            save(tmp_path / "lab" / place.format(o=name, i=index), COUNTS + 10 * index + at)
+        for label, name in enumerate(OBJECTS):
+            save(tmp_path / "lab" / pattern.format(o=name, i=index), COUNTS + 10 * index + label)
     assert not texts(ingested(tmp_path / "lab")[1], "names")
 
 
 def test_sides_of_a_split_in_names_are_no_persons(tmp_path):
-    for side in ("train", "test"):
-        for number in range(3):
-            for at, name in enumerate(OBJECTS):
-                save(tmp_path / "lab" / name / f"{side}_{number}.npy", COUNTS + 10 * number + at)
+    for set_name in ("train", "test"):
+        for index in range(3):
+            for label, name in enumerate(OBJECTS):
+                path = tmp_path / "lab" / name / f"{set_name}_{index}.npy"
+                save(path, COUNTS + 10 * index + label)
     assert not texts(ingested(tmp_path / "lab")[1], "names")
 
 
 def test_a_word_in_names_that_cannot_be_a_layout_has_a_remedy_too(tmp_path):
     for person in (1, 2):
         for index in range(3):
-            for at, name in enumerate(OBJECTS):
-                save(
-                    tmp_path / "lab" / name / f"S{person}T{index}.npy",
-                    COUNTS + 10 * index + at + 50 * person,
-                )
+            for label, name in enumerate(OBJECTS):
+                path = tmp_path / "lab" / name / f"S{person}T{index}.npy"
+                save(path, COUNTS + 10 * index + label + 50 * person)
     (note,) = texts(ingested(tmp_path / "lab")[1], "names")
     assert "S1_T0" in note
 
 
 def test_windows_have_the_sessions_that_stand_beside_them_and_a_label_each(tmp_path):
-    """There are four windows of two objects by two persons; three labels for them are refused."""
-    X = np.stack([COUNTS + number for number in range(4)])
+    """Two persons hold two objects, in four windows. Three labels for them are refused."""
+    X = np.stack([COUNTS, COUNTS + 1, COUNTS + 2, COUNTS + 3])
     folder = tmp_path / "lab"
     folder.mkdir()
-    np.savez(
-        folder / "all.npz",
-        X=X,
-        y=["mug", "pen", "mug", "pen"],
-        subject=["anna", "anna", "ben", "ben"],
-    )
+    persons = ["anna", "anna", "ben", "ben"]
+    np.savez(folder / "all.npz", X=X, y=["mug", "pen", "mug", "pen"], subject=persons)
     table = ingested(folder)[1]
     first = table.columns["frame"] == 0
-    assert [table.sessions[at] for at in table.columns["session"][first]] == [
-        "anna",
-        "anna",
-        "ben",
-        "ben",
-    ]
+    sessions = [table.sessions[session] for session in table.columns["session"][first]]
+    assert sessions == persons
     np.savez(folder / "all.npz", X=X, y=["mug", "pen", "mug"])
     assert "X has 4 windows and y 3 labels" in refusal(folder, tmp_path)
 
 
 def test_windows_that_overlap_are_counted(tmp_path):
-    """Five windows have ten frames; all but the third begin in the middle of the window before."""
+    """Each of the five windows has ten frames.
+
+    The first and the third begin a stream, and the others begin in the middle of a window.
+    """
     rng = np.random.default_rng(0)
-    long = [rng.integers(500, 600, (20, 4)), rng.integers(500, 600, (25, 4))]
-    X = np.stack([long[0][0:10], long[0][5:15], long[1][0:10], long[1][5:15], long[1][10:20]])
+    first = rng.integers(500, 600, (20, 4))
+    second = rng.integers(500, 600, (25, 4))
+    X = np.stack([first[0:10], first[5:15], second[0:10], second[5:15], second[10:20]])
     folder = tmp_path / "lab"
     folder.mkdir()
     np.savez(folder / "all.npz", X=X, y=["mug", "mug", "mug", "mug", "mug"])
-    assert any(
-        "windows that overlap are held out together, as 2 recordings" in text
-        for text in texts(ingested(folder)[1])
-    )
+    notes = texts(ingested(folder)[1])
+    together = "windows that overlap are held out together, as 2 recordings"
+    assert any(together in text for text in notes)
 
 
 def test_a_misspelt_column_is_answered_with_the_nearest_one(tmp_path):

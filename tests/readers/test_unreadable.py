@@ -16,15 +16,23 @@ from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.params import default_params
 from tactile_viewgcn.readers.discovery import discover
 from tactile_viewgcn.readers.source import Form
-from tests.readers.files import COUNTS, ingested, read_here, record, refusal, save
+from tests.readers.files import (
+    COUNTS,
+    comma_separated,
+    ingested,
+    read_here,
+    record,
+    refusal,
+    save,
+)
 from tests.readers.test_two_readings import OBJECTS, STACK, form_in, run_line, texts
 
 ROWS = np.arange(500, 512).reshape(4, 3)
 CELLS = [",".join(map(str, row)) for row in ROWS]
 SERIAL = {  # ROWS as a serial monitor or a program saves them
-    "clock and commas": [f"12:34:0{at}.789 -> {cells}" for at, cells in enumerate(CELLS)],
+    "clock and commas": [f"12:34:0{second}.789 -> {cells}" for second, cells in enumerate(CELLS)],
     "clock and blanks": [
-        f"1:34:0{at} -> {cells.replace(',', ' ')}" for at, cells in enumerate(CELLS)
+        f"1:34:0{second} -> {cells.replace(',', ' ')}" for second, cells in enumerate(CELLS)
     ],
     "pairs": [f"thumb:{a},index:{b},palm:{c}" for a, b, c in ROWS],
     "pairs and blanks": [f"thumb: {a} index: {b} palm: {c}" for a, b, c in ROWS],
@@ -73,37 +81,25 @@ def test_a_first_line_that_is_cut_is_named_and_the_command_deletes_it(tmp_path, 
 )
 def test_an_ordinary_table_is_none_of_these(tmp_path, text):
     save(tmp_path / "lab" / "mug" / "1.csv", text)
-    assert not [
-        word
-        for word in ("make a table of numbers: ", "is cut")
-        if word in refusal(tmp_path / "lab", tmp_path)
-    ]
-
-
-def two_forms(folder, first, second):
-    for name in OBJECTS:
-        for number in range(2):
-            save(
-                folder / first.format(o=name, i=number),
-                ",".join(map(str, ROWS[number])) + "\n" + CELLS[3] + "\n",
-            )
-            (place := folder / second.format(o=name, i=number)).parent.mkdir(
-                parents=True, exist_ok=True
-            )
-            io.savemat(place, {"data": ROWS}) if place.suffix == ".mat" else save(
-                place, ROWS.astype(float)
-            )
+    line = refusal(tmp_path / "lab", tmp_path)
+    assert "make a table of numbers: " not in line
+    assert "is cut" not in line
 
 
 @pytest.mark.parametrize("ending", ["mat", "npy"])
 def test_recordings_in_two_forms_are_named_once_with_their_number(tmp_path, ending):
-    two_forms(tmp_path / "lab", "{o}/{i}.csv", "{o}/{i}." + ending)
+    for name in OBJECTS:
+        for index in range(2):
+            path = tmp_path / "lab" / name / f"{index}.{ending}"
+            save(path.with_suffix(".csv"), f"{CELLS[index]}\n{CELLS[3]}\n")
+            if ending == "mat":
+                io.savemat(path, {"data": ROWS})
+            else:
+                save(path, ROWS.astype(float))
     line = refusal(tmp_path / "lab", tmp_path)
-    assert (
-        line.count("recording '") == 1
-        and "5 more recordings" in line
-        and f".csv and .{ending}" in line
-    )
+    assert line.count("recording '") == 1
+    assert "5 more recordings" in line
+    assert f".csv and .{ending}" in line
 
 
 @pytest.mark.parametrize(
@@ -111,21 +107,19 @@ def test_recordings_in_two_forms_are_named_once_with_their_number(tmp_path, endi
     [("raw/{o}/{i}.npy", "filtered/{o}/{i}.npy"), ("{o}/Raw/{i}.npy", "{o}/Processed/{i}.npy")],
 )
 def test_folders_of_two_stages_of_processing_are_named(tmp_path, places):
-    for place in places:
+    for pattern in places:
         for name in OBJECTS:
-            for number in range(2):
-                save(tmp_path / "lab" / place.format(o=name, i=number), COUNTS + number)
+            for index in range(2):
+                save(tmp_path / "lab" / pattern.format(o=name, i=index), COUNTS + index)
     (note,) = [note for note in ingested(tmp_path / "lab")[1].notes if note.topic == "doubles"]
-    assert (
-        note.level == "warning"
-        and "6 files" in note.text
-        and "tactile-viewgcn inspect" in note.text
-    )
+    assert note.level == "warning"
+    assert "6 files" in note.text
+    assert "tactile-viewgcn inspect" in note.text
 
 
 def test_folders_of_sessions_with_the_same_names_are_no_doubles(tmp_path):
-    for place in ("mon/mug/1", "tue/mug/1", "mon/pen/1", "tue/pen/1"):
-        save(tmp_path / "lab" / f"{place}.npy")
+    for name in ("mon/mug/1", "tue/mug/1", "mon/pen/1", "tue/pen/1"):
+        save(tmp_path / "lab" / f"{name}.npy")
     assert not texts(ingested(tmp_path / "lab")[1], "doubles")
 
 
@@ -135,22 +129,25 @@ def test_folders_of_sessions_with_the_same_names_are_no_doubles(tmp_path):
 def test_a_placeholder_of_git_lfs_is_called_so(tmp_path, name):
     text = f"version https://git-lfs.github.com/spec/v1\noid sha256:{'0' * 64}\nsize 12345\n"
     path = save(tmp_path / "lab" / "mug" / name, text)
-    for place in (path, tmp_path / "lab"):
-        line = refusal(place, tmp_path)
-        assert str(path) in line and "git lfs pull" in line and "damaged" not in line
+    for source in (path, tmp_path / "lab"):
+        line = refusal(source, tmp_path)
+        assert str(path) in line
+        assert "git lfs pull" in line
+        assert "damaged" not in line
 
 
 def test_a_link_to_what_is_not_there_is_called_so(tmp_path):
     save(tmp_path / "lab" / "mug" / "1.npy")
     (tmp_path / "lab" / "mug" / "2.npy").symlink_to("../../.git/annex/objects/XX/k.npy")
     line = refusal(tmp_path / "lab", tmp_path)
-    assert "a link to ../../.git/annex/objects/XX/k.npy" in line and "git annex get" in line
+    assert "a link to ../../.git/annex/objects/XX/k.npy" in line
+    assert "git annex get" in line
 
 
 def test_a_link_to_a_recording_is_read(tmp_path):
-    kept = save(tmp_path / "elsewhere" / "k.npy", 2 * COUNTS)
+    target = save(tmp_path / "elsewhere" / "k.npy", 2 * COUNTS)
     save(tmp_path / "lab" / "mug" / "1.npy")
-    (tmp_path / "lab" / "mug" / "2.npy").symlink_to(kept)
+    (tmp_path / "lab" / "mug" / "2.npy").symlink_to(target)
     counts, table = ingested(tmp_path / "lab")
     assert table.recordings == ["mug/1", "mug/2"]
     np.testing.assert_array_equal(counts, np.concatenate([COUNTS, 2 * COUNTS]))
@@ -170,23 +167,24 @@ def test_a_home_folder_as_a_tilde_is_written_out(monkeypatch, tmp_path):
         discover("~/lab", Form())
 
 
-@pytest.mark.parametrize("side", ["train", "Test", "val"])
-def test_files_named_by_their_object_below_a_side_are_read_by_the_line(tmp_path, side):
+@pytest.mark.parametrize("set_name", ["train", "Test", "val"])
+def test_files_named_by_their_object_below_a_side_are_read_by_the_line(tmp_path, set_name):
     for name in OBJECTS:
-        for number in range(2):
-            save(tmp_path / "lab" / side / f"{name}_{number}.npy", COUNTS + number)
+        for index in range(2):
+            save(tmp_path / "lab" / set_name / f"{name}_{index}.npy", COUNTS + index)
     line = refusal(tmp_path / "lab", tmp_path)
     assert line.count("set 'data.layout=") == 1
     _, table = ingested(tmp_path / "lab", form=form_in(line))
-    assert (
-        table.objects == list(OBJECTS) and len(table.recordings) == 6 and "split" in table.columns
-    )
+    assert table.objects == list(OBJECTS)
+    assert len(table.recordings) == 6
+    assert "split" in table.columns
 
 
 def test_arrays_in_groups_of_hdf5_are_found_and_named_by_their_paths(tmp_path):
     (tmp_path / "lab" / "mug").mkdir(parents=True)
     with h5py.File(tmp_path / "lab" / "mug" / "1.h5", "w") as file:
-        file["data/force"], file["data/fs"] = COUNTS, 100.0
+        file["data/force"] = COUNTS
+        file["data/fs"] = 100.0
     line = refusal(tmp_path / "lab", tmp_path)
     assert "data/force" in line
     np.testing.assert_array_equal(ingested(tmp_path / "lab", form=form_in(line))[0], COUNTS)
@@ -199,58 +197,54 @@ def test_forty_thousand_windows_are_as_many_recordings(tmp_path):
     assert refusal(tmp_path / "all.npz", tmp_path) == ""  # `refusal` measures the time
     counts, table = ingested(tmp_path / "all.npz")
     np.testing.assert_array_equal(counts[:, 0].reshape(X.shape), X)
-    assert len(table.recordings) == 40_000 and (table.columns["object"] == np.repeat(y, 2)).all()
+    assert len(table.recordings) == 40_000
+    assert (table.columns["object"] == np.repeat(y, 2)).all()
     assert (table.columns["recording"] == np.repeat(np.arange(40_000), 2)).all()
 
 
 def inspected(path, *words):
+    """Return the error that ends the command `inspect`."""
     result = CliRunner().invoke(cli, ["inspect", str(path), *words])
     return str(result.exception)
 
 
 @pytest.mark.parametrize("ending", ["npy", "csv"])
 def test_the_same_fault_in_many_files_is_one_sentence(tmp_path, ending):
-    for number in range(12):
-        frames = np.arange((20 + number) * 7).reshape(-1, 7)
-        content = (
-            frames if ending == "npy" else "\n".join(",".join(map(str, frame)) for frame in frames)
-        )
-        save(tmp_path / "lab" / OBJECTS[number % 3] / f"{number}.{ending}", content)
+    for index in range(12):
+        frames = np.arange((20 + index) * 7).reshape(-1, 7)
+        content = frames if ending == "npy" else comma_separated(frames)
+        save(tmp_path / "lab" / OBJECTS[index % 3] / f"{index}.{ending}", content)
     line = inspected(tmp_path / "lab", "--shape", "2", "3")
-    assert line.count(": an array (") == 1 and "11 more files" in line and "report.html" not in line
+    assert line.count(": an array (") == 1
+    assert "11 more files" in line
+    assert "report.html" not in line
     assert "set it back to auto" in line
 
 
 def test_faults_at_unlike_lines_are_one_sentence(tmp_path):
-    for number in range(1, 5):
-        rows = [*CELLS[:number], "1,x,3", *CELLS]
-        save(tmp_path / "lab" / "mug" / f"{number}.csv", "\n".join(rows) + "\n")
+    for index in range(1, 5):
+        rows = [*CELLS[:index], "1,x,3", *CELLS]
+        save(tmp_path / "lab" / "mug" / f"{index}.csv", "\n".join(rows) + "\n")
     line = refusal(tmp_path / "lab", tmp_path)
     assert line.count("is not a number") == 1 and "3 more files" in line
 
 
 def test_another_gloves_files_are_one_sentence(tmp_path):
-    for number in range(9):
-        shape = (20 + number, 5, 7) if number < 5 else (20 + number, 4, 4)
-        save(tmp_path / "lab" / "mug" / f"{number}.npy", np.full(shape, number))
+    for index in range(9):
+        shape = (20 + index, 5, 7) if index < 5 else (20 + index, 4, 4)
+        save(tmp_path / "lab" / "mug" / f"{index}.npy", np.full(shape, index))
     line = refusal(tmp_path / "lab", tmp_path)
     assert line.count("expected (5, 7)") == 1 and "3 more files" in line
 
 
 def test_times_are_those_of_the_first_of_joined_files(tmp_path):
+    frame = np.arange(4)
     for hand, step in (("left", 1.0), ("right", 3.0)):
-        record(
-            tmp_path / "lab" / "mug" / f"1_{hand}.h5",
-            time=5 + step * np.arange(4),
-            valid=np.arange(4) > step,
-        )
+        path = tmp_path / "lab" / "mug" / f"1_{hand}.h5"
+        record(path, time=5 + step * frame, valid=frame > step)
     _, table = ingested(tmp_path / "lab", form=Form(layout="OBJECT/FILE_PART"))
-    assert table.columns["time"].tolist() == [0, 1, 2, 3] and table.columns["valid"].tolist() == [
-        False,
-        False,
-        True,
-        True,
-    ]
+    assert table.columns["time"].tolist() == [0, 1, 2, 3]
+    assert table.columns["valid"].tolist() == [False, False, True, True]
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read all")

@@ -13,21 +13,26 @@ def examples(labels):
 
 
 class KnownAnswers(Member):
-    """Is right about the groups that it was fitted to and wrong about all others, or the reverse.
+    """A member that is right only about the groups that it was fitted to, or only about all others.
 
     Args:
-        groups: (R,) of the recordings.
-        knows: it is right about the groups that it was fitted to.
-        share: of the class that is answered.
+        groups: group (R,) of each recording.
+        knows: whether it is right about the groups that it was fitted to.
+        name: the name of the member.
+        share: probability of the class that it answers with.
     """
 
     name = "svm"
 
     def __init__(self, groups, *, knows, name="svm", share=0.98):
-        self.groups, self.knows, self.name, self.share = np.asarray(groups), knows, name, share
+        self.groups = np.asarray(groups)
+        self.knows = knows
+        self.name = name
+        self.share = share
 
     def fit(self, examples, recordings, *, seed, quick=False):
-        assert quick and set(examples.labels) == set(examples.labels[recordings])
+        assert quick
+        assert set(examples.labels) == set(examples.labels[recordings])
         self.used = np.isin(self.groups, self.groups[recordings])
 
     def answer_examples(self, examples, recordings):

@@ -29,8 +29,8 @@ class Code:
         return os.system, (f"echo {RAN}",)
 
 
-#: what is altered: the system, the place, its new value or a function of the old one, what the line
-#: names
+#: The system, the altered entry, its new value or a function of the old one, and a word in the
+#: message
 CASES = {
     "a pickle": ("trees", "weights", Code(), "UnpicklingError"),
     "a pickle as an array": ("trees", f"{ESTIMATOR}/left", Code(), "UnpicklingError"),
@@ -47,7 +47,7 @@ CASES = {
     "recordings of no length": ("trees", "learnt/short", 1e9, "short"),
     "a width that would fill the memory": ("mvcnn", "model/backbone/width", 1_000_000, "1000000"),
 }
-#: of the plan: what new recordings could not be measured or checked by
+#: Entries of the plan, which new recordings are measured and checked by
 CASES |= {
     "no live sensor": ("trees", "plan/live", torch.zeros(SHAPE, dtype=torch.bool), "no sensor"),
     "live sensors of another type": ("trees", "plan/live", torch.ones(SHAPE), "no sensor"),
@@ -70,26 +70,42 @@ for noise in (np.inf, -1.0):
     CASES[f"noise {noise}"] = "trees", "plan/noise", torch.full(SHAPE, noise), "noise"
 
 
-def altered(path: Path, system: str, place: str, value) -> Path:
-    """Return a file of one system on the small glove, with a different value in one place."""
-    options = SMALL if system == "mvcnn" else ["model.system=sensors", f"model.members=[{system}]"]
-    tree = part = torch.load(model_file(path, *options), weights_only=True)
-    *keys, last = place.split("/")
+def altered(path: Path, system: str, entry: str, value) -> Path:
+    """Write the model file of one system on the small glove, with one altered entry.
+
+    Args:
+        path: where the file is written.
+        system: a member, or `mvcnn`.
+        entry: the keys of the entry, joined by slashes.
+        value: the new value, a function that makes it of the old one, or ABSENT.
+
+    Returns:
+        The path.
+    """
+    if system == "mvcnn":
+        options = SMALL
+    else:
+        options = ["model.system=sensors", f"model.members=[{system}]"]
+    content = torch.load(model_file(path, *options), weights_only=True)
+    *keys, last = entry.split("/")
+    part = content
     for key in keys:
         part = part[int(key)] if isinstance(part, list) else part[key]
-    new = value(part[last]).contiguous() if callable(value) else value
-    if new is ABSENT:
+    if callable(value):
+        part[last] = value(part[last]).contiguous()
+    elif value is ABSENT:
         del part[last]
     else:
-        part[last] = new
-    torch.save(tree, path)
+        part[last] = value
+    torch.save(content, path)
     seal(path)
     return path
 
 
 def seal(path: Path) -> None:
     """Append the SHA-256 digest of a file to it."""
-    path.write_bytes(path.read_bytes() + hashlib.sha256(path.read_bytes()).digest())
+    content = path.read_bytes()
+    path.write_bytes(content + hashlib.sha256(content).digest())
 
 
 def refused(path: Path) -> str:
@@ -101,57 +117,67 @@ def refused(path: Path) -> str:
     return line
 
 
-#: other values of an array, of all or of a row
+def shuffled(array, rng):
+    """Return the values of an array in a random order."""
+    return array.ravel()[rng.permutation(array.numel())].reshape(array.shape)
+
+
+def with_a_row_replaced(array, rng):
+    """Return an array with -7 in a random row, or a number times -7."""
+    if array.ndim == 0:
+        return -7 * array
+    return array.index_fill(0, torch.tensor(rng.integers(len(array))), -7)
+
+
 CHANGES = (
     lambda array, rng: 0 * array,
     lambda array, rng: -1e30 * array,
     lambda array, rng: array * np.nan,
-    lambda array, rng: array.ravel()[rng.permutation(array.numel())].reshape(array.shape),
-    lambda array, rng: (
-        array.index_fill(0, torch.tensor(rng.integers(len(array))), -7)
-        if array.ndim
-        else -7 * array
-    ),
+    shuffled,
+    with_a_row_replaced,
 )
 
 
-def places_of(part, place=""):
-    """Return the places of all tensors in a file's content."""
+def tensor_entries(part, entry=""):
+    """Return the entries of all tensors in a file's content, as `altered` takes them."""
     if isinstance(part, torch.Tensor):
-        return [place.removeprefix("/")]
-    return (
-        [each for key in part for each in places_of(part[key], f"{place}/{key}")]
-        if isinstance(part, dict)
-        else []
-    )
+        return [entry.removeprefix("/")]
+    entries = []
+    if isinstance(part, dict):
+        for key in part:
+            entries += tensor_entries(part[key], f"{entry}/{key}")
+    return entries
 
 
-def asked(path):
-    """Return the probabilities of a grasp, of a grasp without an open hand, and of a grasp of two
-    frames; None if the file is refused.
+def probabilities_of_grasps(path):
+    """Return the probabilities (3, 3) of three grasps, or None if the file is refused.
+
+    The second grasp has no open hand, and the third has two frames.
     """
-    new = (
+    grasps = (
         recording("cup", 81),
         recording("pen", 83, before=0, after=0),
         recording("pen", 82, held=2),
     )
     try:
         model = Recogniser(path)
-        return [answer_of(model, counts).probabilities for counts in new]
+        return [answer_of(model, counts).probabilities for counts in grasps]
     except UserError as error:
         assert len(str(error).splitlines()) == 1
 
 
 @pytest.mark.parametrize("system", ["kernel", "svm", "trees", "convolutions", "mvcnn"])
 def test_an_altered_array_is_refused_in_one_line_or_has_finite_answers(tmp_path, system):
-    path, rng = tmp_path / "classifier.pt", np.random.default_rng(0)
-    places = places_of(torch.load(altered(path, system, "precision", "float32"), weights_only=True))
-    for place in rng.permutation(places)[:10]:
+    path = tmp_path / "classifier.pt"
+    rng = np.random.default_rng(0)
+    content = torch.load(altered(path, system, "precision", "float32"), weights_only=True)
+    entries = tensor_entries(content)
+    for entry in rng.permutation(entries)[:10]:
         for change in CHANGES:
-            answers = asked(
-                altered(path, system, place, lambda array, change=change: change(array, rng))
+            answers = probabilities_of_grasps(
+                altered(path, system, entry, lambda array, change=change: change(array, rng))
             )
-            assert answers is None or np.isfinite(answers).all(), place
+            assert answers is None or np.isfinite(answers).all(), entry
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
@@ -162,29 +188,29 @@ def test_an_altered_file_is_refused_and_runs_no_code(tmp_path, capfd, case):
 
 
 def test_a_file_with_any_bit_flipped_is_refused(tmp_path):
-    stored, path = (
-        bytearray(model_file(tmp_path / "classifier.pt").read_bytes()),
-        tmp_path / "flipped.pt",
-    )
-    for place in np.random.default_rng(0).choice(8 * len(stored), 200, replace=False):
-        stored[place // 8] ^= (bit := 1 << place % 8)
+    stored = bytearray(model_file(tmp_path / "classifier.pt").read_bytes())
+    path = tmp_path / "flipped.pt"
+    for position in np.random.default_rng(0).choice(8 * len(stored), 200, replace=False):
+        bit = 1 << position % 8
+        stored[position // 8] ^= bit
         path.write_bytes(stored)
         assert "digest" in refused(path)
-        stored[place // 8] ^= bit
+        stored[position // 8] ^= bit
 
 
-def of_view_sets(model):
-    """Return the answers of a classifier on the sensors to view sets of each size, of the frames
-    that its file holds.
+def view_set_answers(model):
+    """Return a classifier's probabilities (R, 4, C) for the recordings that its file holds.
+
+    Each recording is answered by view sets of one, two, four and eight frames.
     """
-    content, classifier = model.content, model.classifier
-    read = [
-        classifier.frame_values(each) for each in content.examples - content.plan.mean_baseline()
-    ]
-    sets = [spread_frames(8, size)[None] for size in (1, 2, 4, 8)]
-    return softmax(
-        [[classifier.view_sets(values, each)[0] for each in sets] for values in read], axis=-1
-    )
+    content = model.content
+    classifier = model.classifier
+    view_sets = [spread_frames(8, size)[None] for size in (1, 2, 4, 8)]
+    logits = []
+    for readings in content.examples - content.plan.mean_baseline():
+        values = classifier.frame_values(readings)
+        logits.append([classifier.view_sets(values, view_set)[0] for view_set in view_sets])
+    return softmax(logits, axis=-1)
 
 
 @pytest.mark.parametrize("system", ["trees", "svm", "pooled_kernel"])
@@ -192,22 +218,24 @@ def test_an_altered_estimator_of_view_sets_is_refused_or_answers_alike(tmp_path,
     """Estimators of whole recordings do the same. A member that reads an order also has an
     estimator of view sets.
     """
-    path, rng = tmp_path / "classifier.pt", np.random.default_rng(0)
+    path = tmp_path / "classifier.pt"
+    rng = np.random.default_rng(0)
     tree = torch.load(altered(path, system, "precision", "float32"), weights_only=True)
-    expected, refusals = of_view_sets(Recogniser(path)), 0
-    places = [place for place in places_of(tree) if "/sets/" in place]
-    for place in places:
+    expected = view_set_answers(Recogniser(path))
+    refusals = 0
+    entries = [entry for entry in tensor_entries(tree) if "/sets/" in entry]
+    for entry in entries:
         for change in CHANGES:
-            altered(path, system, place, lambda array, change=change: change(array, rng))
+            altered(path, system, entry, lambda array, change=change: change(array, rng))
             try:
-                actual = of_view_sets(Recogniser(path))
+                actual = view_set_answers(Recogniser(path))
             except UserError as error:
                 assert len(str(error).splitlines()) == 1
                 refusals += 1
             else:
                 # bfloat16's tolerance
-                np.testing.assert_allclose(actual, expected, atol=0.101, err_msg=place)
-    assert refusals > len(places)
+                np.testing.assert_allclose(actual, expected, atol=0.101, err_msg=entry)
+    assert refusals > len(entries)
 
 
 @pytest.mark.parametrize("system", ["trees", "svm", "mvcnn"])
@@ -217,16 +245,15 @@ def test_a_file_with_a_single_stored_answer_altered_is_refused(tmp_path, system)
     """
     path = tmp_path / "classifier.pt"
     tree = torch.load(altered(path, system, "precision", "bfloat16"), weights_only=True)
-    for place in ("answers", "set_answers"):
+    for entry in ("answers", "set_answers"):
         # a network answers view sets and recordings by equal weights
-        if system == "mvcnn" and place == "set_answers":
+        if system == "mvcnn" and entry == "set_answers":
             continue
-        for number in range(tree[place].numel()):
-            change = torch.zeros(tree[place].shape, dtype=tree[place].dtype)
-            change.view(-1)[number] = 0.15
-            assert "again" in refused(
-                altered(path, system, place, lambda array, change=change: array + change)
-            )
+        for index in range(tree[entry].numel()):
+            change = torch.zeros(tree[entry].shape, dtype=tree[entry].dtype)
+            change.view(-1)[index] = 0.15
+            altered(path, system, entry, lambda array, change=change: array + change)
+            assert "again" in refused(path)
 
 
 @pytest.mark.parametrize(

@@ -19,10 +19,13 @@ from tests.glove_data import CPU, pretrained, recipe, table, trained, views_of
 
 
 def drawn(true, shape, rng, logits=None):
-    """Return logits, and labels drawn with the probabilities softmax(logits / true)."""
-    logits = 3 * rng.normal(size=shape) if logits is None else logits
-    shares = softmax(logits / true, axis=1).cumsum(axis=1)
-    return logits, (shares < rng.random(shape[0])[:, None]).sum(axis=1).clip(max=shape[1] - 1)
+    """Return logits (n, C) and labels (n,), drawn with the probabilities softmax(logits / true)."""
+    if logits is None:
+        logits = 3 * rng.normal(size=shape)
+    samples, classes = shape
+    cumulated = softmax(logits / true, axis=1).cumsum(axis=1)
+    labels = (cumulated < rng.random(samples)[:, None]).sum(axis=1)
+    return logits, labels.clip(max=classes - 1)
 
 
 @pytest.mark.parametrize("true", [0.3, 1.0, 4.0])
@@ -39,12 +42,14 @@ def test_weights_are_those_of_the_drawn_labels_and_a_member_that_knows_nothing_h
     members = rng.normal(size=(3, 20_000, 5))
     _, labels = drawn(1.0, members[0].shape, rng, logits=members[0] + members[1] / 2)
     weights = fit_weights(members, labels)
-    assert weights[:2] == pytest.approx([1, 0.5], rel=0.1) and weights[2] < 0.05
+    assert weights[:2] == pytest.approx([1, 0.5], rel=0.1)
+    assert weights[2] < 0.05
 
 
 def test_answers_that_are_all_right_are_believed_by_laplaces_rule():
-    """Each logit is 6 above the two others. All 8 recordings are right, so 9 in 10 should be, and
-    e^(6 / T) is 9 * 2.
+    """The right logit is 6 above the two others in all 8 recordings.
+
+    By the rule 9 in 10 answers are right, so e^(6 / T) is 9 * 2.
     """
     labels = np.arange(8) % 3
     temperature = fit_temperature(6 * np.eye(3)[labels], labels)
@@ -69,31 +74,23 @@ def test_labels_at_random_get_a_high_temperature_and_a_warning():
     rng = np.random.default_rng(0)
     temperature = fit_temperature(10 * rng.normal(size=(4000, 4)), rng.integers(4, size=4000))
     (warning,) = calibration_warning(temperature, "validation groups", "record more")
-    assert (
-        temperature > 0.9 * MAX_TEMPERATURE
-        and warning.level == "warning"
-        and warning.text.endswith("record more")
-    )
-    assert (
-        calibration_warning(0.8 * MAX_TEMPERATURE, "", "")
-        == calibration_warning(None, "", "")
-        == []
-    )
+    assert temperature > 0.9 * MAX_TEMPERATURE
+    assert warning.level == "warning"
+    assert warning.text.endswith("record more")
+    assert calibration_warning(0.8 * MAX_TEMPERATURE, "", "") == []
+    assert calibration_warning(None, "", "") == []
 
 
 def test_a_network_s_probabilities_are_as_often_right_as_they_say():
-    """Return the confidence in recordings of the validation set, and the share of right answers by
-    Laplace's rule.
-    """
-    frames, network = table("split.validation=0.25"), trained()
-    temperature, index, confidence, right = (
-        network_temperature(network, frames, CPU),
-        frames.on(VALIDATION),
-        [],
-        [],
-    )
-    for number in np.unique(frames.recording[index]):
-        rows = index[frames.recording[index] == number]
+    """The mean confidence in the validation set is the share of right answers by Laplace's rule."""
+    frames = table("split.validation=0.25")
+    network = trained()
+    temperature = network_temperature(network, frames, CPU)
+    index = frames.on(VALIDATION)
+    confidence = []
+    right = []
+    for recording in np.unique(frames.recording[index]):
+        rows = index[frames.recording[index] == recording]
         values = network.frame_values(frames.inputs(rows))
         logarithms = recording_answer(network, temperature, values, frames.points(rows))
         assert np.exp(logarithms).sum() == pytest.approx(1)
@@ -106,8 +103,7 @@ def test_a_network_s_probabilities_are_as_often_right_as_they_say():
 
 @pytest.mark.parametrize("validation", ["0", "0.25"])
 def test_a_network_is_calibrated_where_there_are_validation_groups(validation):
-    frames, params = table(f"split.validation={validation}"), recipe()
-    temperature = fit_classifier(
-        frames, views_of(frames, params), pretrained(), params, CPU
-    ).temperature
-    assert (temperature is None) == (validation == "0")
+    frames = table(f"split.validation={validation}")
+    params = recipe()
+    classifier = fit_classifier(frames, views_of(frames, params), pretrained(), params, CPU)
+    assert (classifier.temperature is None) == (validation == "0")

@@ -1,6 +1,4 @@
-"""The recogniser as an MLflow model: called as MLflow and its server call it, and in a process of
-its own.
-"""
+"""The recogniser answers as an MLflow model, also to MLflow's server and in another process."""
 
 import json
 import os
@@ -25,7 +23,7 @@ from tests.mlflow_stores import runs_of
 pytestmark = pytest.mark.filterwarnings("default")  # MLflow's own
 CLASSES = ["empty_hand", "object1", "object2", "object3"]
 METADATA = {"classes": CLASSES, "views": 4, "shape": [12, 12], "dtype": "int16"}
-RECORDINGS = [(514 + np.random.default_rng(0).poisson(3, (count, 12, 12))) for count in (6, 4)]
+RECORDINGS = [514 + np.random.default_rng(0).poisson(3, (frames, 12, 12)) for frames in (6, 4)]
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +45,12 @@ def objects(recordings: list) -> np.ndarray:
     return np.array(recordings, dtype=object)
 
 
+def code_block(page: str, language: str, word: str) -> str:
+    """Return the first block of code in a language that holds a word."""
+    blocks = re.findall(rf"```{language}\n(.*?)```", page, re.DOTALL)
+    return next(block for block in blocks if word in block)
+
+
 def test_the_logged_model_gives_the_recogniser_s_answers_in_a_column_for_each_class(
     checkpoint, store, client
 ):
@@ -57,38 +61,38 @@ def test_the_logged_model_gives_the_recogniser_s_answers_in_a_column_for_each_cl
     import mlflow
 
     mlflow.set_tracking_uri(f"sqlite:///{store / 'mlflow.db'}")
-    loaded, recogniser = mlflow.pyfunc.load_model(address), Recogniser(checkpoint)
+    loaded = mlflow.pyfunc.load_model(address)
+    recogniser = Recogniser(checkpoint)
     assert loaded.metadata.metadata == METADATA
     assert loaded.metadata.get_output_schema().input_names() == CLASSES
     expected = [answer_of(recogniser, recording).probabilities for recording in RECORDINGS]
     lists = objects([recording.tolist() for recording in RECORDINGS])
-    for numbers in (lists, objects(RECORDINGS), {"recordings": objects(RECORDINGS)}):
-        table = loaded.predict(numbers)
-        assert list(table.columns) == CLASSES
-        np.testing.assert_array_equal(table, expected)
+    for recordings in (lists, objects(RECORDINGS), {"recordings": objects(RECORDINGS)}):
+        answers = loaded.predict(recordings)
+        assert list(answers.columns) == CLASSES
+        np.testing.assert_array_equal(answers, expected)
     first = RECORDINGS[0][None]
     # whole numbers may be written as floats
-    for numbers in (first, first.astype(float), first.astype(object)):
-        np.testing.assert_array_equal(loaded.predict(numbers), expected[:1])
+    for recordings in (first, first.astype(float), first.astype(object)):
+        np.testing.assert_array_equal(loaded.predict(recordings), expected[:1])
     assert loaded.predict(first[:0]).shape == (0, 4)
-    needs = Path(mlflow.pyfunc.get_model_dependencies(address)).read_text().split()
-    assert f"torch=={version('torch').partition('+')[0]}" in needs  # +cpu is in no package index
-    assert not [need for need in needs if "==" not in need]
+    requirements = Path(mlflow.pyfunc.get_model_dependencies(address)).read_text().split()
+    torch_version = version("torch").partition("+")[0]  # +cpu is in no package index
+    assert f"torch=={torch_version}" in requirements
+    assert not [requirement for requirement in requirements if "==" not in requirement]
 
 
 def test_the_request_that_the_manual_posts_is_answered_as_it_shows(
     checkpoint, store, client, monkeypatch
 ):
-    """The server's own function reads the body that the manual's program writes and its `curl`
-    posts.
+    """The manual's program writes the body that its `curl` posts.
+
+    The server's own function reads it.
     """
-    serving = (ROOT / "docs" / "serve.md").read_text()
-    program, curl, shown = (
-        next(
-            text for text in re.findall(rf"```{kind}\n(.*?)```", serving, re.DOTALL) if word in text
-        )
-        for kind, word in (("python", "request.json"), ("bash", "curl"), ("json", "predictions"))
-    )
+    page = (ROOT / "docs" / "serve.md").read_text()
+    program = code_block(page, "python", "request.json")
+    curl = code_block(page, "bash", "curl")
+    shown = code_block(page, "json", "predictions")
     monkeypatch.chdir(store)
     np.save("recording.npy", RECORDINGS[0])
     exec(program, {})
@@ -98,18 +102,17 @@ def test_the_request_that_the_manual_posts_is_answered_as_it_shows(
     from mlflow.pyfunc import scoring_server
 
     mlflow.set_tracking_uri(f"sqlite:///{store / 'mlflow.db'}")
-    words, model = shlex.split(curl.replace("\\\n", " ")), mlflow.pyfunc.load_model(address)
-    content, body = (words[words.index(option) + 1] for option in ("-H", "-d"))
-    text, schema = Path(body.removeprefix("@")).read_text(), model.metadata.get_input_schema()
-    response = scoring_server.invocations(
-        text, content.removeprefix("Content-Type: "), model, schema
-    )
-    answer, example = json.loads(response.response), json.loads(shown)
-    assert (
-        response.status == 200
-        and answer.keys() == example.keys()
-        and words[-1].endswith("/invocations")
-    )
+    words = shlex.split(curl.replace("\\\n", " "))
+    model = mlflow.pyfunc.load_model(address)
+    content_type = words[words.index("-H") + 1].removeprefix("Content-Type: ")
+    body = Path(words[words.index("-d") + 1].removeprefix("@")).read_text()
+    schema = model.metadata.get_input_schema()
+    response = scoring_server.invocations(body, content_type, model, schema)
+    answer = json.loads(response.response)
+    example = json.loads(shown)
+    assert response.status == 200
+    assert answer.keys() == example.keys()
+    assert words[-1].endswith("/invocations")
     expected = answer_of(Recogniser(checkpoint), RECORDINGS[0]).probabilities
     assert [list(row) for row in answer["predictions"]] == [CLASSES]
     np.testing.assert_allclose(list(answer["predictions"][0].values()), expected, rtol=1e-4)
@@ -123,49 +126,40 @@ def test_the_request_that_the_manual_posts_is_answered_as_it_shows(
 
 
 def test_a_mistake_is_one_line_that_mlflow_s_server_answers_with_status_400(checkpoint):
+    model = RecogniserModel(Recogniser(checkpoint))
+    recordings = objects(changed(float("nan")))
     with pytest.raises(Exception, match="expected") as error:
-        RecogniserModel(Recogniser(checkpoint)).predict(
-            {"recordings": objects(changed(float("nan")))}
-        )
+        model.predict({"recordings": recordings})
     error.value.message = "Failed to predict data '[[[["  # as the server does
     line = json.loads(error.value.serialize_as_json())["message"]
-    assert "recording 1 holds nan" in line and "1e+30" in line and len(line.splitlines()) == 1
+    assert "recording 1 holds nan" in line
+    assert "1e+30" in line
+    assert len(line.splitlines()) == 1
     assert error.value.get_http_status_code() == 400
 
 
 @pytest.mark.slow
 def test_a_registered_model_answers_in_a_process_of_its_own(checkpoint, store, client):
-    """PYTHONPATH is empty, since the model brings its code. MLflow reads the file as its server
-    reads the body of a request.
+    """The model brings its code, so PYTHONPATH is empty.
+
+    MLflow reads the file as its server reads the body of a request.
     """
     with tracking.stage_run(Record("evaluate")) as run:
         address = run.model("classifier", checkpoint, METADATA)
     client.create_registered_model("glove")
     entry = client.create_model_version("glove", address, run.id)
     client.set_registered_model_alias("glove", "best", entry.version)
-    (store / "request.json").write_text(
-        json.dumps({"inputs": [recording.tolist() for recording in RECORDINGS]})
-    )
-    words = [
-        sys.executable,
-        "-m",
-        "mlflow",
-        "models",
-        "predict",
-        "--env-manager",
-        "local",
-        "-t",
-        "json",
-    ]
+    request = {"inputs": [recording.tolist() for recording in RECORDINGS]}
+    (store / "request.json").write_text(json.dumps(request))
+    options = "--env-manager local -t json -m models:/glove@best -i request.json -o answer.json"
+    command = [sys.executable, "-m", "mlflow", "models", "predict", *options.split()]
     environment = os.environ | {
         "MLFLOW_TRACKING_URI": f"sqlite:///{store / 'mlflow.db'}",
         "PYTHONPATH": "",
     }
-    words += ["-m", "models:/glove@best", "-i", "request.json", "-o", "answer.json"]
-    subprocess.run(words, cwd=store, env=environment, check=True)
+    subprocess.run(command, cwd=store, env=environment, check=True)
     rows = json.loads((store / "answer.json").read_text())["predictions"]
-    expected = [
-        answer_of(Recogniser(checkpoint), recording).probabilities for recording in RECORDINGS
-    ]
+    recogniser = Recogniser(checkpoint)
+    expected = [answer_of(recogniser, recording).probabilities for recording in RECORDINGS]
     assert [list(row) for row in rows] == [CLASSES, CLASSES]
     np.testing.assert_allclose([list(row.values()) for row in rows], expected, rtol=1e-4)

@@ -12,7 +12,7 @@ from tests.glove_data import answer_of, model_file
 from tests.recognition.test_altered_files import refused, seal
 
 FILES = Path(__file__).parent / "model_files"
-#: the probabilities of all members, and of those that read the order of time
+#: The probabilities of all members, and of the members that read the order of time
 ALL_MEMBERS = [
     [0.9184, 0.0377, 0.0439],
     [0.0379, 0.9181, 0.0440],
@@ -47,12 +47,14 @@ def test_a_file_of_the_version_before_is_read_and_answers_as_it_did_there(name):
     members, expected = EARLIER[name]
     assert (FILES / name).stat().st_size < 200_000
     model = Recogniser(FILES / name)
-    assert model.classes == ["ball", "cup", "pen"] and model.content.model.members == members
+    assert model.classes == ["ball", "cup", "pen"]
+    assert model.content.model.members == members
     answers = [answer_of(model, touched(label, 7)).probabilities for label in range(3)]
     np.testing.assert_allclose(answers, expected, atol=1e-3)
     # one frame is a view set: svm answers for members that read the order of time
-    of_one = [answer_of(model, touched(label, 7)[:1]).probabilities for label in range(3)]
-    assert np.argmax(of_one, axis=1).tolist() == [0, 1, 2]
+    single_frames = [touched(label, 7)[:1] for label in range(3)]
+    answers = [answer_of(model, frame).probabilities for frame in single_frames]
+    assert np.argmax(answers, axis=1).tolist() == [0, 1, 2]
 
 
 def test_a_file_has_the_number_of_its_format_and_the_version_that_wrote_it(tmp_path):
@@ -66,20 +68,22 @@ def test_every_format_before_this_one_has_an_upgrade():
 
 
 def changed(path, **values):
-    """Return a model file with some values changed."""
-    torch.save(torch.load(model_file(path), weights_only=True) | values, path)
+    """Write a model file with some values changed, and return its path."""
+    content = torch.load(model_file(path), weights_only=True)
+    torch.save(content | values, path)
     seal(path)
     return path
 
 
-@pytest.mark.parametrize("number", [FORMAT + 1, -1, "1", None])
-def test_a_file_of_an_unknown_format_is_refused_by_a_line_with_both_versions(tmp_path, number):
-    line = refused(changed(tmp_path / "classifier.pt", format=number, version="9.8.7"))
-    for part in ("9.8.7", str(number), package_version(), str(FORMAT), "train"):
-        assert part in line
+@pytest.mark.parametrize("unknown", [FORMAT + 1, -1, "1", None])
+def test_a_file_of_an_unknown_format_is_refused_by_a_line_with_both_versions(tmp_path, unknown):
+    line = refused(changed(tmp_path / "classifier.pt", format=unknown, version="9.8.7"))
+    for word in ("9.8.7", str(unknown), package_version(), str(FORMAT), "train"):
+        assert word in line
 
 
 def test_a_version_from_outside_is_quoted_in_part_and_harmless(tmp_path):
     version = "9\n\x1b[31m" + 1000 * "9"
     line = refused(changed(tmp_path / "classifier.pt", format=FORMAT + 1, version=version))
-    assert line.isprintable() and 50 * "9" not in line
+    assert line.isprintable()
+    assert 50 * "9" not in line

@@ -1,5 +1,6 @@
-"""The network among the members: all its training runs are made or none, by counted work, and its
-answers are calibrated in either case.
+"""The network among the members is trained for every fold or not at all, by counted work.
+
+The classifier is calibrated in either case.
 """
 
 import numpy as np
@@ -21,62 +22,70 @@ SMALL = ("model.system=vote", "model.backbone.width=8", "pretrain.epochs=8")
 
 
 def training(frames, *, small=True):
-    views, recordings = views_of(frames, recipe()), training_recordings(frames)
-    made = PresetTraining(frames, views, recordings, seed=0, compute=CPU)
+    """Return the training of the preset's network, or of a small network."""
+    views = views_of(frames, recipe())
+    recordings = training_recordings(frames)
+    preset_training = PresetTraining(frames, views, recordings, seed=0, compute=CPU)
     if small:
-        made.params = recipe(*SMALL)
-    return made
+        preset_training.params = recipe(*SMALL)
+    return preset_training
 
 
 def test_each_fold_is_answered_by_a_training_without_it_and_nothing_else_is():
     frames = table(FOLDS)
     recordings = training_recordings(frames)
-    labels, number = (
-        np.array([column[index[0]] for index in recordings])
-        for column in (frames.label, frames.group)
-    )
-    masks = [np.isin(number, np.unique(number)[fold::4]) for fold in (0, 1)]
+    first_frames = [index[0] for index in recordings]
+    labels = frames.label[first_frames]
+    groups = frames.group[first_frames]
+    masks = [np.isin(groups, np.unique(groups)[fold::4]) for fold in (0, 1)]
     examples = examples_of(frames, recordings, (1, 2, 4), 0)
     member = NetworkMember(examples.representation, 4, training=training(frames))
     shares = out_of_fold_answers(member, examples, masks, seed=0)
     answered = np.any(masks, axis=0)
-    assert (shares.sum(axis=1) > 0.99).tolist() == answered.tolist() and not shares[~answered].any()
+    assert (shares.sum(axis=1) > 0.99).tolist() == answered.tolist()
+    assert not shares[~answered].any()
     assert (shares.argmax(axis=1) == labels)[answered].mean() > 0.6
 
 
 def test_the_member_is_the_preset_s_network():
-    made = training(table(FOLDS), small=False)
+    preset_training = training(table(FOLDS), small=False)
     preset = default_params((*preset_changes(NETWORK), "seed=0"))
-    assert made.params == preset and made.table.transform == preset.preprocess.transform
+    assert preset_training.params == preset
+    assert preset_training.table.transform == preset.preprocess.transform
 
 
 def test_the_work_is_the_anchors_readings_in_every_epoch_of_every_training():
-    """Return two folds of three of 20 recordings, each with 12 frames of 12 x 12, half of them
-    anchors.
+    """Of the recordings' 12 frames of 12 x 12 sensors, half are anchors.
+
+    Each of the two folds holds out three recordings.
     """
     frames = table(FOLDS)
     halved = frames.with_columns(anchor=np.arange(len(frames)) % 2 == 0)
-    made = training(halved)
-    count = len(made.recordings)
+    preset_training = training(halved)
+    count = len(preset_training.recordings)
     folds = [np.arange(count) < 3, np.arange(count) >= count - 3]
-    each = 6 * 144 * 8
-    assert made.readings([]) == each * count
-    assert made.readings(folds) == each * (count + 2 * (count - 3))
+    readings_of_recording = 6 * 144 * 8
+    assert preset_training.readings([]) == readings_of_recording * count
+    assert preset_training.readings(folds) == readings_of_recording * (count + 2 * (count - 3))
 
 
 def fitted(members, frames=None):
-    frames = table(FOLDS) if frames is None else frames
+    """Return the classifier of some members, with its weights, temperature and notes."""
+    if frames is None:
+        frames = table(FOLDS)
     params = recipe("model.system=sensors", f"model.members={members}")
     return fit_classifier(frames, views_of(frames, params), {}, params, CPU)
 
 
-def names(one):
-    return [member.name for member in one.classifier.members]
+def names(fit):
+    """Return the names of the members that a fit holds."""
+    return [member.name for member in fit.classifier.members]
 
 
 def dealt():
-    """Return the frames with wrong labels in every third recording, so that every member is
-    sometimes wrong.
+    """Return frames with wrong labels in every third recording.
+
+    Every member is then wrong about some recordings.
     """
     frames = table(FOLDS)
     label = np.where(frames.recording % 3 == 0, frames.label // 2, frames.label)
@@ -85,19 +94,20 @@ def dealt():
 
 @pytest.fixture
 def trained(monkeypatch):
-    """Collect the sets of the frames in each training run of the network, which is small."""
-    sides = []
+    """Make the network small, and collect the held-out frames of each of its training runs."""
+    training_runs = []
     original = PresetTraining.train
 
     def train(self, recordings):
         self.params = recipe(*SMALL, "pretrain.epochs=2")
-        held_out = [self.recordings[number] for number in np.flatnonzero(~recordings)]
-        index = np.concatenate([*held_out, np.zeros(0, int)])
-        sides.append(np.isin(np.arange(len(self.table)), index))
+        held_out = np.zeros(len(self.table), dtype=bool)
+        for recording in np.flatnonzero(~recordings):
+            held_out[self.recordings[recording]] = True
+        training_runs.append(held_out)
         return original(self, recordings)
 
     monkeypatch.setattr(PresetTraining, "train", train)
-    return sides
+    return training_runs
 
 
 def limit(monkeypatch, readings):
@@ -110,39 +120,43 @@ def test_above_the_limit_nothing_is_trained_the_note_says_so_and_the_others_are_
 ):
     limit(monkeypatch, 1.0)
     without = fitted(members, dealt())
-    assert NETWORK not in without.model.members + names(without) and not trained
+    assert NETWORK not in without.model.members + names(without)
+    assert not trained
     assert without.temperature is not None
     (note,) = [note for note in without.notes if note.text.startswith("network:")]
-    assert "skipped" in note.text and "limit" in note.text
+    assert "skipped" in note.text
+    assert "limit" in note.text
 
 
 @pytest.mark.parametrize("members", ["[kernel, network]", "[network]"])
 def test_below_the_limit_every_fold_is_run_and_all_are_calibrated(monkeypatch, trained, members):
     limit(monkeypatch, np.inf)
-    one = fitted(members)
-    assert NETWORK in one.model.members and one.temperature is not None
-    assert names(one) == one.model.members
-    train = table(FOLDS).side == TRAIN
+    fit = fitted(members)
+    assert NETWORK in fit.model.members
+    assert fit.temperature is not None
+    assert names(fit) == fit.model.members
+    training_set = table(FOLDS).side == TRAIN
     *folds, last = trained
-    assert (
-        not last.any()
-        and np.array_equal(np.sum(folds, axis=0), train.astype(int))
-        and len(folds) > 1
-    )
+    assert not last.any()
+    assert np.array_equal(np.sum(folds, axis=0), training_set.astype(int))
+    assert len(folds) > 1
 
 
 def test_the_only_member_is_trained_whatever_the_limit(monkeypatch, trained):
     limit(monkeypatch, 1.0)
-    one = fitted("[network]")
-    assert one.model.members == [NETWORK] and one.temperature is not None and len(trained) > 1
+    fit = fitted("[network]")
+    assert fit.model.members == [NETWORK]
+    assert fit.temperature is not None
+    assert len(trained) > 1
 
 
 def test_a_network_of_little_weight_is_no_part_of_the_classifier(monkeypatch, trained):
     limit(monkeypatch, np.inf)
     monkeypatch.setattr(OutOfFold, "member_weights", lambda self, members: {"kernel": 1.0})
-    one = fitted("auto", dealt())
-    assert trained and one.model.members == ["kernel"]
-    assert names(one) == [*one.classifier.state_dict()["members"]] == ["kernel"]
+    fit = fitted("auto", dealt())
+    assert trained
+    assert fit.model.members == ["kernel"]
+    assert names(fit) == [*fit.classifier.state_dict()["members"]] == ["kernel"]
 
 
 @pytest.mark.parametrize("members", ["auto", "[kernel, network]"])
@@ -152,28 +166,31 @@ def test_how_busy_the_machine_is_changes_nothing(monkeypatch, trained, members):
     hours = iter(range(10**9))
     monkeypatch.setattr("time.perf_counter", lambda: 3600.0 * next(hours))
     busy = fitted(members, dealt())
-    assert (
-        busy.model.members == first.model.members
-        and busy.temperature == first.temperature is not None
-    )
+    assert busy.model.members == first.model.members
+    assert first.temperature is not None
+    assert busy.temperature == first.temperature
     assert busy.classifier.weights == first.classifier.weights
-    assert trained and len(trained) % 2 == 0  # as many trainings
+    assert trained
+    assert len(trained) % 2 == 0  # both fits have the same number of training runs
 
 
 def test_a_network_that_diverges_is_left_out_and_was_given_no_frame_that_is_left_out(monkeypatch):
     frames = table(FOLDS)
-    sides = []
+    splits = []
 
     def pretrained(table, *_):
-        sides.append(table.side)
+        splits.append(table.side)
         raise UserError("diverged")
 
     monkeypatch.setattr(network_training, "pretrain_backbone", pretrained)
     without = fitted("[kernel, network]")
-    assert without.model.members == ["kernel"] and without.temperature is not None
+    assert without.model.members == ["kernel"]
+    assert without.temperature is not None
     assert any("diverged" in note.text for note in without.notes)
-    (side,) = sides
-    moved = side != frames.side
-    assert moved.any() and (side[moved] == TEST).all() and (frames.side[moved] == TRAIN).all()
+    (split,) = splits
+    moved = split != frames.side
+    assert moved.any()
+    assert (split[moved] == TEST).all()
+    assert (frames.side[moved] == TRAIN).all()
     with pytest.raises(UserError, match="diverged"):
         fitted("[network]")

@@ -1,5 +1,6 @@
-"""The error for a new session, measured on held-out training sessions if the test set has known
-sessions.
+"""The error rate in a new session is measured on held-out training sessions.
+
+It is measured if the test set has known sessions.
 """
 
 from types import SimpleNamespace
@@ -18,19 +19,28 @@ SESSIONS = np.tile([0, 0, 0, 0, 1, 2], 3)  # of six recordings of each object
 
 
 def frames(trained, tested):
-    """Return a table with a frame of each training recording and of each test recording, by their
-    sessions.
+    """Return a table with one frame of each recording.
+
+    Args:
+        trained: sessions of the training recordings.
+        tested: sessions of the test recordings.
     """
-    trained, tested = np.asarray(trained), np.asarray(tested)
-    on = {True: slice(len(trained), None), False: slice(len(trained))}
-    return SimpleNamespace(
-        session=np.concatenate([trained, tested]), on=lambda side: on[side == TEST]
-    )
+    session = np.concatenate([np.asarray(trained), np.asarray(tested)])
+
+    def on(side):
+        return slice(len(trained), None) if side == TEST else slice(len(trained))
+
+    return SimpleNamespace(session=session, on=on)
 
 
 def notes(trained, tested, *, knows=False, weights=None):
-    """Return the notes on members that are right about the sessions they were fitted to, or about
-    all others.
+    """Return the notes for a member that is right about sessions that it was not fitted to.
+
+    Args:
+        trained: sessions of the training recordings.
+        tested: sessions of the test recordings.
+        knows: the member is right only about the sessions that it was fitted to, instead.
+        weights: weight of each member.
     """
     sessions = np.asarray(trained)
     return _new_session_notes(
@@ -44,7 +54,7 @@ def notes(trained, tested, *, knows=False, weights=None):
 
 
 class WrongAboutSession2(KnownAnswers):
-    """Is right about all sessions except the last."""
+    """A member that is right about all sessions except the last."""
 
     def fit(self, examples, recordings, *, seed, quick=False):
         super().fit(examples, recordings, seed=seed, quick=quick)
@@ -54,7 +64,8 @@ class WrongAboutSession2(KnownAnswers):
 def test_sessions_count_alike_and_each_is_answered_by_fits_to_the_others():
     for knows in (True, False):
         (note,) = notes(SESSIONS, [0, 1], knows=knows)
-        assert note.value["mean"] == knows and note.topic == "new session"
+        assert note.value["mean"] == knows
+        assert note.topic == "new session"
     member = WrongAboutSession2(SESSIONS, knows=False)
     (note,) = _new_session_notes(
         frames(SESSIONS, [0]), SESSIONS, [member], {"svm": 1.0}, examples(LABELS), 0
@@ -71,11 +82,12 @@ def test_there_is_no_second_error_where_none_can_be_measured_or_the_first_one_is
     trained, tested
 ):
     assert notes(trained, tested) == []
-    # a network trains without no session: that an object has one session is no matter
+    # no network is trained without a session, so an object may have only one
     assert is_test_of_known_sessions(frames(trained, tested)) == (trained is LABELS)
 
 
 def test_a_network_is_not_trained_again_but_the_line_is_named():
     (note,) = notes(SESSIONS, [0, 1], weights={"svm": 0.5, NETWORK: 0.5})
-    assert note.value is None and "split.by=session" in note.text
-    assert is_test_of_known_sessions(frames(SESSIONS, [0, 1]))  # for which a network has this note
+    assert note.value is None
+    assert "split.by=session" in note.text
+    assert is_test_of_known_sessions(frames(SESSIONS, [0, 1]))  # otherwise there is no such note

@@ -30,13 +30,12 @@ NETWORK = {
 
 
 def rising_channels(seed: int) -> np.ndarray:
-    """Return three channels (40, 1, 3) that rise, or fall for an even seed, between the same
-    readings.
-    """
+    """Return three channels (40, 1, 3) that rise if the seed is odd, and fall if it is even."""
     rng = np.random.default_rng(seed)
-    return (
-        np.linspace(-1, 1, 40)[:, None] * (1 if seed % 2 else -1) + rng.normal(0, 0.1, (40, 3))
-    )[:, None]
+    rise = np.linspace(-1, 1, 40)[:, None]
+    if seed % 2 == 0:
+        rise = -rise
+    return (rise + rng.normal(0, 0.1, (40, 3)))[:, None]
 
 
 def grasp(seed: int) -> np.ndarray:
@@ -47,32 +46,28 @@ def grasp(seed: int) -> np.ndarray:
 @pytest.mark.parametrize("part", [0, 0.25], ids=["whole counts", "fractions"])
 @pytest.mark.parametrize("times", [1 / 1000, 12], ids=["volts", "a different gain"])
 def test_what_one_interface_refuses_all_refuse_in_the_same_words(tmp_path, part, times):
-    X, y, path = (
-        [grasp(seed) + part for seed in range(9)],
-        np.arange(9) % 3,
-        tmp_path / "classifier.pt",
-    )
-    classifier, new = (
-        TactileClassifier("kernels", params=ALL_CONTACT).fit(X, y),
-        [times * counts for counts in X[:2]],
-    )
+    X = [grasp(seed) + part for seed in range(9)]
+    y = np.arange(9) % 3
+    path = tmp_path / "classifier.pt"
+    classifier = TactileClassifier("kernels", params=ALL_CONTACT).fit(X, y)
+    new = [times * counts for counts in X[:2]]
     classifier.save(path)
-    for number, counts in enumerate(new):
-        write(tmp_path / "new" / f"{number}.h5", counts)
-    words, lists = (
-        ["predict", str(path), str(tmp_path / "new")],
-        {"recordings": [counts.tolist() for counts in new]},
-    )
+    for index, counts in enumerate(new):
+        write(tmp_path / "new" / f"{index}.h5", counts)
+    words = ["predict", str(path), str(tmp_path / "new")]
+    lists = {"recordings": [counts.tolist() for counts in new]}
     lines = []
-    for first, ask in {
+    calls = {
         "X[0]": lambda: classifier.predict(new),
         "recording 0": lambda: RecogniserModel(Recogniser(path)).predict(lists),
         str(tmp_path / "new" / "0"): lambda: CliRunner().invoke(cli, words, catch_exceptions=False),
-    }.items():
+    }
+    for first_recording, call in calls.items():
         with pytest.raises(Exception, match="expected") as error:
-            ask()
-        lines.append(str(error.value).partition(first)[2])
-    assert lines[0].startswith(" and 1 more of 2 recordings: ") and len(set(lines)) == 1
+            call()
+        lines.append(str(error.value).partition(first_recording)[2])
+    assert lines[0].startswith(" and 1 more of 2 recordings: ")
+    assert len(set(lines)) == 1
 
 
 CASES = {
@@ -88,7 +83,8 @@ CASES = {
 def test_one_recording_has_one_probability_by_all_interfaces(
     tmp_path, preset, system, params, recorded, objects
 ):
-    X, y = [recorded(seed) for seed in range(6 * objects)], np.arange(6 * objects) % objects
+    X = [recorded(seed) for seed in range(6 * objects)]
+    y = np.arange(6 * objects) % objects
     new = [recorded(100 * objects + seed) for seed in range(2 * objects)]
     truth = np.arange(2 * objects) % objects
     classifier = TactileClassifier(preset, system, views=4, params=params).fit(X, y)
@@ -96,21 +92,23 @@ def test_one_recording_has_one_probability_by_all_interfaces(
     assert system or (by_class.argmax(axis=1) == truth).all()
     classifier.save(tmp_path / "classifier.pt")
 
-    for number, counts in enumerate(new):
-        write(tmp_path / "new" / f"{number:02d}.h5", counts, session=str(number))
-    words = [str(tmp_path / name) for name in ("classifier.pt", "new", "answers.csv")]
-    result = CliRunner().invoke(
-        cli, ["predict", *words[:2], "--csv", words[2]], catch_exceptions=False
+    for recording_id, counts in enumerate(new):
+        write(tmp_path / "new" / f"{recording_id:02d}.h5", counts, session=str(recording_id))
+    model, recordings, answers_file = (
+        str(tmp_path / name) for name in ("classifier.pt", "new", "answers.csv")
     )
+    words = ["predict", model, recordings, "--csv", answers_file]
+    result = CliRunner().invoke(cli, words, catch_exceptions=False)
     assert result.exit_code == 0, result.output
-    rows = list(csv.DictReader((tmp_path / "answers.csv").read_text("utf-8").splitlines()))
-    by_command = [
-        {row[f"class_{place}"]: float(row[f"probability_{place}"]) for place in (1, 2, 3)[:objects]}
-        for row in rows
-    ]
-    np.testing.assert_allclose(
-        [[row[str(name)] for name in range(objects)] for row in by_command], by_class, atol=1e-6
-    )
+    rows = csv.DictReader((tmp_path / "answers.csv").read_text("utf-8").splitlines())
+    by_command = []
+    for row in rows:
+        probabilities = {
+            row[f"class_{rank}"]: float(row[f"probability_{rank}"])
+            for rank in range(1, objects + 1)
+        }
+        by_command.append([probabilities[str(name)] for name in range(objects)])
+    np.testing.assert_allclose(by_command, by_class, atol=1e-6)
 
     recogniser = Recogniser(tmp_path / "classifier.pt")
     lists = np.empty(len(new), dtype=object)
@@ -119,19 +117,16 @@ def test_one_recording_has_one_probability_by_all_interfaces(
         RecogniserModel(recogniser).predict({"recordings": lists}), by_class, atol=1e-6
     )
 
-    table = of_arrays(
-        [*X, *new],
-        list(map(str, range(objects))),
-        np.concatenate([y, truth]),
-        np.arange(len(X + new)),
-    )
+    names = [str(name) for name in range(objects)]
+    table = of_arrays([*X, *new], names, np.concatenate([y, truth]), np.arange(len(X + new)))
     frames = preprocess_recordings(
         table,
         recogniser.plan.params,
         classifier.params_.split,
         groups=table.columns["recording"],
     ).frames
-    trained, content = recogniser.classifier, recogniser.content
+    trained = recogniser.classifier
+    content = recogniser.content
     trained.prepare(CPU)
     index = np.flatnonzero(frames.recording >= len(X))
     inputs = frames.inputs(index, content.transform)
@@ -150,20 +145,17 @@ def test_recordings_in_memory_have_one_answer_whatever_the_training_s_sessions_a
     tmp_path,
 ):
     """This glove's baseline differs between sessions, and some recordings have no open hand."""
-    rng, source = np.random.default_rng(0), tmp_path / "source"
+    rng = np.random.default_rng(0)
+    source = tmp_path / "source"
     offsets = {"session 0": 0.0, "session 1": 25.0, "session": -25.0, "": 15.0, "X[0]": -15.0}
-    for number, (session, offset) in enumerate(offsets.items()):
+    for index, (session, offset) in enumerate(offsets.items()):
         shift = np.rint(offset * rng.normal(0, 1, SHAPE)).astype(np.int16)
-        write(
-            source / f"{number}.h5",
-            empty_hand(number) + shift,
-            object="empty_hand",
-            session=session,
-        )
-        for place, name in enumerate(OBJECTS):
+        counts = empty_hand(index) + shift
+        write(source / f"{index}.h5", counts, object="empty_hand", session=session)
+        for label, name in enumerate(OBJECTS):
             for repeat in range(2):
-                counts = recording(name, 10 * number + 5 * repeat + place) + shift
-                write(source / f"{number}{name}{repeat}.h5", counts, object=name, session=session)
+                counts = recording(name, 10 * index + 5 * repeat + label) + shift
+                write(source / f"{index}{name}{repeat}.h5", counts, object=name, session=session)
     with recordings_of(source) as table:
         changes = (
             "preprocess.baseline=empty_hand",
@@ -176,12 +168,13 @@ def test_recordings_in_memory_have_one_answer_whatever_the_training_s_sessions_a
     classifier = TactileClassifier.load(tmp_path / "classifier.pt")
     served = RecogniserModel(Recogniser(tmp_path / "classifier.pt"))
     for counts in held:
-        alone = classifier.predict_proba([counts])[0]
-        others = [each for each in held if each is not counts]
+        expected = classifier.predict_proba([counts])[0]
+        others = [other for other in held if other is not counts]
         for X in ([counts] * 6, [*others, counts, *others, counts]):
             rows = classifier.predict_proba(X)
-            from_server = served.predict({"recordings": [each.tolist() for each in X]}).to_numpy()
-            for place, each in enumerate(X):
-                if each is counts:
-                    np.testing.assert_array_equal(rows[place], alone)
-                    np.testing.assert_allclose(from_server[place], alone, atol=1e-6)
+            request = {"recordings": [recorded.tolist() for recorded in X]}
+            from_server = served.predict(request).to_numpy()
+            for index, recorded in enumerate(X):
+                if recorded is counts:
+                    np.testing.assert_array_equal(rows[index], expected)
+                    np.testing.assert_allclose(from_server[index], expected, atol=1e-6)

@@ -1,4 +1,4 @@
-"""The command `predict`: what it prints, writes and refuses, and where it finds the model."""
+"""The command `predict` prints and writes answers, refuses mistakes, and finds the model."""
 
 import csv
 from itertools import islice
@@ -22,23 +22,16 @@ from tests.readers.files import save
 
 
 @pytest.fixture
-def place(tmp_path):
-    """Return a folder with a model, a folder of 3 unlabelled recordings and a folder of 5 labelled
-    ones.
-    """
+def folder(tmp_path):
+    """Return a folder with a model, 3 unlabelled recordings and 5 labelled recordings."""
     model_file(tmp_path / "classifier.pt")
-    for number, name in enumerate(OBJECTS):
-        write(tmp_path / "new" / f"{number}.h5", recording(name, 80 + number))
-        write(
-            tmp_path / "labelled" / f"{name}.h5",
-            recording(name, 80 + number),
-            object=name,
-            session="today",
-        )
-    write(tmp_path / "labelled" / "empty.h5", empty_hand(83), object="empty_hand", session="today")
-    write(
-        tmp_path / "labelled" / "zebra.h5", recording("zebra", 84), object="zebra", session="today"
-    )
+    labelled = tmp_path / "labelled"
+    for index, name in enumerate(OBJECTS):
+        counts = recording(name, 80 + index)
+        write(tmp_path / "new" / f"{index}.h5", counts)
+        write(labelled / f"{name}.h5", counts, object=name, session="today")
+    write(labelled / "empty.h5", empty_hand(83), object="empty_hand", session="today")
+    write(labelled / "zebra.h5", recording("zebra", 84), object="zebra", session="today")
     return tmp_path
 
 
@@ -50,44 +43,48 @@ def call(*words):
 
 
 def answers_in(path):
+    """Return the rows of a file of answers."""
     return list(csv.DictReader(path.read_text("utf-8").splitlines()))
 
 
-def test_unlabelled_recordings_have_a_line_each(place):
-    head, columns, *lines, last, hint = call(place / "classifier.pt", place / "new")
+def test_unlabelled_recordings_have_a_line_each(folder):
+    head, columns, *lines, last, hint = call(folder / "classifier.pt", folder / "new")
     assert head == "model: kernel + pooled_kernel, 3 classes; probabilities are calibrated"
     assert [line.split()[:3] for line in lines] == [
         [str(i), "20", name] for i, name in enumerate(OBJECTS)
     ]
     assert columns.split() == ["recording", "contact", "answer"]
-    assert last == "answers: 3 with an object" and "how often the model is wrong" in hint
-    uncalibrated = call(model_file(place / "full.pt", "model.system=mvcnn"), place / "new")[0]
-    assert uncalibrated == "model: mvcnn, 3 classes; probabilities are not calibrated"
+    assert last == "answers: 3 with an object"
+    assert "how often the model is wrong" in hint
+    network = model_file(folder / "full.pt", "model.system=mvcnn")
+    head = call(network, folder / "new")[0]
+    assert head == "model: mvcnn, 3 classes; probabilities are not calibrated"
 
 
-def test_recordings_in_two_files_are_answered_as_whole_ones(place):
-    for number, name in enumerate(OBJECTS):
-        for hand, half in zip(
-            ("left", "right"), np.split(recording(name, 80 + number), 2, axis=2), strict=True
-        ):
-            save(place / "halves" / f"{number}_{hand}.npy", half)
-    whole = call(place / "classifier.pt", place / "new")
-    assert (
-        call(place / "classifier.pt", place / "halves", "--set", "data.layout=OBJECT/FILE_PART")
-        == whole
-    )
+def test_recordings_in_two_files_are_answered_as_whole_ones(folder):
+    for index, name in enumerate(OBJECTS):
+        left, right = np.split(recording(name, 80 + index), 2, axis=2)
+        save(folder / "halves" / f"{index}_left.npy", left)
+        save(folder / "halves" / f"{index}_right.npy", right)
+    whole = call(folder / "classifier.pt", folder / "new")
+    two_files = ("--set", "data.layout=OBJECT/FILE_PART")
+    assert call(folder / "classifier.pt", folder / "halves", *two_files) == whole
 
 
 NAMES = ["thumb", "index", "middle", "ring", "little", "palm"]
 
 
 def grasps(seed):
-    """Return a table of two objects' grasps in turn, which press different sensors."""
+    """Yield names and tables (40, 6) of eight grasps of two objects, which take turns.
+
+    The objects press different sensors.
+    """
     rng = np.random.default_rng(seed)
-    for number in range(8):
+    for index in range(8):
+        label = index % 2
         readings = 500 + rng.normal(0, 1, (40, 6))
-        readings[10:, 3 * (number % 2) : 3 * (number % 2) + 3] += 40
-        yield ("ball", "mug")[number % 2], pd.DataFrame(readings.round(2), columns=NAMES)
+        readings[10:, 3 * label : 3 * label + 3] += 40
+        yield ("ball", "mug")[label], pd.DataFrame(readings.round(2), columns=NAMES)
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +96,7 @@ def of_names(tmp_path_factory):
     return path
 
 
-# what a new table has beside or in place of the model's sensors, and the columns that are left out
+# A change of a table of the model's sensors, and the columns of the result that are left out
 COLUMNS = {
     "in another order": (lambda table: table[NAMES[::-1]], []),
     "more columns": (lambda table: table.assign(battery=3.7)[["battery", *NAMES]], ["battery"]),
@@ -117,57 +114,52 @@ def test_sensors_are_taken_by_the_names_that_the_model_knows_and_others_are_name
     of_names, tmp_path, name
 ):
     change, left_out = COLUMNS[name]
-    for number, (label, table) in enumerate(grasps(1)):
-        for place, shown in (("same", table), ("new", change(table))):
-            (tmp_path / place).mkdir(exist_ok=True)
-            shown.to_csv(tmp_path / place / f"{number}-{label}.csv", index=False)
+    (tmp_path / "same").mkdir()
+    (tmp_path / "new").mkdir()
+    for index, (label, table) in enumerate(grasps(1)):
+        table.to_csv(tmp_path / "same" / f"{index}-{label}.csv", index=False)
+        change(table).to_csv(tmp_path / "new" / f"{index}-{label}.csv", index=False)
     lines = call(of_names, tmp_path / "new")
     answers = [line for line in lines if "-" in line[:2]]
     assert answers == [line for line in call(of_names, tmp_path / "same") if "-" in line[:2]]
-    assert len(answers) == 8 and all(line.split()[0][2:] == line.split()[2] for line in answers)
-    named = [
-        column
-        for column in ("battery", "note", "when", "tick")
-        if any(f"'{column}'" in line for line in lines)
-    ]
+    assert len(answers) == 8
+    for line in answers:
+        file, _, answer, *_ = line.split()
+        assert file[2:] == answer
+    text = "\n".join(lines)
+    named = [column for column in ("battery", "note", "when", "tick") if f"'{column}'" in text]
     assert named == left_out
 
 
 def test_a_table_of_several_recordings_says_how_its_objects_are_named(of_names, tmp_path):
-    """The model knows no column `activity`; with the key that the line prints, both objects are
-    answered.
+    """The model knows no column `activity`.
+
+    With the key that the command prints, both objects are answered.
     """
     tables = [table.assign(activity=label) for label, table in islice(grasps(1), 2)]
     pd.concat(tables).to_csv(tmp_path / "all.csv", index=False)
     lines = call(of_names, tmp_path / "all.csv")
     assert "'data.columns=[object:activity]'" in " ".join(lines)
     lines = call(of_names, tmp_path / "all.csv", "--set", "data.columns=[object:activity]")
-    assert [
-        line.split()[2]
-        for line in lines
-        if line.split()[1:2] and line.split()[2:3] in (["ball"], ["mug"])
-    ] == [
-        "ball",
-        "mug",
-    ]
+    third_words = [line.split()[2] for line in lines if len(line.split()) > 2]
+    assert [word for word in third_words if word in ("ball", "mug")] == ["ball", "mug"]
 
 
 def test_a_file_of_two_hands_has_sensors_by_the_joined_names(tmp_path):
     labels, tables = zip(*grasps(0), strict=True)
-    joined = [
-        table.set_axis([f"{hand}_{name}" for hand in ("l", "r") for name in "abc"], axis=1)
-        for table in tables
-    ]
+    joined_names = ["l_a", "l_b", "l_c", "r_a", "r_b", "r_c"]
+    joined = [table.set_axis(joined_names, axis=1) for table in tables]
     TactileClassifier().fit(joined, list(labels)).save(tmp_path / "c.pt")
-    for number, (_, table) in enumerate(grasps(1)):
-        for at, hand in enumerate("lr"):
-            half = table.iloc[:, 3 * at : 3 * at + 3].set_axis([*"abc"], axis=1).assign(note="x")
-            place = tmp_path / "new" / f"{number}_{hand}.csv"
-            place.parent.mkdir(exist_ok=True)
-            half[["note", "c", "b", "a"]].to_csv(place, index=False)
+    (tmp_path / "new").mkdir()
+    for index, (_, table) in enumerate(grasps(1)):
+        for hand, columns in (("l", slice(0, 3)), ("r", slice(3, 6))):
+            half = table.iloc[:, columns].set_axis(["a", "b", "c"], axis=1).assign(note="x")
+            path = tmp_path / "new" / f"{index}_{hand}.csv"
+            half[["note", "c", "b", "a"]].to_csv(path, index=False)
     lines = call(tmp_path / "c.pt", tmp_path / "new", "--set", "data.layout=OBJECT/FILE_PART")
     answers = [line.split()[2] for line in lines if line[:1].isdigit()]
-    assert answers == list(labels) and any("'note'" in line for line in lines)
+    assert answers == list(labels)
+    assert any("'note'" in line for line in lines)
 
 
 def test_a_table_without_some_of_the_model_s_sensors_is_refused(of_names, tmp_path):
@@ -196,10 +188,10 @@ def test_a_sensor_of_the_model_that_is_empty_or_left_out_is_refused(of_names, tm
 
 
 def test_a_table_with_a_column_without_a_name_is_answered_as_it_was_learnt(tmp_path):
-    for number, (label, table) in enumerate(grasps(0)):
+    for index, (label, table) in enumerate(grasps(0)):
         (tmp_path / "glove" / label).mkdir(parents=True, exist_ok=True)
         header = [name if name != "ring" else "" for name in NAMES]
-        table.to_csv(tmp_path / "glove" / label / f"{number}.csv", index=False, header=header)
+        table.to_csv(tmp_path / "glove" / label / f"{index}.csv", index=False, header=header)
     changes = ("model.system=sensors", "model.members=[trees]")
     with recordings_of(str(tmp_path / "glove")) as recordings:
         assert recordings.channel_names == ["thumb", "index", "middle", "", "little", "palm"]
@@ -210,28 +202,28 @@ def test_a_table_with_a_column_without_a_name_is_answered_as_it_was_learnt(tmp_p
     assert lines[-1] == "right: 8 of 8 (100.0 %)"
 
 
-def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(place):
-    words = place / "classifier.pt", place / "labelled", "--csv", place / "a.csv"
+def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(folder):
+    words = folder / "classifier.pt", folder / "labelled", "--csv", folder / "a.csv"
     *_, right, other = call(*words)
     assert call(*words)[-2:] == [right, other]  # the file of an earlier call is replaced
     assert right == "right: 4 of 4 (100.0 %)"  # the empty hand is right without contact
     assert other == "with a name that is no object of the model: 1"
-    rows = {row["recording"]: row for row in answers_in(place / "a.csv")}
+    rows = {row["recording"]: row for row in answers_in(folder / "a.csv")}
     assert [name for name in rows["cup"] if "class" in name] == ["class_1", "class_2", "class_3"]
     assert [rows[name]["answer"] for name in OBJECTS] == list(OBJECTS)
-    assert rows["empty"]["answer"] == "no contact" and rows["empty"]["class_1"] == ""
-    # as many as printed
+    assert rows["empty"]["answer"] == "no contact"
+    assert rows["empty"]["class_1"] == ""
+    # four are right, as the command prints
     assert [rows[name]["right"] for name in (*OBJECTS, "empty", "zebra")] == [*["True"] * 4, ""]
     assert (rows["cup"]["frames_in_contact"], rows["cup"]["frames"]) == ("20", "60")
-    assert sum(
-        float(rows["cup"][f"probability_{number}"]) for number in (1, 2, 3)
-    ) == pytest.approx(1, abs=1e-5)
-    answers = (place / "a.csv").read_text("utf-8")
+    probabilities = [float(rows["cup"][f"probability_{rank}"]) for rank in (1, 2, 3)]
+    assert sum(probabilities) == pytest.approx(1, abs=1e-5)
+    answers = (folder / "a.csv").read_text("utf-8")
     for text in (f"{answers}my notes\n", "object,colour\ncup,blue\n"):
-        (place / "a.csv").write_text(text, "utf-8")
+        (folder / "a.csv").write_text(text, "utf-8")
         with pytest.raises(UserError, match="edited, or this command did not write it"):
             call(*words)
-        assert (place / "a.csv").read_text("utf-8") == text
+        assert (folder / "a.csv").read_text("utf-8") == text
 
 
 @pytest.mark.parametrize(
@@ -245,28 +237,28 @@ def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(plac
         ("classifier.pt other", UserError, r"8, 9\).*frames, 8, 10"),
     ],
 )
-def test_mistakes_are_refused_and_leave_no_file(place, monkeypatch, words, error, message):
-    write(place / "other" / "1.h5", np.zeros((20, 8, 9), np.int16))
-    monkeypatch.chdir(place)
+def test_mistakes_are_refused_and_leave_no_file(folder, monkeypatch, words, error, message):
+    write(folder / "other" / "1.h5", np.zeros((20, 8, 9), np.int16))
+    monkeypatch.chdir(folder)
     with pytest.raises(error, match=message):
         call(*words.split(), "--csv", "a.csv")
-    assert not list(place.glob("a.csv*"))
+    assert not list(folder.glob("a.csv*"))
 
 
 @pytest.mark.filterwarnings("default")  # MLflow's own
-def test_a_model_in_mlflow_is_found_by_its_run_or_its_name(place, monkeypatch):
-    monkeypatch.chdir(place)
-    monkeypatch.setenv("DVC_ROOT", str(place))
+def test_a_model_in_mlflow_is_found_by_its_run_or_its_name(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("DVC_ROOT", str(folder))
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
     with pytest.raises(UserError, match=r"models:/glove/1: no MLflow store: sqlite:///"):
         load_model("models:/glove/1")
-    assert not (place / "mlflow.db").exists()
-    fresh_store(place / "mlflow.db")
+    assert not (folder / "mlflow.db").exists()
+    fresh_store(folder / "mlflow.db")
     with tracking.stage_run(Record("evaluate")) as run:
-        address = run.model("glove · lr=0.5", place / "classifier.pt", {"classes": list(OBJECTS)})
+        address = run.model("glove · lr=0.5", folder / "classifier.pt", {"classes": list(OBJECTS)})
     import mlflow
 
-    mlflow.set_tracking_uri(f"sqlite:///{place / 'mlflow.db'}")
+    mlflow.set_tracking_uri(f"sqlite:///{folder / 'mlflow.db'}")
     mlflow.register_model(address, "glove")
     for name in (
         run.id,

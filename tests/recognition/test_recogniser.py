@@ -36,13 +36,14 @@ from tests.glove_data import (
 
 
 def answered(model, path):
-    """Return the answers to the recordings at a path, by their names, and notes."""
+    """Return the answers to the recordings at a path, by the recordings' names, and the notes."""
     with recordings_of(path, Form(labelled=False)) as recordings:
         answers, notes = model.answer_table(recordings)
     return {answer.recording: answer for answer in answers}, notes
 
 
 def best(answer):
+    """Return the object of the largest probability."""
     return recogniser().classes[int(answer.probabilities.argmax())]
 
 
@@ -52,7 +53,7 @@ def best(answer):
 )
 def test_a_recording_is_answered_by_all_its_frames_in_contact(name, held):
     counts = recording(name, 50, held=held).astype(np.float64)
-    counts[:2, 0, 0] = 32_767, -32_768  # the ends of the training's type are readings too
+    counts[:2, 0, 0] = 32_767, -32_768  # int16, the type in training, ends at these readings
     answer = answer_of(recogniser(), counts)
     assert (answer.contact, answer.probabilities.shape) == (held, (3,))
     assert answer.probabilities.sum() == pytest.approx(1, abs=1e-5)
@@ -86,50 +87,58 @@ def test_an_answer_that_is_not_finite_is_refused(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("kind", "edge", "times", "outside"), [(0, 0, 1 / 4, 0), (0, 1, 4, 1e9), (1, 0, 1 / 4, 0)]
+    ("kind", "edge", "times", "towards"), [(0, 0, 1 / 4, 0), (0, 1, 4, 1e9), (1, 0, 1 / 4, 0)]
 )
 @pytest.mark.parametrize("sign", [1, -1])
 def test_readings_may_be_four_times_weaker_or_stronger_than_in_the_training_and_no_more(
-    kind, edge, times, outside, sign
+    kind, edge, times, towards, sign
 ):
-    """Kind 0 is above the baseline, the other is raw; a shear force has both signs."""
+    """Readings of kind 0 are above the baseline, of kind 1 raw. A shear force has both signs."""
     plan = replace(recogniser().plan, dtype="float64")
     limit = plan.strong_readings[kind][edge] * times
-    for reading, fault in (limit, False), (np.nextafter(limit, outside), True):
+    outside = np.nextafter(limit, towards)
+    for reading, fault in (limit, False), (outside, True):
         readings = [np.full((3, *SHAPE), weakest) for weakest, _ in plan.strong_readings]
         readings[kind] = np.full((3, *SHAPE), sign * reading)
-        # without contact they may read anything
-        counts = np.concatenate([readings[1], np.full((2, *SHAPE), 1e6)])
-        assert bool(fault_of(plan, counts, np.arange(5) < 3, readings[0])) == fault
+        excess, raw = readings
+        # the last two frames have no contact, so they may read anything
+        counts = np.concatenate([raw, np.full((2, *SHAPE), 1e6)])
+        assert bool(fault_of(plan, counts, np.arange(5) < 3, excess)) == fault
 
 
 @pytest.mark.parametrize("name", ["empty_hand", "pen"])
 def test_only_an_object_has_a_strength_that_is_compared_with_the_training_s(name):
-    counts, zero = empty_hand(92), np.zeros(1, dtype=np.int64)
+    counts = empty_hand(92)
+    zero = np.zeros(1, dtype=np.int64)
     counts[-3:] = 30_000
-    with (
-        nullcontext()
-        if name == "empty_hand"
-        else pytest.raises(UserError, match="one in a hundred")
-    ):
+    if name == "empty_hand":
+        expectation = nullcontext()
+    else:
+        expectation = pytest.raises(UserError, match="one in a hundred")
+    with expectation:
         recogniser().answer_table(in_memory([recording_of(counts, "X")], [name], zero, zero))
 
 
 def channels(folder, names, rate):
-    """Return two tables (40, 2) of each of two objects, with that rate and those names; the clocks
-    differ.
+    """Write two tables (40, 2) of each of two objects, and return their folder.
+
+    The clocks of the tables differ.
+
+    Args:
+        folder: a folder, which is made.
+        names: the names of the two sensors.
+        rate: frames in a second.
     """
-    rng, lines = np.random.default_rng(0), np.arange(40)
-    for label, number in product(("left", "right"), (1, 2)):
-        readings = rng.normal(0, 1, (40, 2)) + 20 * (lines[:, None] > 20) * [
-            label == "left",
-            label == "right",
-        ]
-        rows = np.column_stack([1.7e9 * (number - 1) + lines / rate, readings])
-        (folder / label).mkdir(parents=True, exist_ok=True)
-        np.savetxt(
-            folder / label / f"{number}.csv", rows, "%.4f", ",", header=f"time,{names}", comments=""
-        )
+    rng = np.random.default_rng(0)
+    frames = np.arange(40)
+    for label, repeat in product(("left", "right"), (1, 2)):
+        readings = rng.normal(0, 1, (40, 2))
+        pressed_sensor = ("left", "right").index(label)
+        readings[21:, pressed_sensor] += 20
+        rows = np.column_stack([1.7e9 * (repeat - 1) + frames / rate, readings])
+        path = folder / label / f"{repeat}.csv"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savetxt(path, rows, "%.4f", ",", header=f"time,{names}", comments="")
     return folder
 
 
@@ -149,15 +158,19 @@ def test_sensors_in_a_different_order_are_refused_and_a_different_rate_is_warned
     with recordings_of(channels(tmp_path / "trained", "thumb,index", 50)) as table:
         params = recipe("model.system=sensors", "model.members=[svm]", "split.validation=0")
         train(table, params, table.columns["recording"], tmp_path / "classifier.pt")
-    model, new = Recogniser(tmp_path / "classifier.pt"), channels(tmp_path / "new", names, rate)
+    model = Recogniser(tmp_path / "classifier.pt")
+    new = channels(tmp_path / "new", names, rate)
     if names != "thumb,index":
         with pytest.raises(UserError, match=message):
             answered(model, new)
         return
     _, notes = answered(model, new)
-    assert [note.text.startswith(message) for note in notes if note.topic == "frame rate"] == [
-        True
-    ] * bool(message)
+    warnings = [note.text for note in notes if note.topic == "frame rate"]
+    if message is None:
+        assert warnings == []
+    else:
+        (warning,) = warnings
+        assert warning.startswith(message)
 
 
 @pytest.mark.parametrize(
@@ -184,39 +197,37 @@ def test_sensors_in_a_different_order_are_refused_and_a_different_rate_is_warned
 def test_a_recording_without_an_open_hand_has_the_baseline_of_its_empty_hand_or_of_the_training(
     tmp_path, changes, others, instead, high
 ):
-    """The counts can be higher than in the training. No answer depends on other recordings in the
-    same call.
+    """The counts can be higher than in the training set.
+
+    No answer depends on other recordings in the same call, except on the empty hand.
     """
-    model, offset = recogniser(*changes), np.int16(high)
-    write(tmp_path / "held.h5", recording("pen", 62, before=0, after=0) + offset)
-    for name, counts in others.items():
-        write(
-            tmp_path / f"{name}.h5",
-            counts + offset,
-            **({"object": "empty_hand"} if name == "empty" else {}),
-        )
-    rows, notes = answered(model, tmp_path)
-    assert best(rows["held"]) == "pen" and rows["held"].contact == HELD
-    assert len(notes) == bool(instead) and all(instead in note.text for note in notes)
-    if "empty" not in rows:
-        alone = {"held": recording("pen", 62, before=0, after=0)} | others
-        for name, counts in alone.items():
-            np.testing.assert_array_equal(
-                rows[name].probabilities, answer_of(model, counts + offset).probabilities
-            )
+    model = recogniser(*changes)
+    offset = np.int16(high)
+    arrays = {"held": recording("pen", 62, before=0, after=0)} | others
+    for name, counts in arrays.items():
+        attributes = {"object": "empty_hand"} if name == "empty" else {}
+        write(tmp_path / f"{name}.h5", counts + offset, **attributes)
+    answers, notes = answered(model, tmp_path)
+    assert best(answers["held"]) == "pen"
+    assert answers["held"].contact == HELD
+    assert len(notes) == bool(instead)
+    assert all(instead in note.text for note in notes)
+    if "empty" not in answers:
+        for name, counts in arrays.items():
+            expected = answer_of(model, counts + offset).probabilities
+            np.testing.assert_array_equal(answers[name].probabilities, expected)
 
 
 def test_the_weakest_readings_are_of_objects():
     frames = table()
     empty = frames.label == frames.classes.index("empty_hand")
-    changed = replace(
-        frames, counts=np.where(empty[:, None, None], 0, frames.counts).astype(np.int16)
-    )
-    plan = measured_on(changed)
+    counts = np.where(empty[:, None, None], 0, frames.counts).astype(np.int16)
+    plan = measured_on(replace(frames, counts=counts))
     weakest, strongest = np.transpose(plan.strong_readings)
     expected_weakest, expected_strongest = np.transpose(measured_on(frames).strong_readings)
     np.testing.assert_array_equal(weakest, expected_weakest)
-    assert strongest[0] == pytest.approx(514, abs=1) and strongest[1] == expected_strongest[1]
+    assert strongest[0] == pytest.approx(514, abs=1)
+    assert strongest[1] == expected_strongest[1]
 
 
 def test_times_count_from_a_recording_s_first_frame_wherever_its_clock_begins():
@@ -225,24 +236,26 @@ def test_times_count_from_a_recording_s_first_frame_wherever_its_clock_begins():
         for begin in (-7, 0, 1.7e9)
     ]
     zeros = np.zeros(3, dtype=int)
-    made = in_memory([recording_of(each, "X") for each in tables], ["pen"], zeros, zeros)
-    np.testing.assert_allclose(made.columns["time"], [0, 0.5, 1.5] * 3, atol=1e-6)
+    recordings = [recording_of(columns, "X") for columns in tables]
+    table = in_memory(recordings, ["pen"], zeros, zeros)
+    np.testing.assert_allclose(table.columns["time"], [0, 0.5, 1.5] * 3, atol=1e-6)
 
 
 def test_of_an_array_the_frames_may_be_last():
     counts = np.arange(24).reshape(2, 3, 4)
     frames = recording_of(counts, "X", frames_last=True).values["pressure"]
-    assert frames.shape == (4, 2, 3) and frames[1].tolist() == counts[..., 1].tolist()
+    assert frames.shape == (4, 2, 3)
+    assert frames[1].tolist() == counts[..., 1].tolist()
 
 
 def test_a_session_with_many_baselines_has_their_mean():
-    means = np.broadcast_to(
-        np.array([514, 510, 520, 700], np.float32)[:, None, None], (4, 12, 12)
-    ).copy()
-    # two grasps in session one, one in session two; the fourth is of the test
-    number = np.arange(len(table())) % 3
-    number[table().on(TEST)] = 3
-    many = table().with_columns(session=(number == 2).astype(int), baseline=number)
+    baselines = np.array([514, 510, 520, 700], np.float32)
+    means = np.tile(baselines[:, None, None], (1, 12, 12))
+    # session one has two baselines in the training set, and session two has one; the test set has
+    # the fourth
+    baseline = np.arange(len(table())) % 3
+    baseline[table().on(TEST)] = 3
+    many = table().with_columns(session=(baseline == 2).astype(int), baseline=baseline)
     many = replace(many, sessions=["one", "two", "none"])
     plan = measured_on(replace(many, baseline_mean=means))
     assert plan.sessions == ["one", "two"]
@@ -254,10 +267,8 @@ def test_a_session_with_many_baselines_has_their_mean():
 @pytest.mark.parametrize("transform", ["clip", "log"])
 def test_a_saved_network_answers_as_in_the_evaluation(tmp_path, system, transform):
     torch.manual_seed(0)
-    params, frames = (
-        recipe(f"model.system={system}", "model.backbone.width=8"),
-        with_settings(table(), transform=transform),
-    )
+    params = recipe(f"model.system={system}", "model.backbone.width=8")
+    frames = with_settings(table(), transform=transform)
     classifier = build_classifier(torch.from_numpy(viewpoints(4)), 4, params.model, (12, 12)).eval()
     save_classifier(tmp_path / "classifier.pt", classifier, params.model, frames)
     index = frames.on(TEST)[:12:3]
@@ -266,6 +277,5 @@ def test_a_saved_network_answers_as_in_the_evaluation(tmp_path, system, transfor
     (expected,) = softmax(classifier.view_sets(values, np.arange(4)[None]), axis=1)
     excess = frames.counts[index] - frames.baseline_mean[frames.baseline[index]]
     stored = Recogniser(tmp_path / "classifier.pt")
-    np.testing.assert_allclose(
-        np.exp(stored.content.answer(stored.classifier, excess)), expected, atol=1e-5
-    )
+    probabilities = np.exp(stored.content.answer(stored.classifier, excess))
+    np.testing.assert_allclose(probabilities, expected, atol=1e-5)

@@ -1,4 +1,4 @@
-"""The training recordings that systems on the sensors are fitted to: one of each object."""
+"""Systems on the sensors are fitted to training recordings, each of one object."""
 
 from dataclasses import replace
 
@@ -15,13 +15,14 @@ def test_a_recording_has_its_frames_in_order_and_one_object_and_split_group():
     frames = table()
     # two in each recording
     split = frames.with_columns(group=2 * frames.group + (np.arange(len(frames)) % 12 >= 6))
-    recordings, train = training_recordings(split), split.on(TRAIN)
+    recordings = training_recordings(split)
+    train = split.on(TRAIN)
     assert np.array_equal(np.sort(np.concatenate(recordings)), train)
     for index in recordings:
-        assert (np.diff(index) == 1).all() and len(index) == 6
-        assert all(
-            len(set(column[index])) == 1 for column in (split.recording, split.label, split.group)
-        )
+        assert (np.diff(index) == 1).all()
+        assert len(index) == 6
+        for column in (split.recording, split.label, split.group):
+            assert len(set(column[index])) == 1
 
 
 def test_the_unit_of_an_array_is_limited_by_its_noise():
@@ -40,7 +41,8 @@ def test_of_a_long_recording_every_second_or_further_frame_is_taken(monkeypatch)
     frames = table()  # of twelve frames every third is read
     recordings = training_recordings(frames)
     examples = examples_of(frames, recordings, (1, 2, 4), 0)
-    assert set(examples.lengths) == {4} and set(examples.sets) == {1, 2, 4}
+    assert set(examples.lengths) == {4}
+    assert set(examples.sets) == {1, 2, 4}
     counts = frames.inputs(recordings[3][::3], "counts")[:, frames.live]
     member = SvmMember(examples.representation, examples.classes)
     expected = member.recording_points(examples.representation.scaled(counts)[None])

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
-def place(tmp_path) -> Path:
+def folder(tmp_path) -> Path:
     """Return a folder with params.yaml."""
     shutil.copy(ROOT / "params.yaml", tmp_path)
     return tmp_path
@@ -26,18 +26,18 @@ def finished(tmp_path_factory) -> Path:
 
     The run has four objects and no network.
     """
-    place = tmp_path_factory.mktemp("workspace")
-    shutil.copy(ROOT / "params.yaml", place)
+    workspace = tmp_path_factory.mktemp("workspace")
+    shutil.copy(ROOT / "params.yaml", workspace)
     tree = metadata(objects=4, recordings=6, frames=12)
     tree["objects"][0, 1] = "<b>Öl & $x$"
-    save_matlab5(place / "metadata.mat", tree)
+    save_matlab5(workspace / "metadata.mat", tree)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # MLflow's own
-        store = fresh_store(place / "mlflow.db")
+        store = fresh_store(workspace / "mlflow.db")
         results = {}
         for stage, files in FILES.items():
             words = (*files.split(), "--record", record_of(stage), *changed(*SENSORS))
-            results[stage] = run_stage(stage, *words, cwd=place, store=store)
+            results[stage] = run_stage(stage, *words, cwd=workspace, store=store)
     for result in results.values():
         assert result.returncode == 0 and "warning: MLflow" not in result.stderr, result.stderr
-    return place
+    return workspace

@@ -1,4 +1,4 @@
-"""Stages that run from their command line in this process, and programs that run in a folder."""
+"""Run stages from their command line in this process, and programs in a folder."""
 
 import os
 import re
@@ -46,7 +46,8 @@ FILES = {
 
 def record_of(stage) -> str:
     """Return the path of a stage's record."""
-    return f"{'results' if stage == 'evaluate' else 'runs'}/{stage}.json"
+    folder = "results" if stage == "evaluate" else "runs"
+    return f"{folder}/{stage}.json"
 
 
 def sh(*words, cwd, **variables):
@@ -54,14 +55,14 @@ def sh(*words, cwd, **variables):
     environment = {
         key: value for key, value in os.environ.items() if not key.startswith(("DVC_", "MLFLOW_"))
     }
-    environment |= {
-        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    } | variables
-    done = subprocess.run(
-        list(map(str, words)), cwd=cwd, env=environment, capture_output=True, text=True, check=False
+    environment["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environment |= variables
+    words = [str(word) for word in words]
+    result = subprocess.run(
+        words, cwd=cwd, env=environment, capture_output=True, text=True, check=False
     )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
 
 
 def ran(output) -> list[str]:
@@ -69,15 +70,20 @@ def ran(output) -> list[str]:
     return re.findall(r"^Running stage '(?:.*:)?(\w+)'", output, re.MULTILINE)
 
 
-def copy_repository(place, without=()) -> None:
-    """Return all files of this repository, except the files that git ignores."""
+def copy_repository(folder, without=()) -> None:
+    """Copy the files of this repository into a folder, except the files that git ignores.
+
+    Args:
+        folder: where the files are written.
+        without: paths of files that are left out.
+    """
     for name in sh("git", "ls-files", "-co", "--exclude-standard", cwd=ROOT).splitlines():
-        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         if (ROOT / name).is_file() and name not in without:
-            shutil.copy(ROOT / name, place / name)
+            shutil.copy(ROOT / name, folder / name)
 
 
-def commit(place) -> None:
+def commit(folder) -> None:
     """Commit all files of a folder to git."""
     for words in (
         "init -q",
@@ -86,14 +92,14 @@ def commit(place) -> None:
         "add -A",
         "commit -qm files",
     ):
-        sh("git", *words.split(), cwd=place)
+        sh("git", *words.split(), cwd=folder)
 
 
-def set_params(place, section, **values) -> None:
-    """Put values into a section of params.yaml."""
-    tree = yaml.safe_load((place / "params.yaml").read_text())
+def set_params(folder, section, **values) -> None:
+    """Set values in a section of the params.yaml of a folder."""
+    tree = yaml.safe_load((folder / "params.yaml").read_text())
     tree[section] |= values
-    (place / "params.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
+    (folder / "params.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
 
 
 def run_stage(name, *words, cwd, store="disabled", clock=lambda: 0.0):
@@ -102,25 +108,25 @@ def run_stage(name, *words, cwd, store="disabled", clock=lambda: 0.0):
     The stage tells its progress by `clock`.
     """
     program = str(ROOT / "stages" / f"{name}.py")
-    return captured(
-        lambda: runpy.run_path(program, run_name="__main__"),
-        *words,
-        cwd=cwd,
-        store=store,
-        clock=clock,
-    )
+
+    def call():
+        runpy.run_path(program, run_name="__main__")
+
+    return captured(call, *words, cwd=cwd, store=store, clock=clock)
 
 
 def captured(call, *words, cwd, store="disabled", clock=lambda: 0.0):
     """Call a function with these words as its command line, and return exit code and output."""
-    before, code, out, err = signal.getsignal(signal.SIGTERM), 0, StringIO(), StringIO()
+    before = signal.getsignal(signal.SIGTERM)
+    code = 0
+    stdout = StringIO()
+    stderr = StringIO()
     with ExitStack() as stack:
-        stack.enter_context(
-            patch.dict(os.environ, {"MLFLOW_TRACKING_URI": store, "DVC_ROOT": str(cwd)})
-        )
+        variables = {"MLFLOW_TRACKING_URI": store, "DVC_ROOT": str(cwd)}
+        stack.enter_context(patch.dict(os.environ, variables))
         stack.enter_context(patch.object(sys, "argv", ["stage", *map(str, words)]))
         stack.enter_context(patch("tactile_viewgcn.progress.clock", clock))
-        for manager in (chdir(cwd), redirect_stdout(out), redirect_stderr(err)):
+        for manager in (chdir(cwd), redirect_stdout(stdout), redirect_stderr(stderr)):
             stack.enter_context(manager)
         stack.callback(signal.signal, signal.SIGTERM, before)
         try:
@@ -130,7 +136,7 @@ def captured(call, *words, cwd, store="disabled", clock=lambda: 0.0):
         except Exception:
             code = 1
             traceback.print_exc()
-    return SimpleNamespace(returncode=code, stdout=out.getvalue(), stderr=err.getvalue())
+    return SimpleNamespace(returncode=code, stdout=stdout.getvalue(), stderr=stderr.getvalue())
 
 
 def changed(*changes):
@@ -146,11 +152,7 @@ def refused(result) -> str:
     return lines[0]
 
 
-def left(place) -> set[str]:
+def written_files(folder) -> set[str]:
     """Return the names of the files that stages have written into a folder."""
-    return {path.name for path in place.iterdir()} - {
-        "params.yaml",
-        "metadata.mat",
-        "recordings",
-        "ingest.json",
-    }
+    inputs = {"params.yaml", "metadata.mat", "recordings", "ingest.json"}
+    return {path.name for path in folder.iterdir()} - inputs

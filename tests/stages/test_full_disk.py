@@ -1,6 +1,6 @@
-"""A disk that is full when a stage writes.
+"""If the disk is full, a stage writes both output and record or neither.
 
-Output and record appear together or not at all, and the line names the file without room.
+The message names the file without room.
 """
 
 import shutil
@@ -32,26 +32,28 @@ def written(stage) -> tuple[str, str]:
     return words[words.index("--out") + 1], words[words.index("--record") + 1]
 
 
-def contents(place) -> dict[str, bytes]:
-    """Return all files that stages leave, except those in `checkpoints` for the next run."""
-    files = [file for file in place.rglob("*") if file.is_file()]
-    names = {file.relative_to(place).as_posix(): file for file in files}
-    return {
-        name: file.read_bytes()
-        for name, file in names.items()
-        if not name.startswith("checkpoints/")
-    }
+def contents(folder) -> dict[str, bytes]:
+    """Return the bytes of all files in a folder, by their paths.
+
+    The files in `checkpoints`, which the next run reads, are left out.
+    """
+    contents_of_files = {}
+    for file in folder.rglob("*"):
+        name = file.relative_to(folder).as_posix()
+        if file.is_file() and not name.startswith("checkpoints/"):
+            contents_of_files[name] = file.read_bytes()
+    return contents_of_files
 
 
 @pytest.fixture
 def workspace(finished, tmp_path):
     """Return a copy of a finished run, with the smallest simulation."""
-    place = tmp_path / "workspace"
-    shutil.copytree(finished, place)
-    set_params(place, "glove", **GLOVE)
-    result = run_stage("simulate", *command("simulate"), cwd=place)
+    folder = tmp_path / "workspace"
+    shutil.copytree(finished, folder)
+    set_params(folder, "glove", **GLOVE)
+    result = run_stage("simulate", *command("simulate"), cwd=folder)
     assert result.returncode == 0, result.stderr
-    return place
+    return folder
 
 
 @pytest.fixture
@@ -61,13 +63,15 @@ def long_records(monkeypatch):
     monkeypatch.setattr(Record, "text", property(lambda record: text(record) + " " * ROOM))
 
 
-def no_room(stage, place, room) -> str:
-    """Return the one line of a stage that runs where no file can be larger than this room."""
+def no_room(stage, folder, room) -> str:
+    """Return the one line of a stage that runs where no file can have more than `room` bytes."""
     with room_for(room):
-        result = run_stage(stage, *command(stage), cwd=place)
+        result = run_stage(stage, *command(stage), cwd=folder)
     assert result.stdout.count("simulate: ") == 0
     line = refused(result)
-    assert line.count("make room") == 1 and "[(" not in line and ".unfinished" not in line
+    assert line.count("make room") == 1
+    assert "[(" not in line
+    assert ".unfinished" not in line
     return line
 
 
@@ -101,23 +105,24 @@ def test_a_first_simulation_without_room_is_one_line_too(workspace):
     shutil.rmtree(workspace / "checkpoints")
     before = contents(workspace)
     no_room("simulate", workspace, 20)
-    assert contents(workspace) == before and not list(Path(workspace).rglob("*.h5.*"))
+    assert contents(workspace) == before
+    assert not list(Path(workspace).rglob("*.h5.*"))
 
 
-def test_a_training_is_not_lost_where_its_record_has_no_room(place, monkeypatch):
-    save_table(place / "frames", fewer_anchors(table(), 4))
-    assert run_stage("needs", "--out", "needs.json", cwd=place).returncode == 0
+def test_a_training_is_not_lost_where_its_record_has_no_room(folder, monkeypatch):
+    save_table(folder / "frames", fewer_anchors(table(), 4))
+    assert run_stage("needs", "--out", "needs.json", cwd=folder).returncode == 0
     files = "--needs needs.json --frames frames --out backbone.pt --record pretrain.json"
-    words = [
-        *files.split(),
-        *changed(*SMALL, "device=cpu", "precision=float32", "pretrain.epochs=2"),
-    ]
+    changes = changed(*SMALL, "device=cpu", "precision=float32", "pretrain.epochs=2")
+    words = [*files.split(), *changes]
     text = Record.text.fget
     with monkeypatch.context() as patched, room_for(ROOM):
         patched.setattr(Record, "text", property(lambda record: text(record) + " " * ROOM))
-        refused_run = run_stage("pretrain", *words, cwd=place)
-    assert refused_run.returncode == 1 and "pretrain.json" in refused_run.stderr.splitlines()[-1]
-    assert not (place / "backbone.pt").exists()
-    again = run_stage("pretrain", *words, cwd=place)
+        refused_run = run_stage("pretrain", *words, cwd=folder)
+    assert refused_run.returncode == 1
+    assert "pretrain.json" in refused_run.stderr.splitlines()[-1]
+    assert not (folder / "backbone.pt").exists()
+    again = run_stage("pretrain", *words, cwd=folder)
     assert "pretrain: 2 epochs (2 of them before an interruption)" in again.stdout, again.stderr
-    assert (place / "backbone.pt").exists() and not list((place / "checkpoints").glob("*.pt"))
+    assert (folder / "backbone.pt").exists()
+    assert not list((folder / "checkpoints").glob("*.pt"))

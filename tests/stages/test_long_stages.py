@@ -1,6 +1,6 @@
-"""The progress of a long stage: how far it is, and about how long it still takes.
+"""A long stage says how far it is, and about how long it still takes.
 
-The clock is the test's own.
+The tests set its clock.
 """
 
 import re
@@ -18,9 +18,9 @@ STEP = re.compile(r"(\w[\w /,-]*): ([\d,]+) of ([\d,]+) ([\w ]+)")
 
 
 def said(stage, *words, cwd) -> dict[str, set[str]]:
-    """Return the numbers in the messages about each step of a stage.
+    """Return the totals and units in the messages about each step of a stage.
 
-    The clock is a minute later at every look.
+    A minute passes whenever the stage looks at the clock.
     """
     minutes = count(step=60.0)
     result = run_stage(stage, *words, cwd=cwd, clock=lambda: next(minutes))
@@ -35,10 +35,10 @@ def said(stage, *words, cwd) -> dict[str, set[str]]:
     return numbers
 
 
-def test_a_simulation_counts_its_frames(place):
-    set_params(place, "glove", **GLOVE)
+def test_a_simulation_counts_its_frames(folder):
+    set_params(folder, "glove", **GLOVE)
     words = ("--out", "made", "--record", "made.json")
-    assert said("simulate", *words, cwd=place) == {"frames of this process": {"100 frames"}}
+    assert said("simulate", *words, cwd=folder) == {"frames of this process": {"100 frames"}}
 
 
 @pytest.mark.parametrize(
@@ -53,23 +53,22 @@ def test_a_simulation_counts_its_frames(place):
     ],
 )
 def test_a_stage_on_the_sensors_counts_its_steps(finished, tmp_path, stage, steps):
-    place = tmp_path / "workspace"
-    shutil.copytree(finished, place)
-    numbers = said(
-        stage, *FILES[stage].split(), "--record", record_of(stage), *changed(*SENSORS), cwd=place
-    )
+    folder = tmp_path / "workspace"
+    shutil.copytree(finished, folder)
+    words = (*FILES[stage].split(), "--record", record_of(stage), *changed(*SENSORS))
+    numbers = said(stage, *words, cwd=folder)
     assert {step: numbers.get(step) for step in steps} == steps, numbers
     if stage == "evaluate":
         assert "frames" in numbers and "k-means" in numbers
 
 
-def test_stages_of_a_network_count_pools_and_batches(place):
-    save_table(place / "frames", fewer_anchors(table(), 4))
+def test_stages_of_a_network_count_pools_and_batches(folder):
+    save_table(folder / "frames", fewer_anchors(table(), 4))
     settings = changed(
         *SMALL, "device=cpu", "precision=float32", "pretrain.epochs=2", "model.system=mean"
     )
-    assert run_stage("needs", "--out", "needs.json", cwd=place).returncode == 0
+    assert run_stage("needs", "--out", "needs.json", cwd=folder).returncode == 0
     words = ("--needs", "needs.json", "--frames", "frames", *settings)
-    assert said("cluster", *words, "--out", "views", cwd=place)["k-means"] == {"4 pools"}
-    numbers = said("pretrain", *words, "--out", "backbone.pt", cwd=place)
+    assert said("cluster", *words, "--out", "views", cwd=folder)["k-means"] == {"4 pools"}
+    numbers = said("pretrain", *words, "--out", "backbone.pt", cwd=folder)
     assert any(step.startswith("pretrain epoch 2") for step in numbers), numbers

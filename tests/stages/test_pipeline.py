@@ -1,4 +1,4 @@
-"""The whole pipeline under DVC, with tiny data in a clone: the stages that run, and results."""
+"""DVC runs the whole pipeline on tiny data in a clone."""
 
 import json
 import shutil
@@ -33,11 +33,10 @@ def stages_of(output):
 @pytest.fixture(scope="module")
 def clone(tmp_path_factory):
     """Return a repository with the files of this one and tiny data, reproduced and committed."""
-    place = tmp_path_factory.mktemp("clone") / "repository"
-    copy_repository(place, without=WRITTEN)
-    source = save_matlab5(
-        place.parent / "recordings.mat", metadata(objects=4, recordings=2, frames=24)
-    )
+    repository = tmp_path_factory.mktemp("clone") / "repository"
+    copy_repository(repository, without=WRITTEN)
+    tree = metadata(objects=4, recordings=2, frames=24)
+    source = save_matlab5(repository.parent / "recordings.mat", tree)
     changes = (
         "split.by=source",
         "device=cpu",
@@ -45,26 +44,23 @@ def clone(tmp_path_factory):
         "model.backbone.width=8",
         f"data.source={source}",
     )
-    tree = asdict(load(place / "params.yaml", (*SMALL, *changes)))
-    (place / "params.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
-    commit(place)
-    assert stages_of(sh("dvc", "repro", cwd=place)) == ALL
-    assert sh("git", "status", "--porcelain", "-uall", cwd=place).splitlines() == [
-        f"?? {name}" for name in WRITTEN
-    ]
-    sh("git", "add", *WRITTEN, cwd=place)
-    sh("git", "commit", "-qm", "results", cwd=place)
-    assert (
-        stages_of(sh("dvc", "repro", cwd=place)) == []
-        and sh("git", "status", "--porcelain", cwd=place) == ""
-    )
-    return place
+    params = asdict(load(repository / "params.yaml", (*SMALL, *changes)))
+    (repository / "params.yaml").write_text(yaml.safe_dump(params, sort_keys=False))
+    commit(repository)
+    assert stages_of(sh("dvc", "repro", cwd=repository)) == ALL
+    status = sh("git", "status", "--porcelain", "-uall", cwd=repository)
+    assert status.splitlines() == [f"?? {name}" for name in WRITTEN]
+    sh("git", "add", *WRITTEN, cwd=repository)
+    sh("git", "commit", "-qm", "results", cwd=repository)
+    assert stages_of(sh("dvc", "repro", cwd=repository)) == []
+    assert sh("git", "status", "--porcelain", cwd=repository) == ""
+    return repository
 
 
-def restore(place):
+def restore(repository):
     """Restore the committed files."""
-    sh("git", "checkout", "-q", "--", ".", cwd=place)
-    sh("dvc", "checkout", "-q", cwd=place)
+    sh("git", "checkout", "-q", "--", ".", cwd=repository)
+    sh("dvc", "checkout", "-q", cwd=repository)
 
 
 def test_a_fresh_clone_shows_the_figures_of_its_commit_and_runs_without_a_warning(clone):
@@ -82,10 +78,9 @@ def test_a_fresh_clone_shows_the_figures_of_its_commit_and_runs_without_a_warnin
     ]
     assert stages_of(output) == ALL
     assert [line for line in warnings if "simulate" not in line and "/virtual/" not in line] == []
-    columns = (
-        sh("dvc", "exp", "show", "--only-changed", "--csv", cwd=fresh).splitlines()[0].split(",")
-    )
-    # six figures, one parameter and files; not every parameter
+    table = sh("dvc", "exp", "show", "--only-changed", "--csv", cwd=fresh)
+    columns = table.splitlines()[0].split(",")
+    # six figures, one parameter and files, but not every parameter
     assert len(columns) < 24, " ".join(columns)
 
 
@@ -93,7 +88,8 @@ def test_a_system_without_a_backbone_is_not_pretrained_for_and_the_backbone_of_o
     clone,
 ):
     backbone = (clone / "models" / "backbone.pt").read_bytes()
-    restored, again = "Stage 'pretrain' is cached - skipping run", ["needs", "finetune", "evaluate"]
+    restored = "Stage 'pretrain' is cached - skipping run"
+    again = ["needs", "finetune", "evaluate"]
 
     def switch_to(system, members="[kernel]", *options):
         changes = ("-S", f"model.system={system}", "-S", f"model.members={members}")
@@ -105,7 +101,8 @@ def test_a_system_without_a_backbone_is_not_pretrained_for_and_the_backbone_of_o
     assert stages_of(output) == ["needs", "cluster", "pretrain", "finetune", "evaluate"]
     assert "cluster: left out" in output and "pretrain: left out" in output
     output = switch_to("sensors", "[svm]")
-    assert stages_of(output) == again and "Stage 'pretrain' didn't change" in output
+    assert stages_of(output) == again
+    assert "Stage 'pretrain' didn't change" in output
     output = switch_to("mvcnn")
     assert stages_of(output) == again and restored in output
     assert (clone / "models" / "backbone.pt").read_bytes() == backbone
@@ -121,7 +118,7 @@ def test_another_machine_gets_the_model_by_its_name_and_pulls_the_results(clone,
     sh("git", "commit", "-qam", "remote", cwd=published)
     sh("gto", "register", "classifier", "--version", "v0.1.0", cwd=published)
     sh("dvc", "push", cwd=published)
-    # what follows comes from the remote
+    # the remote is now the only source
     shutil.rmtree(published / ".dvc" / "cache")
     shutil.rmtree(published / "models")
 
@@ -141,7 +138,7 @@ def test_another_machine_gets_the_model_by_its_name_and_pulls_the_results(clone,
         assert (fresh / name).read_bytes() == (clone / name).read_bytes(), name
 
 
-def classes_of(place) -> list[str]:
+def classes_of(repository) -> list[str]:
     """Return the classes of a workspace's results."""
-    with np.load(place / "results" / "predictions.npz") as results:
+    with np.load(repository / "results" / "predictions.npz") as results:
         return results["classes"].tolist()

@@ -34,40 +34,35 @@ def workspace(finished, tmp_path, monkeypatch) -> Path:
 
 
 def test_the_page_says_what_the_files_say(workspace):
-    page, run = run_page(read_run()), read_run()
-    text, error = (
-        text_of(page),
-        json.loads(Path("results/metrics.json").read_text())["whole"]["error"],
-    )
+    page = run_page(read_run())
+    run = read_run()
+    text = text_of(page)
+    error = json.loads(Path("results/metrics.json").read_text())["whole"]["error"]
     assert f"{percent_interval(error['mean'], error['low'], error['high'])} % of the cases" in text
-    assert (
-        "Which of 4 objects does the hand hold?" in text
-        and "`" not in page
-        and "python -m studies each_fold" in page
-    )
+    assert "Which of 4 objects does the hand hold?" in text
+    assert "`" not in page
+    assert "python -m studies each_fold" in page
     assert re.search(r"Repeat this run.*?<pre><code>.*?dvc exp run --temp -S", page, re.DOTALL)
-    assert (
-        "It was tested on 8 recordings, 2 of each object." in text and "Little was tested" in text
-    )
+    assert "It was tested on 8 recordings, 2 of each object." in text
+    assert "Little was tested" in text
     facts = run_facts(run)
     assert {"whole", "recording", "object"} <= set(facts["scores"])
-    assert [name for name in facts["scores"] if facts["meanings"][name] not in text] == []
+    for name in facts["scores"]:
+        assert facts["meanings"][name] in text
     notes = run.notes("choice") + run.notes("info")
-    assert len(notes) > 3 and [note for note in notes if note.text not in text] == []
+    assert len(notes) > 3
+    assert [note for note in notes if note.text not in text] == []
     versions = {f"{name} {version(name)}" for name in ("torch", "numpy", "dvc", "mlflow")}
     assert [entry for entry in versions if entry not in text] == []
     assert "pretrain skipped: this system needs no pretrained backbone" in text
-    assert (
-        parsed(page).tags.isdisjoint({"script", "link", "iframe"})
-        and "&lt;b&gt;Öl &amp; $x$" in page
-    )
+    assert parsed(page).tags.isdisjoint({"script", "link", "iframe"})
+    assert "&lt;b&gt;Öl &amp; $x$" in page
 
 
 def test_the_page_has_live_errors_where_the_run_measured_them(workspace):
     text = text_of(run_page(read_run()))
-    assert (
-        "While the hand still holds the object" in text and "first answer of 95 % or more" in text
-    )
+    assert "While the hand still holds the object" in text
+    assert "first answer of 95 % or more" in text
     Path("results/live.csv").unlink()  # as of an earlier version
     assert "While the hand still holds the object" not in text_of(run_page(read_run()))
 
@@ -80,9 +75,8 @@ def test_an_unfinished_run_and_one_that_does_not_belong_together_are_refused(wor
         read_run()
     path.write_text(record)
     Path("results/metrics.json").unlink()
-    with pytest.raises(
-        UserError, match=r"the workspace: no results/metrics\.json; run the line that `tactile"
-    ):
+    message = r"the workspace: no results/metrics\.json; run the line that `tactile"
+    with pytest.raises(UserError, match=message):
         read_run()
 
 
@@ -93,10 +87,8 @@ def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, m
         cli.main()
     lines = capsys.readouterr().out.splitlines()
     error = json.loads(Path("results/metrics.json").read_text())["whole"]["error"]
-    assert (
-        percent_interval(error["mean"], error["low"], error["high"]) in lines[0]
-        and "chance: " in lines[0]
-    )
+    assert percent_interval(error["mean"], error["low"], error["high"]) in lines[0]
+    assert "chance: " in lines[0]
     assert any(line.startswith("new/page.html: ") for line in lines)
     assert lines[-1].startswith(("dvc exp run ", "python -m studies each_fold "))
     assert 1e4 < Path("new/page.html").stat().st_size < 3e6
@@ -114,7 +106,8 @@ def test_the_command_writes_the_file_and_an_unknown_run_is_one_line(workspace, m
 
 def test_compare_answers_a_name_that_no_run_has_by_all_that_a_name_can_be(workspace):
     error = CliRunner().invoke(cli.cli, ["compare", "no-such-run"]).exception
-    assert isinstance(error, UserError) and str(error).startswith("no-such-run: no such run")
+    assert isinstance(error, UserError)
+    assert str(error).startswith("no-such-run: no such run")
     for kind in ("DVC experiment or revision", "MLflow run", "`runs` and `results`", "`workspace`"):
         assert kind in str(error)
 
@@ -149,10 +142,10 @@ def test_the_page_compares_probabilities_with_errors(workspace):
     count = 30
     labels = np.arange(count) % 4
     probabilities = np.eye(4)[labels] * np.linspace(0.6, 0.9, count)[:, None]
-    whole = Trials(
-        labels[None, :, None], labels, labels, labels.astype(str), 8, probabilities=probabilities
-    )
-    page = run_page(replace(run, predictions=replace(run.predictions, trials={"whole": whole})))
+    names = labels.astype(str)
+    whole = Trials(labels[None, :, None], labels, labels, names, 8, probabilities=probabilities)
+    predictions = replace(run.predictions, trials={"whole": whole})
+    page = run_page(replace(run, predictions=predictions))
     # three parts of 10 answers each
     expected_errors = re.findall(r'<td class="n">10</td><td class="n">([\d.]+)', page)
     assert expected_errors == ["35.3", "25.0", "14.7"]
@@ -180,9 +173,8 @@ def test_the_page_has_a_row_for_the_time_of_each_stage(workspace):
 @pytest.mark.parametrize("content", [b"", b"{", b"PK\x03\x04 and no more"])
 def test_a_damaged_file_ends_in_one_line(workspace, path, content):
     Path(path).write_bytes(content)
-    assert "damaged, or not written by this version" in str(
-        CliRunner().invoke(cli.cli, ["report"]).exception
-    )
+    error = CliRunner().invoke(cli.cli, ["report"]).exception
+    assert "damaged, or not written by this version" in str(error)
 
 
 def test_the_card_is_of_the_model_in_the_workspace(workspace, monkeypatch):
@@ -199,7 +191,7 @@ def test_the_card_is_of_the_model_in_the_workspace(workspace, monkeypatch):
         assert f"| {interval} |" in line
     assert "4 objects: `empty_hand`, `<b>Öl & $x$`, " in "\n".join(lines)
     assert any(line.startswith(r"| \<b\>Öl \& \$x\$ | ") for line in lines)
-    # by what the model's file says
+    # the model's file says so
     assert "| Shape of a frame | 32 rows, 32 columns |" in lines
     assert "They are calibrated for whole recordings: " in "\n".join(lines)
 
