@@ -42,7 +42,7 @@ WEAK_SHARE = 0.01
 MARGIN = 2
 # share of the difference between an open-hand frame and the baseline that the baseline follows
 FOLLOWED = 0.1
-# a dense grasp leaves this share of the sensors unmoved, and drift does not
+# a dense grasp leaves this share of the sensors or more unmoved, and drift does not
 UNMOVED = 0.25
 # enough sensors to estimate the signal that all share, in a fifth of the time that 548 take
 COMMON_SENSORS = 100
@@ -266,8 +266,9 @@ def is_contact(excess: np.ndarray, threshold: np.ndarray, sensors: int = 2) -> b
     """Return whether an excess over the empty hand is contact and not drift.
 
     Drift moves all sensors together, or some up and some down. Sparse contact raises less than half
-    of the sensors. Dense contact raises up to three quarters of them and lowers none. A single
-    sensor cannot tell drift from contact, so any reading above the threshold is contact.
+    of the sensors. Dense contact raises more of them and lowers none. It leaves a quarter of them
+    or more unmoved, so these stay well below the signal that all share. A single sensor cannot tell
+    drift from contact, so any reading above the threshold is contact.
 
     Args:
         excess: (S,) in counts.
@@ -283,5 +284,6 @@ def is_contact(excess: np.ndarray, threshold: np.ndarray, sensors: int = 2) -> b
     most_pressed = min(OPEN_SENSORS, sensors - 1)
     is_sparse = (up > most_pressed + 2 * down).all()
     moves_up = up[0] > most_pressed and not down[0]
-    is_dense = moves_up and up[0] <= (1 - UNMOVED) * len(excess)
+    unmoved = np.count_nonzero(both[1] < -WEAK * threshold)
+    is_dense = moves_up and unmoved >= UNMOVED * len(excess)
     return bool(is_dense or is_sparse)

@@ -62,6 +62,19 @@ def test_the_open_hand_and_contact_are_detected_whatever_drifts(tmp_path, drift,
         np.testing.assert_allclose(states.noise, np.full((1, 40), SD), atol=0.15)
 
 
+@pytest.mark.parametrize("shift", [-20, 0, 10, 15, 20, 40])
+def test_a_common_shift_of_about_the_threshold_is_no_contact(tmp_path, shift):
+    """The noise of an empty hand that drifts is large, and differs between sensors.
+
+    So a shift of 10 to 20 counts lifts some sensors above their threshold, but not all.
+    """
+    glove = drifting(objects=3, recordings=4, between=2.0, common=4.0, shape=(6, 8))
+    shifts = shift * (glove.columns["object"] > 0)
+    counts = glove.counts + shifts[:, None, None].astype(np.int16)
+    states = states_of(replace(glove, counts=counts).table(tmp_path / "t"), 2)
+    np.testing.assert_array_equal(states.contact, ~glove.open)
+
+
 @pytest.mark.parametrize("flag", ["valid", "grasp_valid"])
 def test_a_flag_makes_contact_where_nothing_is_pressed_but_not_of_the_empty_hand(tmp_path, flag):
     glove = drifting()
@@ -85,6 +98,7 @@ EXCESS = {
     "half up, half down": ([UP] * 20 + [DOWN] * 20, False),
     "most up, the others down": ([UP] * 30 + [DOWN] * 10, False),
     "all up, ten more so": ([UP] * 30 + [2 * UP] * 10, True),
+    "all up, twenty of them above the threshold": ([7.0] * 20 + [4.0] * 20, False),
     "twenty-five of forty up, and none down": ([UP] * 25 + [NONE] * 15, True),
     "below the threshold": ([4.0] * 25 + [-4.0] * 15, False),
 }
