@@ -1,4 +1,4 @@
-"""Checks what the templates of `dvc plots` draw of the results' tables."""
+"""The templates of `dvc plots`, applied to tables of results."""
 
 import json
 
