@@ -69,7 +69,8 @@ def test_the_verdict_in_words(first, second, words):
 
 
 def test_other_answers_that_are_wrong_on_the_same_recordings_have_no_threshold():
-    first, second = run([0, 4]), run([0, 4])
+    first = run([0, 4])
+    second = run([0, 4])
     second.trials[WHOLE].best[0, 4, 0] = 0  # pen for mug becomes cup for mug
     (difference,) = differences(first, second)
     assert not difference.same

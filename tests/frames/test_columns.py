@@ -177,10 +177,10 @@ def test_a_column_without_a_name_is_left_out_by_its_number_in_the_table(dead):
 @pytest.mark.parametrize(("columns", "number"), [("", 4), ("1", 4), ("3", 4), ("4", 0)])
 def test_a_column_has_its_number_in_the_file_where_others_are_left_out(tmp_path, columns, number):
     """The second column of the files is empty, and the fourth is a clock."""
-    for place in ("ball/1", "ball/2", "mug/1", "mug/2"):
+    for name in ("ball/1", "ball/2", "mug/1", "mug/2"):
         a, b = DRAWN.normal(500, 3, (2, 40)).round(3)
         lines = [f"{a[frame]},,{b[frame]},{frame}" for frame in N]
-        save(tmp_path / "lab" / f"{place}.csv", "\n".join(lines) + "\n")
+        save(tmp_path / "lab" / f"{name}.csv", "\n".join(lines) + "\n")
     form = Form(columns=[f"leave_out:{column}" for column in columns])
     _, table = ingested(tmp_path / "lab", form=form)
     texts = [note.text for note in column_notes(table)]

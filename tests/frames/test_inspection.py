@@ -109,14 +109,14 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(
 
 def test_the_command_leaves_out_columns_that_are_warned_of_besides_the_user_s_own(tmp_path):
     rng = np.random.default_rng(0)
-    for number in range(18):
-        columns = {"tick": np.arange(40) + 300 * number, "no, [of trial]": number, "place": 0}
+    for trial in range(18):
+        columns = {"tick": np.arange(40) + 300 * trial, "no, [of trial]": trial, "place": 0}
         columns |= {name: rng.normal(500, 9, 40) for name in ("s1", "s2", "s3")}
-        path = tmp_path / "glove" / "abc"[number // 6] / f"{number}.csv"
+        path = tmp_path / "glove" / "abc"[trial // 6] / f"{trial}.csv"
         save(path, pd.DataFrame(columns).to_csv(index=False))
     form = Form(columns=["session:place"])
     page = inspect_source(tmp_path / "glove", form)
-    (note,) = (note for note in page.remarks if note.key == "data.columns")
+    (note,) = [note for note in page.remarks if note.key == "data.columns"]
     assert note.value == ["leave_out:tick", "leave_out:no, [of trial]"]
     change = """'data.columns=["leave_out:tick","leave_out:no, [of trial]"]'"""
     assert f" {change}, in addition" in note.text
@@ -137,8 +137,8 @@ def test_copies_of_a_recording_test_nothing(tmp_path):
     rng = np.random.default_rng(0)
     for name in ("ball", "mug", "pen"):
         counts = rng.integers(500, 600, (30, 4, 6))
-        for number in range(5):
-            save(tmp_path / name / f"{number}.npy", counts)
+        for copy in range(5):
+            save(tmp_path / name / f"{copy}.npy", counts)
     page = inspect_source(tmp_path)
     assert page.groups["recording"].tolist() == [1, 1, 1]
     assert command_lines(page) == []

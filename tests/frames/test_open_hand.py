@@ -159,9 +159,9 @@ def test_a_grasp_without_open_hand_has_the_nearest_one_s_of_its_recording(tmp_pa
     left_out = (recording == 1) & np.isin(grasp, [0, 3]) & glove.open & late
     recordings = glove.table(tmp_path / "t", ~left_out)  # 4 and 3 open-hand frames are left
     baseline = of_grasps(recordings, states_of(recordings, CONTACT))
-    first_recording = recording[~left_out] == 1
+    of_recording = recording[~left_out] == 1
     # the baseline of the last frame of each of the six grasps
-    last = [baseline.of_frame[first_recording & (grasp[~left_out] == i)][-1] for i in range(6)]
+    last = [baseline.of_frame[of_recording & (grasp[~left_out] == i)][-1] for i in range(6)]
     assert last[0] == last[1]
     assert last[3] == last[2]
     assert last[2] != last[1]

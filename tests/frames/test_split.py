@@ -256,14 +256,10 @@ def test_complete_folds_hold_out_every_class_of_two_groups_in_turn_where_that_is
         assert (times == repeated).all()
         # every row has a group of its own
         apart = rng.permutation(len(labels)) + 10 * seed
-        np.testing.assert_array_equal(
-            complete_folds(apart, labels, folds),
-            folds_in_turn(apart, labels, folds=folds, across=False),
-        )
+        in_turn = folds_in_turn(apart, labels, folds=folds, across=False)
+        np.testing.assert_array_equal(complete_folds(apart, labels, folds), in_turn)
         # every class is in every session
         session = np.tile(np.arange(sessions), classes)
         in_session = np.repeat(np.arange(classes), sessions)
-        np.testing.assert_array_equal(
-            complete_folds(session, in_session, folds),
-            folds_in_turn(session, in_session, folds=folds, across=True),
-        )
+        in_turn = folds_in_turn(session, in_session, folds=folds, across=True)
+        np.testing.assert_array_equal(complete_folds(session, in_session, folds), in_turn)

@@ -61,7 +61,9 @@ def bed(count: int, width: float, *, hands: int = 1) -> Hands:
     row, column = np.mgrid[:count, :count].reshape(2, -1)
     patch = LINK_PATCHES + row * TILES // count * TILES + column * TILES // count
     order = np.argsort(patch, kind="stable")
-    row, column, patch = row[order], column[order], patch[order]
+    row = row[order]
+    column = column[order]
+    patch = patch[order]
     middle = (count - 1) / 2
     local = np.stack(
         [(column - middle) * pitch, (row - middle) * pitch, np.zeros(len(row))], axis=1

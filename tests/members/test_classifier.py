@@ -108,7 +108,8 @@ def test_a_loaded_classifier_gives_equal_answers(members, live):
 def test_fewer_frames_have_the_estimator_of_the_next_smaller_size():
     classifier = fitted(["trees", "svm"], *recordings())
     (svm,) = classifier.for_sets
-    assert svm is classifier.members[1] and svm.sets.keys() == {1, 2, 4}
+    assert svm is classifier.members[1]
+    assert svm.sets.keys() == {1, 2, 4}
     read = values(classifier, recording("up", 100))
     for frames, size in ((1, 1), (2, 2), (3, 2), (4, 4), (9, 4)):
         points = svm.set_points(read.readings[None, :frames])

@@ -42,9 +42,9 @@ def test_features_are_the_shares_above_the_biases_by_naive_loops(frames):
 
 
 def test_biases_are_quantiles_so_that_known_shares_of_the_fitted_recordings_are_above_them():
-    """The shares are right even if all recordings of one object come before those of another.
+    """The shares are right even if all recordings of one object come before the other's.
 
-    The readings of the second object are nine times as large.
+    The readings of the second object are nine times as large as the first's.
     """
     recordings = np.random.default_rng(0).normal(size=(40, 100, 11))
     recordings[20:] *= 9

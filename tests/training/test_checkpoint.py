@@ -56,16 +56,21 @@ def interrupt(monkeypatch, after):
     monkeypatch.setattr(loop, "save", saved)
 
 
-SAME_SETS_IN_A_COSINE = ("finetune.resample_views=never", "finetune.schedule=cosine")
-
-
 @pytest.mark.parametrize(
     ("train", "changes", "after"),
     [
         (pretrained, (), 1),
         (pretrained, (), 4),
         (finetuned, ("finetune.feature_reuse=4", "finetune.num_views=random"), 1),
-        (finetuned, ("finetune.feature_reuse=4", *SAME_SETS_IN_A_COSINE), 4),
+        (
+            finetuned,
+            (
+                "finetune.feature_reuse=4",
+                "finetune.resample_views=never",
+                "finetune.schedule=cosine",
+            ),
+            4,
+        ),
         (finetuned, ("views=1", "finetune.feature_reuse=8"), 1),
     ],
 )

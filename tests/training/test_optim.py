@@ -1,4 +1,4 @@
-"""Optimisers, learning-rate schedules and batch counts, the same in both training runs."""
+"""Optimisers, learning-rate schedules and batch counts of pretraining and fine-tuning."""
 
 import pytest
 import torch

@@ -41,8 +41,9 @@ def test_pools_are_those_of_a_loop(frames):
     index = np.arange(len(frames))[::2]
     for scope, length in (("object", 2), ("recording", 4)):
         keys = [frames[i][:length] for i in index]
-        numbers = {key: number for number, key in enumerate(sorted(set(keys)))}
-        assert pool_ids(of_frames, index, scope).tolist() == [numbers[key] for key in keys]
+        in_order = sorted(set(keys))
+        expected = [in_order.index(key) for key in keys]
+        assert pool_ids(of_frames, index, scope).tolist() == expected
 
 
 def test_training_and_validation_frames_get_a_cluster_and_test_frames_none():
