@@ -59,7 +59,14 @@ def cli() -> None:
     help="Write a table with a line for each recording to this .csv. You can correct the table and "
     "read it as SOURCE.",
 )
-@_SET_DATA
+@click.option(
+    "--set",
+    "changes",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Read the recordings with another value for a key of the section data in params.yaml, or "
+    "try a value for a key of the section preprocess.",
+)
 def inspect(
     source: Path,
     page: Path | None,
@@ -137,7 +144,7 @@ def predict(changes: tuple[str, ...], **options: Any) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print a line of JSON for each change.")
 @click.option(
     "--sure",
-    type=float,
+    type=click.FloatRange(0, 1, min_open=True),
     metavar="P",
     help="Close a grasp as soon as the probability of its object is P or more.",
 )

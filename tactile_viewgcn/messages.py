@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import StringIO
+from os.path import commonpath
 from pathlib import Path
 from typing import Any, Literal
 
@@ -203,7 +204,7 @@ def once_each(texts: Iterable[tuple[Path, str]]) -> list[str]:
     """Return texts on files, where similar texts are given only once.
 
     Texts are similar if they differ only in the file's path and in numbers. The first of them is
-    given, and the names of the other files follow it.
+    given, and the other files follow it, each by its path from the folder that all have in common.
 
     Args:
         texts: pairs of a file and a text on it.
@@ -213,10 +214,11 @@ def once_each(texts: Iterable[tuple[Path, str]]) -> list[str]:
         key = re.sub(r"\d+", "0", text.replace(shown(file), ""))
         alike.setdefault(key, []).append((file, text))
     sentences = list[str]()
-    for (_, example), *others in alike.values():
+    for (first, example), *others in alike.values():
         more = ""
         if others:
-            names = [file.name for file, _ in others]
+            common = commonpath([first.parent, *(file.parent for file, _ in others)])
+            names = [str(file.relative_to(common)) for file, _ in others]
             more = f" (the same in {several(len(names), 'more file')}: {listed(names)})"
         sentences.append(f"{example}{more}")
     return sentences

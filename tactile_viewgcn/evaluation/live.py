@@ -122,8 +122,10 @@ def answer_live(
     tested = int(numbered["is_tested"].sum())
     count = int(answered.grasps["contact"].notna().sum())
     if "grasp" in recordings.columns and count != tested:
-        text = f"the recordings have {several(tested, 'tested grasp')}, the stream finds {count}:"
-        text += " it joins grasps between which the hand hardly opens, and misses light grasps"
+        silent = several(len(answered.grasps) - count, "split group")
+        text = f"the recordings have {several(tested, 'tested grasp')}, the stream finds {count},"
+        text += f" and none in {silent}: it joins grasps between which the hand hardly opens, and"
+        text += " misses light grasps"
         notes.append(Note(text, topic="live"))
     return rows, notes
 
@@ -342,7 +344,9 @@ def live_line(rows: list[Row]) -> str:
     first = rows[0]
     (final,) = [row for row in rows if row["answer"] == "final"]
     errors = [percent_interval(row["error"], row["low"], row["high"]) for row in (first, final)]
-    contact = f"{first['level']:g} {first['unit']} of contact"
+    contact = f"{first['level']:g} s of contact"
+    if first["unit"] == "frames":
+        contact = f"{several(int(first['level']), 'frame')} of contact"
     return f"  live: error {errors[0]} % after {contact}, {errors[1]} % when the hand opens"
 
 

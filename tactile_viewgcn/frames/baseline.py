@@ -61,10 +61,16 @@ class _OpenHand(NamedTuple):
 
 
 class _Measured:
-    """The baselines that have been measured so far, one after another."""
+    """The baselines that have been measured so far, one after another.
 
-    def __init__(self, recordings: Recordings):
+    Args:
+        recordings: the recordings.
+        wanted: what gives a recording its baseline, unless there is a fallback.
+    """
+
+    def __init__(self, recordings: Recordings, wanted: str):
         self.recordings = recordings
+        self.wanted = wanted
         self.of_frame = np.empty(len(recordings), dtype=np.int32)
         self.means = list[np.ndarray]()
         self.noises = list[np.ndarray]()
@@ -92,13 +98,10 @@ class _Measured:
         noise = np.ones_like(mean)
         noise[:, recordings.live] = self.noises
         total = several(len(np.unique(recordings.columns["recording"])), "recording")
-        notes = [
-            Note(
-                f"it comes from {kind} in {len(names)} of {total}: {listed(names)}",
-                topic="baseline",
-            )
-            for kind, names in self.replaced.items()
-        ]
+        notes = list[Note]()
+        for kind, names in self.replaced.items():
+            text = f"no {self.wanted} in {len(names)} of {total}, which take {kind}: "
+            notes.append(Note(text + listed(names), topic="baseline"))
         return Baseline(mean, noise, self.of_frame, notes)
 
 
@@ -158,7 +161,7 @@ def _of_sessions(
     recordings: Recordings, moments: list[Moments], states: HandStates | None
 ) -> Baseline:
     """Return a baseline for each session: its empty hand, or a fallback."""
-    measured = _Measured(recordings)
+    measured = _Measured(recordings, "empty hand")
     session = recordings.columns["session"]
     for number in np.unique(session):
         index = np.flatnonzero(session == number)
@@ -172,7 +175,7 @@ def _of_sessions(
 
 def _of_grasps(recordings: Recordings, moments: list[Moments], states: HandStates) -> Baseline:
     """Return a baseline for each grasp, and fallbacks for recordings without an open hand."""
-    measured = _Measured(recordings)
+    measured = _Measured(recordings, "open hand")
     hands = dict[int, _OpenHand | None]()
     shared = dict[int, int]()  # the baseline that the recordings of a session share, by session
     for row, index in enumerate(frames_by_recording(recordings)):

@@ -154,9 +154,14 @@ def _apply_to_sets(
     means = list[np.ndarray]()
     noises = list[np.ndarray]()
     notes = list[Note]()
-    sets = [sides.training, sides.side == VALIDATION, sides.side == TEST, sides.surplus]
+    sets = {
+        "training set": sides.training,
+        "validation set": sides.side == VALIDATION,
+        "test set": sides.side == TEST,
+        "left-out training groups": sides.surplus,
+    }
     states: HandStates | None = choice.states
-    for in_set in sets:
+    for name, in_set in sets.items():
         if not in_set.any():
             continue
         rows = with_empty_hand(recordings, in_set)
@@ -166,7 +171,7 @@ def _apply_to_sets(
         contact[in_set] = of_set[in_set[rows]]
         means.append(baseline.mean)
         noises.append(baseline.noise)
-        notes += baseline.notes
+        notes += [replace(note, text=f"{name}: {note.text}") for note in baseline.notes]
     return Baseline(np.concatenate(means), np.concatenate(noises), of_frame, notes), contact
 
 

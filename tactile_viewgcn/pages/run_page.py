@@ -62,9 +62,9 @@ def _doubts(run: FinishedRun) -> list[str]:
     if run.uncertain:
         doubts.append(f"Little was tested: {run.tested}.")
     if len(run.warnings) == 1:
-        doubts.append("1 warning below puts it in doubt.")
+        doubts.append("1 warning of a stage puts it in doubt.")
     elif run.warnings:
-        doubts.append(f"{several(len(run.warnings), 'warning')} below put it in doubt.")
+        doubts.append(f"{several(len(run.warnings), 'warning')} of the stages put it in doubt.")
     return doubts
 
 
@@ -233,7 +233,8 @@ def report_lines(run: FinishedRun, page: str) -> list[str]:
     versus = _versus(run)
     if versus:
         lines.append(f"compared with the committed run: {versus.text}")
-    lines += [verdict(run).answer, page]
+    judged = verdict(run)
+    lines += [" ".join([judged.answer, *judged.reasons]), page]
     what, command = next(step for step in next_steps(run) if step[1])
     return [*lines, f"next: {what}", *command.split("\n")]
 

@@ -126,7 +126,7 @@ def unlike(recordings: Sequence[Named]) -> dict[Path, str]:
         for file, text, of_recording in zip(files, texts, traits, strict=True):
             if text == usual:
                 continue
-            remedy = ""
+            remedy = ". Correct the file, or move it elsewhere"
             if what == "channels":
                 remedy = _without_others(of_recording[what], traits[example][what])
             mistakes[file] = (

@@ -248,13 +248,16 @@ def _unfit(
         is_label = setting(f"data.columns=[object:{column.key}]")
         words = f"{column} holds words, such as {example!r}, and no number"
         return f"{words}; if it names the objects, {is_label}; else {leave_out}"
-    what = "a number"
+    fault = "is not a number"
     if content:
-        what = "a name"
+        fault = "is not a name"
+    elif cells.isna().iloc[row]:
+        fault = "is empty"
     elif not np.isnan(values[row]):
-        what = f"a number up to {MAX_PRESSURE:g}"
+        fault = f"is not a number up to {MAX_PRESSURE:g}"
     place = next(islice(places, row, None))
-    return f"{place}, {column} is not {what}; correct or delete the line, or {leave_out}"
+    remedy = f"correct or delete the line, or, if the column is no sensor, {leave_out}"
+    return f"{place}, {column} {fault}; {remedy}"
 
 
 def _in_groups(file: str, cells: "Series", filled: np.ndarray) -> str:

@@ -224,7 +224,9 @@ def _top(file: Path, text: str) -> _Top:
             if _is_of_numbers(cells, example):
                 return _Top(separator, number, rows)
         rows.append(cells)
-    raise UserError(f"{file}: no line of numbers; expected a table of numbers")
+    raise UserError(
+        f"{file}: no line of numbers; expected a table of numbers. Move the file elsewhere"
+    )
 
 
 def _is_comment(line: str) -> bool:
