@@ -54,8 +54,11 @@ class OnlyA:
 def test_sets_have_errors_on_held_out_groups_and_a_later_run_keeps_what_an_earlier_one_measured(
     tmp_path, monkeypatch
 ):
+
+    def few_trees():
+        return recordings.ExtraTreesClassifier(10, random_state=0)
+
     monkeypatch.setattr(recordings, "TactileClassifier", OnlyA)
-    few_trees = lambda: recordings.ExtraTreesClassifier(10, random_state=0)  # noqa: E731
     monkeypatch.setitem(SIMPLE, "trees", few_trees)
     sets = [
         write_set(tmp_path / "apart", (3,), 9.0, sessions=2),

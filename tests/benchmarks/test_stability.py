@@ -1,4 +1,4 @@
-"""The stability table measures errors, and knows refusals."""
+"""The rows of the stability table measure errors and refusals."""
 
 import math
 

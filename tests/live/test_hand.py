@@ -1,4 +1,4 @@
-"""The hand in a stream waits, is ready or holds, as is known of these frames."""
+"""The hand in a stream waits, is ready or holds, in frames whose state is known."""
 
 from dataclasses import replace
 

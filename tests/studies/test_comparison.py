@@ -1,4 +1,4 @@
-"""The table of a study has the errors and the differences, which are known of these answers."""
+"""The table of a study shows the errors and differences of answers that are made here."""
 
 import numpy as np
 import pandas as pd
