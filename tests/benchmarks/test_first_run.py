@@ -1,4 +1,4 @@
-"""The benchmark of a first run, on few recordings and without the installation."""
+"""The benchmark of a first run works on few recordings, without the installation."""
 
 import pandas as pd
 import pytest
@@ -16,8 +16,9 @@ ROWS = [
 
 @pytest.mark.slow
 def test_each_number_of_threads_runs_in_a_clone_of_its_own(tmp_path):
-    ran = CliRunner().invoke(first_run, ["--quick", "--out", str(tmp_path)], catch_exceptions=False)
-    assert ran.exit_code == 0
+    words = ["--quick", "--out", str(tmp_path)]
+    result = CliRunner().invoke(first_run, words, catch_exceptions=False)
+    assert result.exit_code == 0
     rows = pd.read_csv(tmp_path / "results.csv")
     assert rows["step"].tolist() == ["dvc repro", "dvc repro"]
     assert rows["threads"].tolist() == [1, 2]
@@ -33,9 +34,14 @@ def test_the_pages_have_the_rows_by_their_threads(tmp_path, monkeypatch):
         "On 2 cores of a CPU the installation took 100 seconds. The first run took 150 seconds "
         "with two threads, and 200 with one."
     )
-    cells = [
-        [cell.strip() for cell in line.split("|")[1:-1]]
-        for line in page.threads_table().splitlines()
+    head, _, *rows = page.threads_table().splitlines()
+    assert cells_of(head) == ["threads", "`whole`", "`recording`", "`object`"]
+    assert [cells_of(row) for row in rows] == [
+        ["1", "54.3", "50.0", "40.0"],
+        ["2", "55.5", "50.0", "40.0"],
     ]
-    assert cells[0] == ["threads", "`whole`", "`recording`", "`object`"]
-    assert cells[2:] == [["1", "54.3", "50.0", "40.0"], ["2", "55.5", "50.0", "40.0"]]
+
+
+def cells_of(line):
+    """Return the cells of a line of a Markdown table."""
+    return [cell.strip() for cell in line.split("|")[1:-1]]

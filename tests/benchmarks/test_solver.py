@@ -1,4 +1,4 @@
-"""The benchmark of integrators: all solve one equation, and it measures their error."""
+"""The benchmark of integrators measures their errors in one equation that all of them solve."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The hand in a stream: when it waits, is ready and holds, for frames whose state is known."""
+"""The hand in a stream waits, is ready or holds, in frames whose state is known."""
 
 from dataclasses import replace
 
@@ -17,23 +17,22 @@ SENSORS = 6  # fewest in a frame of contact, of the classifiers of these tests
 def plan_of(*, shows_open_hand=True, kept_share=0.5, **settings):
     """Return the plan of the three objects' classifier, with other settings."""
     plan = recogniser().plan
-    return replace(
-        plan,
-        params=replace(plan.params, **settings),
-        shows_open_hand=shows_open_hand,
-        kept_share=kept_share,
-    )
+    params = replace(plan.params, **settings)
+    return replace(plan, params=params, shows_open_hand=shows_open_hand, kept_share=kept_share)
 
 
 def followed(plan, frames, **options):
-    """Return the state after each frame as letters, and which frames are in contact."""
+    """Return the state after each frame, which frames are in contact, and the hand.
+
+    The states are a text, of the first letter of each state.
+    """
     hand = hand_of(plan, frames[0], **options)
     states = ""
     in_contact = np.zeros(len(frames), dtype=bool)
-    for number, counts in enumerate(frames):
+    for index, counts in enumerate(frames):
         found = hand.follow(counts)
         states += hand.state[0]
-        in_contact[number + 1 - len(found) : number + 1] = True
+        in_contact[index + 1 - len(found) : index + 1] = True
     return states, in_contact, hand
 
 
@@ -75,8 +74,10 @@ def test_frames_of_a_closing_hand_are_in_contact_if_the_mean_of_the_open_hand_sa
 def test_an_object_that_is_held_from_the_first_frame_is_no_open_hand_unless_one_says_so():
     frames = recording("pen", 83, before=0, held=20, after=20)
     states, in_contact, _ = followed(plan_of(), frames)
-    assert states[:24] == 24 * "w" and states[24:] == 16 * "r" and not in_contact.any()
-    # a real grip varies by more than noise; of a rigid one the five frames would do
+    assert states[:24] == 24 * "w"
+    assert states[24:] == 16 * "r"
+    assert not in_contact.any()
+    # a real grip varies by more than noise, but five frames of a rigid grip are taken as open
     assert followed(plan_of(), frames, tare=True)[0] == states
     rigid = np.repeat(frames[5:6], 20, axis=0)
     assert followed(plan_of(), rigid)[0] == 20 * "w"
@@ -118,9 +119,9 @@ def test_after_a_grasp_that_is_closed_early_the_hand_waits_until_it_is_open():
     frames = recording("pen", 87, before=12, held=30, after=9)
     hand = hand_of(plan_of(), frames[0])
     states = ""
-    for number, counts in enumerate(frames):
+    for index, counts in enumerate(frames):
         hand.follow(counts)
-        if number == 20:
+        if index == 20:
             hand.let_go()
         states += hand.state[0]
     assert states == 4 * "w" + 8 * "r" + 8 * "c" + (22 + 4) * "w" + 5 * "r"
@@ -131,9 +132,9 @@ def test_begun_anew_a_hand_that_goes_on_holding_is_not_open():
     frames = np.repeat(recording("pen", 88, before=0, held=1, after=0), 30, axis=0)
     frames = np.concatenate([recording("pen", 88, before=12, held=5, after=0), frames])
     hand = hand_of(plan_of(), frames[0])
-    for number, counts in enumerate(frames):
+    for index, counts in enumerate(frames):
         hand.follow(counts)
-        if number == 16:
+        if index == 16:
             assert hand.state == "contact"
             hand.begin_anew()
     assert hand.state == "waiting"
@@ -159,9 +160,9 @@ def test_without_an_open_hand_in_the_training_the_training_s_baseline_is_taken()
     np.testing.assert_array_equal(hand.mean, plan.mean_baseline())
     hand = hand_of(plan, frames[0])
     states = ""
-    for number, counts in enumerate(frames):
+    for index, counts in enumerate(frames):
         hand.follow(counts)
-        if number == 5:
+        if index == 5:
             hand.let_go()
         states += hand.state[0]
     assert states == 3 * "r" + 2 * "c" + (5 + 4) * "w" + 5 * "r"
@@ -190,7 +191,7 @@ def test_where_every_frame_counts_nothing_but_an_open_hand_at_first_is_waited_fo
 
 
 def test_without_the_training_s_noise_the_first_frames_show_it():
-    """Return a plan without a baseline, whose filter was the flags of the source."""
+    """The plan has no baseline, and its filter was the flags of the source."""
     plan = plan_of(baseline="none", filter="flags", zero=7.0)
     plan = replace(plan, noise=np.full(SHAPE, np.nan))
     frames = recording("pen", 93, before=40, held=9, after=8)

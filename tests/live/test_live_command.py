@@ -1,4 +1,4 @@
-"""The command `live`: a bad input is one line with its number; the stream goes on or ends."""
+"""The command `live` answers each change, and says of a bad line what is wrong and its number."""
 
 import json
 import os
@@ -25,6 +25,7 @@ from tests.glove_data import model_file, recogniser, recording
 
 
 def lines_of(frames):
+    """Return each frame as a line of numbers with commas."""
     return [",".join(map(str, counts.ravel())) for counts in frames]
 
 
@@ -39,7 +40,11 @@ def with_cell(line, cell):
 
 
 class Pipe:
-    """Gives bytes in parts, like `os.read`."""
+    """A pipe that returns bytes in parts, like `os.read`.
+
+    Args:
+        parts: bytes, or the seconds until the next part.
+    """
 
     def __init__(self, *parts):
         self.parts = list(parts)
@@ -56,9 +61,18 @@ class Pipe:
 
 
 def run(*parts, model=None, as_json=True, skips=False, **options):
-    """Return the exit code, the output, and the lines on standard error, for lines or bytes."""
+    """Return the exit code, the output, and the lines on standard error.
+
+    Args:
+        parts: the input, lists of lines, bytes, or seconds to wait.
+        model: the recogniser, by default of the three objects.
+        as_json: the output is records, and otherwise a text.
+        skips: answers are skipped to keep up.
+        options: options of the stream.
+    """
     model = model or recogniser()
-    printed, errors = [], []
+    printed = []
+    errors = []
     data = [part if isinstance(part, bytes | float) else text_of(part) for part in parts]
     stream = model.stream(**options)
     view = View(printed.append, errors.append)
@@ -66,17 +80,19 @@ def run(*parts, model=None, as_json=True, skips=False, **options):
         view = JsonView(printed.append, errors.append, model.classes)
     reader = FrameLines(model.shape, model.plan.channel_names)
     code = LiveCommand(stream, reader, view, skips=skips).run(LineSource(Pipe(*data)))
-    out = "".join(printed)
+    output = "".join(printed)
     if as_json:
-        out = [json.loads(line) for line in out.splitlines()]
-    return code, out, "".join(errors).splitlines()
+        output = [json.loads(line) for line in output.splitlines()]
+    return code, output, "".join(errors).splitlines()
 
 
 def text_of(lines):
+    """Return lines as bytes."""
     return ("\n".join(lines) + "\n").encode()
 
 
 def finals(records):
+    """Return the records of final answers."""
     return [record for record in records if record["state"] == "final"]
 
 
@@ -88,7 +104,8 @@ def test_each_change_is_a_line_of_json_with_the_line_that_brought_it():
     assert [record["line"] for record in records[:4]] == [2, 6, 14, 14]
     (final,) = finals(records)
     assert (final["object"], final["frames"], final["frame"]) == ("cup", 8, 24)
-    assert final["probabilities"]["cup"] == final["probability"] > 0.5
+    assert final["probabilities"]["cup"] == final["probability"]
+    assert final["probability"] > 0.5
     assert sum(final["probabilities"].values()) == pytest.approx(1, abs=1e-5)
 
 
@@ -119,10 +136,11 @@ def test_a_line_that_is_no_frame_is_said_and_left_out(line, message):
 def test_of_many_bad_lines_a_few_are_said_and_all_are_counted():
     lines = [*GRASP[:6], *1234 * ["1,2"], *GRASP[6:]]
     _, records, errors = run(lines)
-    numbers = [int(error.split(":")[0].removeprefix("line ")) for error in errors[:-1]]
-    assert numbers == [*range(7, 17), 106, 1006]
+    heads = [error.partition(":")[0] for error in errors[:-1]]
+    assert heads == [f"line {number}" for number in (*range(7, 17), 106, 1006)]
     assert "(100 lines so far, the next are counted)" in errors[10]
-    assert errors[-1] == "28 frames, 1,234 lines without a frame" and len(finals(records)) == 1
+    assert errors[-1] == "28 frames, 1,234 lines without a frame"
+    assert len(finals(records)) == 1
 
 
 def test_a_last_line_without_an_end_may_be_cut_and_is_no_frame():
@@ -153,8 +171,9 @@ def test_lines_that_come_in_any_parts_are_the_same_lines():
     ],
 )
 def test_an_input_without_a_frame_is_a_mistake(lines, message):
+    content = "".join(f"{line}\n" for line in lines)
     with pytest.raises(UserError, match=message):
-        run("".join(f"{line}\n" for line in lines).encode())
+        run(content.encode())
 
 
 def test_a_glove_that_never_shows_an_open_hand_has_no_answer_and_a_line_that_says_so():
@@ -183,8 +202,8 @@ def test_an_input_that_has_ended_is_not_called_quiet(monkeypatch):
 def test_bytes_without_the_end_of_a_line_are_no_line(monkeypatch):
     monkeypatch.setattr(module, "MOST_QUIET", 0.3)
     monkeypatch.setattr(module, "TICK", 0.05)
-    parts = [part for _ in range(12) for part in (0.05, b"1 ")]
-    _, _, errors = run(GRASP[:16], *parts, b"\n", GRASP[16:])
+    slow_parts = 12 * [0.05, b"1 "]
+    _, _, errors = run(GRASP[:16], *slow_parts, b"\n", GRASP[16:])
     assert errors == [
         "line 16: no line for 0 s; still reading",
         "line 17: no frame: 1 value; expected 80",
@@ -210,25 +229,26 @@ def test_answers_are_skipped_while_lines_wait_and_no_frame_is_lost():
 
 
 def test_times_that_fall_begin_a_new_recording():
-    names = ",".join(f"s{number}" for number in range(80))
-    lines = [f"time_ms,{names}"]
-    lines += [f"{60_000 + 100 * number},{line}" for number, line in enumerate(GRASP[:18])]
-    lines += [f"{100 * number},{line}" for number, line in enumerate(GRASP)]
+    names = ",".join(f"s{index}" for index in range(80))
+    first_lines = [f"{60_000 + 100 * index},{line}" for index, line in enumerate(GRASP[:18])]
+    second_lines = [f"{100 * index},{line}" for index, line in enumerate(GRASP)]
+    lines = [f"time_ms,{names}", *first_lines, *second_lines]
     _, records, errors = run(lines)
     assert errors[:2] == [
         "line 20: the time falls from 61.7 to 0 s: a new recording begins",
         "line 20: the input ended in the grasp",
     ]
     first, second = finals(records)
-    assert first["seconds"] == pytest.approx(0.5) and second["seconds"] == pytest.approx(0.7)
+    assert first["seconds"] == pytest.approx(0.5)
+    assert second["seconds"] == pytest.approx(0.7)
     assert first["frames"] == 6 and second["frames"] == 8
 
 
 @pytest.mark.parametrize("time", ["9999", "-9999"])
 def test_the_time_of_a_line_that_is_no_frame_is_not_taken(time):
-    names = ",".join(f"s{number}" for number in range(80))
+    names = ",".join(f"s{index}" for index in range(80))
     lines = [f"time,{names}"]
-    lines += [f"{number / 10},{line}" for number, line in enumerate(GRASP)]
+    lines += [f"{index / 10},{line}" for index, line in enumerate(GRASP)]
     bad = f"{time},{with_cell(GRASP[16], 'nan')}"
     _, records, errors = run([*lines[:16], bad, *lines[16:]])
     (final,) = finals(records)
@@ -248,9 +268,9 @@ def named():
     """Return a recogniser of channels that have names."""
     rng = np.random.default_rng(0)
     X = []
-    for number in range(12):
+    for index in range(12):
         readings = rng.normal(0, 1, (30, 3))
-        readings[:, number % 2] += 20
+        readings[:, index % 2] += 20
         X.append(pd.DataFrame(readings, columns=["thumb", "index", "palm"]))
     with warnings.catch_warnings(action="ignore"):
         fitted = TactileClassifier(system="svm").fit(X, np.arange(12) % 2)
@@ -261,18 +281,21 @@ def test_sensors_are_found_by_their_names(named):
     rows = np.random.default_rng(1).normal(0, 1, (9, 3))
     rows[:, 1] += 20
     plain = [",".join(map(str, row)) for row in rows]
-    mixed = [f"{number};{row[2]};x;{row[0]};{row[1]}" for number, row in enumerate(rows)]
+    mixed = [f"{index};{row[2]};x;{row[0]};{row[1]}" for index, row in enumerate(rows)]
     code, records, errors = run(["sample;palm;note;thumb;index", *mixed], model=named)
     _, expected, _ = run(plain, model=named)
     assert code == 0
     assert errors[0] == "line 1: 2 columns left out, no sensors of the model: sample, note"
-    (final,), (other,) = finals(records), finals(expected)
-    assert final["object"] == "1" and final["probabilities"] == other["probabilities"]
+    (final,) = finals(records)
+    (other,) = finals(expected)
+    assert final["object"] == "1"
+    assert final["probabilities"] == other["probabilities"]
 
 
 def test_columns_without_a_sensor_end_the_stream_with_the_last_answer(named):
     lines = ["thumb,index,palm", "0,20,0", "1,19,0", "thumb,index,wrist", "0,20,0"]
-    printed, errors = [], []
+    printed = []
+    errors = []
     view = JsonView(printed.append, errors.append, named.classes)
     reader = FrameLines(named.shape, named.plan.channel_names)
     command = LiveCommand(named.stream(), reader, view, skips=False)
@@ -283,12 +306,13 @@ def test_columns_without_a_sensor_end_the_stream_with_the_last_answer(named):
 
 
 def test_lines_of_text_show_changes_of_the_state_and_the_object():
-    _, out, _ = run(GRASP, as_json=False)
-    lines = out.splitlines()
-    assert [line.split()[2] for line in lines] == [
-        *("waiting", "ready", "contact", "answer", "final", "ready")
-    ]
-    assert "cup" in lines[3] and "cup" in lines[4] and "%" in lines[4]
+    _, output, _ = run(GRASP, as_json=False)
+    lines = output.splitlines()
+    states = [line.split()[2] for line in lines]
+    assert states == ["waiting", "ready", "contact", "answer", "final", "ready"]
+    assert "cup" in lines[3]
+    assert "cup" in lines[4]
+    assert "%" in lines[4]
 
 
 def command(path, *words, **options):
@@ -307,32 +331,39 @@ def command(path, *words, **options):
 
 
 @pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=["Ctrl-C", "SIGTERM"]
+    ("signal_number", "code"),
+    [(signal.SIGINT, 130), (signal.SIGTERM, 143)],
+    ids=["Ctrl-C", "SIGTERM"],
 )
-def test_a_signal_ends_the_stream_with_the_last_answer_and_its_exit_code(tmp_path, number, code):
+def test_a_signal_ends_the_stream_with_the_last_answer_and_its_exit_code(
+    tmp_path, signal_number, code
+):
     process = command(model_file(tmp_path / "classifier.pt"), "--json", "--every", "1")
     process.stdin.write("\n".join(GRASP[:16]) + "\n")
     process.stdin.flush()
     records = []
-    while len(finals(records)) + sum(record["state"] == "answer" for record in records) < 4:
+    answers = 0
+    while answers < 4:
         records.append(json.loads(process.stdout.readline()))
-    process.send_signal(number)
-    out, errors = process.communicate(timeout=60)
+        answers += records[-1]["state"] in ("answer", "final")
+    process.send_signal(signal_number)
+    output, errors = process.communicate(timeout=60)
     assert process.returncode == code
-    (final,) = finals(map(json.loads, out.splitlines()))
-    assert final["object"] == "cup" and final["probabilities"] == records[-1]["probabilities"]
+    (final,) = finals(map(json.loads, output.splitlines()))
+    assert final["object"] == "cup"
+    assert final["probabilities"] == records[-1]["probabilities"]
     assert errors.splitlines()[-2:] == ["line 16: the input ended in the grasp", "16 frames"]
 
 
 def test_the_command_reads_a_file_with_all_its_answers_and_ends(tmp_path):
     model = model_file(tmp_path / "classifier.pt")
     process = command(model, "--json")
-    out, errors = process.communicate("\n".join(GRASP) + "\n", timeout=60)
-    assert process.returncode == 0 and finals(map(json.loads, out.splitlines()))
+    output, errors = process.communicate("\n".join(GRASP) + "\n", timeout=60)
+    assert process.returncode == 0 and finals(map(json.loads, output.splitlines()))
     assert errors.startswith(f"loading {model}\nmodel: kernel")
     (tmp_path / "grasp.csv").write_text("\n".join(GRASP) + "\n")
     with (tmp_path / "grasp.csv").open() as file:
-        done = subprocess.run(
+        result = subprocess.run(
             [sys.executable, "-m", "tactile_viewgcn", "live", str(model), "--json"],
             env=os.environ | {"PYTHONPATH": str(ROOT)},
             stdin=file,
@@ -340,7 +371,7 @@ def test_the_command_reads_a_file_with_all_its_answers_and_ends(tmp_path):
             text=True,
             check=True,
         )
-    records = list(map(json.loads, done.stdout.splitlines()))
+    records = list(map(json.loads, result.stdout.splitlines()))
     assert sum(record["state"] == "answer" for record in records) == 8
     # a file has no rate
     assert all(record["seconds"] is None and record["time"] is None for record in records)
@@ -348,16 +379,16 @@ def test_the_command_reads_a_file_with_all_its_answers_and_ends(tmp_path):
 
 
 def test_a_closed_standard_input_is_said(tmp_path):
-    done = subprocess.run(
+    result = subprocess.run(
         ["sh", "-c", f"{sys.executable} -m tactile_viewgcn live {tmp_path / 'model.pt'} <&-"],
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         check=False,
     )
-    assert done.returncode == 1
-    assert done.stderr.startswith("Error: standard input is closed; expected lines of numbers")
-    assert len(done.stderr.splitlines()) == 1
+    assert result.returncode == 1
+    assert result.stderr.startswith("Error: standard input is closed; expected lines of numbers")
+    assert len(result.stderr.splitlines()) == 1
 
 
 SLOW_MODEL = """
@@ -394,9 +425,11 @@ def test_ctrl_c_while_the_model_is_loaded_has_its_exit_code():
 
 
 @pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=["Ctrl-C", "SIGTERM"]
+    ("signal_number", "code"),
+    [(signal.SIGINT, 130), (signal.SIGTERM, 143)],
+    ids=["Ctrl-C", "SIGTERM"],
 )
-def test_a_second_signal_ends_a_command_whose_answers_nobody_reads(tmp_path, number, code):
+def test_a_second_signal_ends_a_command_whose_answers_nobody_reads(tmp_path, signal_number, code):
     lines = tmp_path / "grasps.csv"
     lines.write_text("\n".join(GRASP * 60) + "\n")  # more answers than a pipe holds
     model = model_file(tmp_path / "classifier.pt")
@@ -411,10 +444,10 @@ def test_a_second_signal_ends_a_command_whose_answers_nobody_reads(tmp_path, num
     try:
         assert process.stdout.readline()
         time.sleep(3)  # the pipe is full
-        process.send_signal(number)
+        process.send_signal(signal_number)
         time.sleep(1)
         assert process.poll() is None
-        process.send_signal(number)
+        process.send_signal(signal_number)
         assert process.wait(timeout=20) == code
     finally:
         process.kill()
@@ -434,11 +467,11 @@ def test_a_terminal_shows_a_line_in_place_and_is_no_input(tmp_path):
     master, slave = os.openpty()
     environment = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "80", "PYTHONUTF8": "1"}
     words = [sys.executable, "-m", "tactile_viewgcn", "live", str(path)]
-    done = subprocess.run(
+    refused = subprocess.run(
         words, env=environment, stdin=slave, capture_output=True, text=True, check=False
     )
-    assert done.returncode == 1 and len(done.stderr.splitlines()) == 1
-    assert "standard input is a terminal" in done.stderr
+    assert refused.returncode == 1 and len(refused.stderr.splitlines()) == 1
+    assert "standard input is a terminal" in refused.stderr
     subprocess.run(
         words,
         env=environment,

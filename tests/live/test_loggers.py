@@ -1,4 +1,4 @@
-"""Runs the manual's programs for a serial port and for UDP with what they are made for."""
+"""The manual's programs for a serial port and for UDP print the lines that a glove sends."""
 
 import os
 import re
@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 PAGE = Path(__file__).parents[2] / "docs" / "live.md"
-FRAMES = [",".join(str(500 + frame + sensor) for sensor in range(1024)) for frame in range(20)]
+FIRST_READINGS = range(500, 520)  # of the frames
+FRAMES = [",".join(map(str, range(first, first + 1024))) for first in FIRST_READINGS]
 LOCAL_MODES = 3  # index into what tcgetattr returns
 
 
@@ -23,17 +24,15 @@ def begun(library, folder, *words):
     programs = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.MULTILINE | re.DOTALL)
     (program,) = (text for text in programs if f"\nimport {library}\n" in text)
     (folder / "program.py").write_text(program)
-    return subprocess.Popen(
-        [sys.executable, str(folder / "program.py"), *words],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    command = [sys.executable, str(folder / "program.py"), *words]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True)
 
 
 def has_printed(process, seconds):
-    """Return whether the program prints within this number of seconds; earlier output was read
-    before.
+    """Return whether the program prints within some seconds.
+
+    The output so far must have been read.
     """
     return bool(select.select([process.stdout], [], [], seconds)[0])
 
@@ -46,7 +45,7 @@ def until_heard(process, send):
 
 
 def check_end(process):
-    """Ctrl-C ends the program without a message."""
+    """Check that Ctrl-C ends the program without a message."""
     process.send_signal(signal.SIGINT)
     assert process.stderr.read() == "" and process.wait() == -signal.SIGINT
 

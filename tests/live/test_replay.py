@@ -1,4 +1,4 @@
-"""The command `replay`: its lines, its clock, and how it ends."""
+"""The command `replay` prints a recording's lines at their times, and ends quietly."""
 
 import os
 import signal
@@ -25,7 +25,7 @@ LOGGED = """timestamp,thumb,index
 
 
 class Clock:
-    """Replaces the module `time`; sleeping lets the time pass at once."""
+    """A replacement of the module `time`, in which a sleep takes no time."""
 
     def __init__(self):
         self.now = 100.0
@@ -41,14 +41,16 @@ def played(source, monkeypatch, *, speed=1.0, name=None):
     """Return the lines of a recording, the seconds at which they were printed, and the note."""
     clock = Clock()
     monkeypatch.setattr(module, "time", clock)
-    lines, seconds, notes = [], [], []
+    lines = []
+    seconds = []
+    notes = []
 
-    def out(line):
+    def print_line(line):
         lines.append(line)
         seconds.append(clock.now - 100)
 
     form = Form(labelled=False)
-    replay(str(source), form, name=name, speed=speed, out=out, note=notes.append)
+    replay(str(source), form, name=name, speed=speed, out=print_line, note=notes.append)
     return lines, seconds, notes
 
 
@@ -66,7 +68,8 @@ def test_a_table_with_names_begins_with_them_and_keeps_its_numbers_and_its_pace(
     assert seconds == [0, 0, 0.5, 2]
     assert notes == ["1: 3 frames by their times, about 1 a second"]
     _, seconds, notes = played(tmp_path / "1.csv", monkeypatch, speed=4)
-    assert seconds == [0, 0, 0.125, 0.5] and notes[0].endswith(", 4 times as fast")
+    assert seconds == [0, 0, 0.125, 0.5]
+    assert notes[0].endswith(", 4 times as fast")
     _, seconds, notes = played(tmp_path / "1.csv", monkeypatch, speed=0)
     assert seconds == [0] * 4 and notes == ["1: 3 frames as fast as possible"]
 
@@ -94,7 +97,8 @@ def test_numbers_in_single_precision_are_read_back_as_they_were(tmp_path, monkey
     save(tmp_path / "1.npy", counts)
     lines, _, _ = played(tmp_path / "1.npy", monkeypatch, speed=0)
     read = np.array([line.split(",") for line in lines], dtype=np.float32)
-    assert (read == counts[:, 0]).all() and max(map(len, lines[0].split(","))) < 14
+    assert (read == counts[:, 0]).all()
+    assert max(map(len, lines[0].split(","))) < 14
 
 
 def test_a_slow_reader_costs_the_wait_and_no_frame(tmp_path, monkeypatch):
@@ -103,18 +107,18 @@ def test_a_slow_reader_costs_the_wait_and_no_frame(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "time", clock)
     seconds = []
 
-    def out(line):
+    def print_line(line):
         seconds.append(clock.now - 100)
-        clock.now += 0.75  # the reader's
+        clock.now += 0.75  # the reader takes that long
 
     form = Form(labelled=False)
-    replay(str(tmp_path / "1.csv"), form, name=None, speed=1, out=out, note=str)
+    replay(str(tmp_path / "1.csv"), form, name=None, speed=1, out=print_line, note=str)
     assert seconds == [0, 0.75, 1.5, 2.75]
 
 
 def test_of_several_recordings_one_has_to_be_named(tmp_path, monkeypatch):
-    for number in range(3):
-        save(tmp_path / "mug" / f"{number}.npy", np.full((2, 2, 2), number, dtype=np.int16))
+    for index in range(3):
+        save(tmp_path / "mug" / f"{index}.npy", np.full((2, 2, 2), index, dtype=np.int16))
     with pytest.raises(UserError, match=r"3 recordings; expected --name of mug/0, mug/1, mug/2"):
         played(tmp_path, monkeypatch)
     with pytest.raises(UserError, match="no recording 4; expected --name of mug/0, mug/1, mug/2"):

@@ -1,4 +1,4 @@
-"""The lines of the input: their parts, their times and their longest length."""
+"""The lines of the input are joined from parts, and have times and a longest length."""
 
 import time
 
@@ -17,6 +17,7 @@ def read(parts, pause=0.0):
 
 
 def lines_of(source):
+    """Return all lines of the input."""
     lines = []
     while not source.has_ended:
         line = source.next(0.2)

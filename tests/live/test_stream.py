@@ -1,4 +1,4 @@
-"""A stream's answers: the same as of `predict`, early and final answers, and why there is none."""
+"""A stream has early and final answers, equal to the answers of `predict`, or a reason for none."""
 
 import tracemalloc
 from dataclasses import replace
@@ -36,10 +36,12 @@ def answered(stream, frames, **options):
 
 
 def states(updates):
+    """Return the states of updates."""
     return [update.state for update in updates]
 
 
 def finals(updates):
+    """Return the updates that are final answers."""
     return [update for update in updates if update.state == "final"]
 
 
@@ -50,7 +52,8 @@ def test_a_grasp_after_an_open_hand_has_the_final_probabilities_of_predict(name,
     frames = recording(name, 100)
     (final,) = finals(answered(model.stream(), frames))
     expected = answer_of(model, frames)
-    assert final.frames == expected.contact == 20
+    assert final.frames == 20
+    assert expected.contact == 20
     np.testing.assert_allclose(final.probabilities, expected.probabilities, atol=2e-6)
     assert final.object == model.classes[int(expected.probabilities.argmax())]
     assert final.probability == final.probabilities.max()
@@ -75,13 +78,12 @@ def test_states_answers_frames_and_seconds_of_two_grasps():
     expected = ["waiting", "ready", *grasp, *5 * ["answer"], "final", "ready"]
     assert states(updates) == [*expected, *grasp, *3 * ["answer"], "final", "ready"]
     assert [update.frame for update in updates][:4] == [0, 4, 12, 12]
-    assert [update.frames for update in updates if update.state == "answer"] == [
-        *range(1, 7),
-        *range(1, 5),
-    ]
+    answered_frames = [update.frames for update in updates if update.state == "answer"]
+    assert answered_frames == [*range(1, 7), *range(1, 5)]
     first, second = finals(updates)
     assert (first.object, first.frames, first.frame) == ("cup", 6, 12 + 6 + 4)
-    assert first.time == pytest.approx(7 + 2.2) and first.seconds == pytest.approx(0.5)
+    assert first.time == pytest.approx(7 + 2.2)
+    assert first.seconds == pytest.approx(0.5)
     assert (second.object, second.frames) == ("pen", 4)
     assert second.seconds == pytest.approx(0.3)
     assert all(update.note == "" for update in updates)
@@ -92,7 +94,8 @@ def test_states_answers_frames_and_seconds_of_two_grasps():
 def test_the_class_has_the_stream_of_its_recogniser(tmp_path):
     recogniser().content.write(tmp_path / "classifier.pt")
     stream = TactileClassifier.load(tmp_path / "classifier.pt").stream(sure=0.9, every=2)
-    assert isinstance(stream, LiveStream) and stream.classes == ["ball", "cup", "pen"]
+    assert isinstance(stream, LiveStream)
+    assert stream.classes == ["ball", "cup", "pen"]
     assert finals(answered(stream, recording("ball", 104)))[0].object == "ball"
 
 
@@ -108,11 +111,8 @@ def test_an_answer_that_is_sure_closes_the_grasp_until_the_hand_opens():
     sure = sorted(probabilities)[10]
     first = int(np.argmax(np.array(probabilities) >= sure))
     updates = answered(recogniser().stream(sure=sure), frames)
-    assert states(updates)[: first + 5] == [
-        *("waiting", "ready", "contact"),
-        *first * ["answer"],
-        *("final", "waiting"),
-    ]
+    expected = ["waiting", "ready", "contact", *first * ["answer"], "final", "waiting"]
+    assert states(updates)[: first + 5] == expected
     early = finals(updates)[0]
     assert (early.object, early.frame, early.frames) == ("cup", 30 + first, first + 1)
     assert early.probability >= sure and "closed early" in early.note
@@ -125,12 +125,13 @@ def test_an_answer_that_is_sure_closes_the_grasp_until_the_hand_opens():
 def test_answers_come_every_few_frames_and_those_that_are_not_wanted_are_counted():
     frames = recording("cup", 107, before=12, held=10)
     updates = answered(recogniser().stream(every=4), frames)
-    assert [u.frames for u in updates if u.state == "answer"] == [1, 5, 9]
+    assert [update.frames for update in updates if update.state == "answer"] == [1, 5, 9]
     stream = recogniser().stream()
     updates = []
-    for number, counts in enumerate(frames):
-        updates += stream.push(counts, answer=number in (14, 15))
-    assert [u.frames for u in updates if u.state == "answer"] == [3, 4] and stream.skipped == 8
+    for index, counts in enumerate(frames):
+        updates += stream.push(counts, answer=index in (14, 15))
+    assert [update.frames for update in updates if update.state == "answer"] == [3, 4]
+    assert stream.skipped == 8
     (final,) = finals(updates)
     (expected,) = finals(answered(recogniser().stream(), frames))
     np.testing.assert_allclose(final.probabilities, expected.probabilities, atol=1e-6)
@@ -152,7 +153,8 @@ def test_the_end_of_the_input_in_a_grasp_is_its_end_and_the_next_frame_begins_an
     frames = recording("cup", 110, after=0)
     updates = answered(stream, frames)
     assert states(updates)[-2:] == ["answer", "final"]
-    assert updates[-1].note == "the input ended in the grasp" and updates[-1].object == "cup"
+    assert updates[-1].note == "the input ended in the grasp"
+    assert updates[-1].object == "cup"
     np.testing.assert_array_equal(updates[-1].probabilities, updates[-2].probabilities)
     # with another baseline, as of another glove
     updates = answered(stream, recording("pen", 111, after=0) + np.int16(9))
@@ -162,13 +164,15 @@ def test_the_end_of_the_input_in_a_grasp_is_its_end_and_the_next_frame_begins_an
 
 
 def test_what_reads_as_little_as_an_empty_hand_has_no_answer():
-    """The touch has ten counts; in the training the weakest object presses by more than thirty."""
+    """The touch adds seven counts. In training, the weakest object adds more than thirty."""
     frames = empty_hand(112)
     frames[20:26, pressed("pen")] += 7
     updates = answered(recogniser().stream(), frames)
     assert states(updates) == ["waiting", "ready", "contact", "final", "ready"]
     (final,) = finals(updates)
-    assert final.object is None and final.probabilities is None and final.note == TOO_WEAK
+    assert final.object is None
+    assert final.probabilities is None
+    assert final.note == TOO_WEAK
 
 
 def test_a_hand_that_closes_slowly_is_answered_as_soon_as_it_presses():
@@ -186,10 +190,11 @@ def test_readings_far_stronger_than_in_the_training_are_said_once_in_the_grasp_a
     updates = answered(recogniser().stream(), frames)
     assert states(updates) == ["waiting", "ready", "contact", "contact", "final", "ready"]
     for update in (updates[3], updates[4]):
-        assert update.object is None and "is the glove or the unit a different one?" in update.note
+        assert update.object is None
+        assert "is the glove or the unit a different one?" in update.note
     # the next grasp is answered
-    more = recogniser().stream()
-    updates = answered(more, np.concatenate([frames, recording("pen", 115, before=0)]))
+    two_grasps = np.concatenate([frames, recording("pen", 115, before=0)])
+    updates = answered(recogniser().stream(), two_grasps)
     assert finals(updates)[1].object == "pen"
 
 
@@ -218,10 +223,11 @@ def test_channels_without_an_open_hand_are_one_grasp_of_at_most_so_many_frames()
     updates = answered(model.stream(longest=10), frames)
     grasp = ["contact", *9 * ["answer"], "final", "ready"]
     assert states(updates) == [*grasp, *grasp, "contact", *5 * ["answer"], "final"]
-    expected = answer_of(model, frames[:10])
-    np.testing.assert_allclose(finals(updates)[0].probabilities, expected.probabilities, atol=2e-6)
-    expected = answer_of(model, frames[20:])
-    np.testing.assert_allclose(finals(updates)[2].probabilities, expected.probabilities, atol=2e-6)
+    first, _, third = finals(updates)
+    expected = answer_of(model, frames[:10]).probabilities
+    np.testing.assert_allclose(first.probabilities, expected, atol=2e-6)
+    expected = answer_of(model, frames[20:]).probabilities
+    np.testing.assert_allclose(third.probabilities, expected, atol=2e-6)
 
 
 @pytest.mark.parametrize(
@@ -242,10 +248,10 @@ def test_a_frame_that_is_none_is_refused_and_nothing_of_it_is_taken(frames, mess
     updates = stream.push(whole[:3])
     with pytest.raises(UserError, match=message):
         stream.push(frames)
+    infinite = whole[:4].astype(float)
+    infinite[1, 2, 1] = np.inf
     with pytest.raises(UserError, match=r"frame 4: the sensor in row 3, column 2 reads inf"):
-        many = whole[:4].astype(float)
-        many[1, 2, 1] = np.inf
-        stream.push(many)
+        stream.push(infinite)
     with pytest.raises(UserError, match=r"time has shape \(2,\); expected \(3,\)"):
         stream.push(whole[:3], [1.0, 2.0])
     updates += stream.push(whole[3:].astype(float))
@@ -266,7 +272,8 @@ def test_where_every_frame_counts_each_is_of_an_answered_grasp(longest):
     parts = [range(28)[first : first + longest] for first in range(0, 28, longest)]
     assert [final.frames for final in grasps] == [len(part) for part in parts]
     assert states(updates).count("contact") == len(grasps)
-    assert states(updates)[0] == "waiting" and states(updates).count("waiting") == 1
+    assert states(updates)[0] == "waiting"
+    assert states(updates).count("waiting") == 1
     is_held = [not set(part).isdisjoint(range(12, 20)) for part in parts]
     assert [final.object is not None for final in grasps] == is_held
 
@@ -294,10 +301,10 @@ def test_an_array_that_is_reused_for_each_frame_is_copied(dtype):
         updates += stream.push(buffer)
     expected = answered(recogniser().stream(), frames)
     assert states(updates) == states(expected)
-    np.testing.assert_array_equal(
-        finals(updates)[0].probabilities, finals(expected)[0].probabilities
-    )
-    assert finals(updates)[0].frames == 8
+    (final,) = finals(updates)
+    (expected_final,) = finals(expected)
+    np.testing.assert_array_equal(final.probabilities, expected_final.probabilities)
+    assert final.frames == 8
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What `live` shows on a terminal: one line that fits it, and a line for each final answer."""
+"""On a terminal, `live` shows one line that fits it, and a line for each final answer."""
 
 from dataclasses import replace
 
@@ -13,13 +13,14 @@ HELD = Update("answer", 41, 4.1, "mug", 0.62, np.array([0.38, 0.62], np.float32)
 
 
 def columns(text):
-    """Return the columns of a terminal that a text takes, whose letters are all wide or narrow."""
-    return sum(2 if "\u4e00" <= letter <= "\u9fff" else 1 for letter in text)
+    """Return how many columns of a terminal a text takes. Chinese letters take two."""
+    wide = [letter for letter in text if "\u4e00" <= letter <= "\u9fff"]
+    return len(text) + len(wide)
 
 
 @pytest.fixture
 def clock(monkeypatch):
-    """Replaces the module `time`; its attribute `now` is the time."""
+    """Replace the module `time`, and return the replacement, whose attribute `now` is the time."""
 
     class Clock:
         now = 100.0
@@ -33,7 +34,9 @@ def clock(monkeypatch):
 
 
 def terminal(width=80):
-    printed, errors = [], []
+    """Return a view on a terminal, and the lists of the texts that it prints and says."""
+    printed = []
+    errors = []
     view = TerminalView(printed.append, errors.append, width=lambda: width, letters="#.")
     return view, printed, errors
 
@@ -56,8 +59,8 @@ def test_a_line_has_state_object_bar_percent_and_seconds():
 @pytest.mark.parametrize("width", [80, 40, 20])
 def test_the_line_fits_the_terminal_and_ends_with_the_frames_a_second(clock, name, width):
     view, printed, _ = terminal(width)
-    for number in range(150):
-        clock.now = 100 + number / 50
+    for frame in range(150):
+        clock.now = 100 + frame / 50
         view.count_frame()
     view.show(replace(HELD, object=name), 7)
     view.draw()
@@ -70,9 +73,9 @@ def test_it_is_drawn_at_once_where_the_state_changes_and_else_twenty_times_a_sec
     view, printed, errors = terminal()
     view.show(Update("ready", 4), 5)
     view.draw()
-    for number in range(100):
-        clock.now = 200 + number / 1000
-        view.show(HELD, 6 + number)
+    for frame in range(100):
+        clock.now = 200 + frame / 1000
+        view.show(HELD, 6 + frame)
         view.draw()
     assert len(printed) == 1 + 2
     clock.now += 0.01
@@ -89,7 +92,9 @@ def test_the_lines_of_final_answers_stay(clock):
     view.show(replace(HELD, state="final", note="the input ended in the grasp " * 3), 6)
     view.end()
     final = printed[1].removeprefix(CLEAR)
-    assert final.startswith("final    mug") and final.endswith("\n") and len(final) <= 80
+    assert final.startswith("final    mug")
+    assert final.endswith("\n")
+    assert len(final) <= 80
     assert printed[2:] == ["\r\x1b[K"]  # to the beginning of the line, which is cleared
 
 
@@ -102,4 +107,6 @@ def test_json_has_letters_of_a_terminal_escaped():
     printed = []
     view = JsonView(printed.append, printed.append, ["a", "m\x1b\nü"])
     view.show(replace(HELD, object="m\x1b\nü"), 3)
-    assert printed[0].count("\n") == 1 and "\x1b" not in printed[0] and printed[0].isascii()
+    assert printed[0].count("\n") == 1
+    assert "\x1b" not in printed[0]
+    assert printed[0].isascii()

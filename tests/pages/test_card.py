@@ -77,7 +77,7 @@ def a_run(*, notes=(), live=(), names=OBJECTS, metrics=None, **changes):
         notes: notes of the preprocessing.
         live: errors of the recordings as a stream.
         names: the objects.
-        metrics: metrics that the run has too or otherwise.
+        metrics: metrics that are added or replaced.
         changes: parameters of other values.
     """
     labels = np.repeat(np.arange(3), 4)

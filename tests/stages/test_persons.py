@@ -43,8 +43,8 @@ def write_glove(folder, layout, *, unlike=1.0):
         offset = 300 + unlike * rng.normal(0, 60, 5)
         gain = 250 + unlike * rng.normal(0, 75, 5)
         for label, repeat in np.ndindex(len(GESTURES), REPEATS):
-            bend = bends[label] * rise * rng.uniform(0.8, 1.2)
-            counts = offset + gain * bend + rng.normal(0, 6, (20, 5))
+            signal = gain * bends[label] * rise * rng.uniform(0.8, 1.2)
+            counts = offset + signal + rng.normal(0, 6, (20, 5))
             path = folder / layout.format(person=person, gesture=GESTURES[label])
             save(path / f"{repeat}.npy", counts.round().astype(np.int16))
     return folder

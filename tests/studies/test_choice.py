@@ -1,4 +1,4 @@
-"""The choice between settings on validation groups."""
+"""A study chooses between settings on validation groups."""
 
 import pytest
 

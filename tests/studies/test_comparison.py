@@ -1,4 +1,4 @@
-"""The table of a study, on answers whose errors and differences are known."""
+"""The table of a study shows the errors and differences of answers that are made here."""
 
 import numpy as np
 import pandas as pd
@@ -23,7 +23,8 @@ from studies.report import each_table, write_report
 from tactile_viewgcn.evaluation.trials import TITLES, Predictions, Trials
 from tactile_viewgcn.messages import UserError
 
-LABELS, GROUPS = np.repeat([0, 1], 40), np.repeat(np.arange(8), 10)
+LABELS = np.repeat([0, 1], 40)
+GROUPS = np.repeat(np.arange(8), 10)
 COSTS = {
     "pretrain s": 2.0,
     "finetune s": 3.0,
@@ -47,14 +48,16 @@ def answers(
     machine="H100",
     **costs,
 ):
-    """Return two trials in which the first `wrong` view sets of every ten are mistaken.
+    """Return the answers of a cell, with two trials of each protocol.
 
-    They are taken for the other object.
+    The first `wrong` view sets of every ten are taken for the other object.
     """
     mistaken = np.tile(np.arange(10) < wrong, 8)
-    predicted, names = np.tile(np.where(mistaken, 1 - LABELS, LABELS), (2, 1)), groups.astype(str)
+    predicted = np.tile(np.where(mistaken, 1 - LABELS, LABELS), (2, 1))
+    names = groups.astype(str)
     trials = {
-        asked: Trials(predicted[..., None].copy(), LABELS, groups, names, 8) for asked in TITLES
+        protocol: Trials(predicted[..., None].copy(), LABELS, groups, names, 8)
+        for protocol in TITLES
     }
     predictions = Predictions(trials, np.array(["mug", "pen"]))
     cell = Cell(variant, seed, deal, fold, changes=(f"seed={seed}",), world=world)
@@ -63,24 +66,26 @@ def answers(
 
 def table(*cells, references=("a",)):
     """Return rows by variant and protocol."""
-    whole = complete(list(cells), len({each.cell.fold for each in cells}))
-    rows = rows_of(whole, references).to_dict("records")
+    folds = {cell.cell.fold for cell in cells}
+    rows = rows_of(complete(list(cells), len(folds)), references).to_dict("records")
     return {(row["variant"], row["protocol"].removesuffix(" protocol")): row for row in rows}
 
 
 def test_a_known_difference_has_its_size_and_its_interval():
-    a, b = answers("a", 1), answers("b", 3)
+    a = answers("a", 1)
+    b = answers("b", 3)
     rows = table(a, b)
     assert list(rows) == [
-        (name, asked) for asked in ("object", "recording", "whole recordings") for name in "ab"
+        *(("a", "object"), ("b", "object")),
+        *(("a", "recording"), ("b", "recording")),
+        *(("a", "whole recordings"), ("b", "whole recordings")),
     ]
-    first, second = rows["a", "recording"], rows["b", "recording"]
+    first = rows["a", "recording"]
+    second = rows["b", "recording"]
     assert (first["error"], second["error"], second["vs a more"]) == pytest.approx((10, 30, 20))
     assert first["low"] <= 10 <= first["high"]
-    assert all(
-        np.isnan(first[f"vs a {name}"])
-        for name in ("more", "low", "high", "seeds_low", "seeds_high")
-    )
+    for name in ("more", "low", "high", "seeds_low", "seeds_high"):
+        assert np.isnan(first[f"vs a {name}"])
     # b has no mistake in one group
     b.predictions.trials["recording"].best[..., 0][:, :10] = LABELS[:10]
     second = table(a, b)["b", "recording"]
@@ -99,11 +104,11 @@ def test_a_known_difference_has_its_size_and_its_interval():
     ],
 )
 def test_a_verdict_needs_both_intervals_and_trained_networks(trained, last, verdicts):
-    ours = [answers("a", 1, seed=seed) for seed in range(5)]
-    theirs = [
-        answers("b", wrong, seed=seed, trained=trained)
-        for seed, wrong in enumerate((3, 4, last, 3, 4))
-    ]
+    ours = []
+    theirs = []
+    for seed, wrong in enumerate((3, 4, last, 3, 4)):
+        ours.append(answers("a", 1, seed=seed))
+        theirs.append(answers("b", wrong, seed=seed, trained=trained))
     rows = table(*ours, *theirs, references=("a", "b"))
     assert (rows["b", "object"]["vs a verdict"], rows["a", "object"]["vs b verdict"]) == verdicts
     four = table(*ours, *theirs[:4])["b", "object"]["vs a verdict"]
@@ -118,14 +123,14 @@ def test_five_seeds_of_one_simulated_world_give_no_verdict_and_five_worlds_do():
             cells.append(answers("b", 3 + seed % 2, seed=seed, world=world))
         return table(*cells)["b", "object"]
 
-    one = rows(["16"] * 5)
-    five = rows(["101", "102", "103", "104", "105"])
-    assert (one["vs a verdict"], five["vs a verdict"]) == (ONE_WORLD, HIGHER)
-    assert one["vs a more"] == five["vs a more"] == pytest.approx(24)
+    one_world = rows(["16"] * 5)
+    five_worlds = rows(["101", "102", "103", "104", "105"])
+    assert (one_world["vs a verdict"], five_worlds["vs a verdict"]) == (ONE_WORLD, HIGHER)
+    assert one_world["vs a more"] == five_worlds["vs a more"] == pytest.approx(24)
     # Groups of two worlds are different groups. So 40 groups have differences of 20 or 30 points,
     # and in one world 8 groups have 24 points each.
-    assert (one["vs a low"], one["vs a high"]) == pytest.approx((24, 24))
-    assert 22 < five["vs a low"] < 24 < five["vs a high"] < 26
+    assert (one_world["vs a low"], one_world["vs a high"]) == pytest.approx((24, 24))
+    assert 22 < five_worlds["vs a low"] < 24 < five_worlds["vs a high"] < 26
 
 
 def test_trainings_are_paired_on_one_kind_of_machine():
@@ -138,21 +143,23 @@ def test_trainings_are_paired_on_one_kind_of_machine():
     row = table(*cells)["b", "recording"]
     assert (row["runs"], row["error"], row["machine"]) == (2, pytest.approx(30), "H100, EPYC")
     assert row["vs a more"] == pytest.approx(10)
-    at = [{"fold": fold, "groups": GROUPS + 8 * fold} for fold in (0, 1)]
-    folds = [answers("b", 4, machine="EPYC", **at[0]), answers("b", 4, **at[1])]
-    row = table(*folds, *(answers("a", 1, **each) for each in at))["b", "recording"]
-    # the folds of this training run are from two machines
-    assert row["error"] == pytest.approx(40) and np.isnan(row["vs a more"])
+    second_fold = {"fold": 1, "groups": GROUPS + 8}
+    ours = [answers("a", 1), answers("a", 1, **second_fold)]
+    theirs = [answers("b", 4, machine="EPYC"), answers("b", 4, **second_fold)]
+    row = table(*theirs, *ours)["b", "recording"]
+    assert row["error"] == pytest.approx(40)
+    assert np.isnan(row["vs a more"])  # the folds of b are from two machines
 
 
 def test_a_small_group_counts_as_much_as_a_large_one():
-    # a group of 10 anchors, 9 of them wrong, and a group of 70, 7 of them wrong
+    # one group has 10 anchors, 9 of them wrong, and the other has 70, 7 of them wrong
     groups = np.where(np.arange(80) < 10, 0, 1)
     worse = answers("b", 1, groups=groups)
     worse.predictions.trials["recording"].best[..., 0][:, 1:9] = 1 - LABELS[1:9]
     row = table(worse, answers("a", 0, groups=groups))["b", "recording"]
-    assert row["error"] == row["vs a more"] == pytest.approx((90 + 10) / 2)
-    # the ends are draws of the same group twice
+    assert row["error"] == pytest.approx((90 + 10) / 2)
+    assert row["vs a more"] == row["error"]
+    # at the ends of the interval, one group is drawn twice
     assert (row["vs a low"], row["vs a high"]) == pytest.approx((10, 90))
 
 
@@ -163,13 +170,15 @@ def test_the_interval_over_seeds_is_students_and_needs_three_seeds_of_one_deal()
     # standard deviation of errors of 20, 40 and 30
     assert (versus["runs"], versus["std"]) == (3, pytest.approx(10))
     # the 97.5 % point for two degrees of freedom, of differences of 10, 30 and 20 points
-    half = 4.3027 * 10 / 3**0.5
-    assert (versus["vs a seeds_low"], versus["vs a seeds_high"]) == pytest.approx(
-        (20 - half, 20 + half), rel=1e-3
-    )
+    half_width = 4.3027 * 10 / 3**0.5
+    assert versus["vs a seeds_low"] == pytest.approx(20 - half_width, rel=1e-3)
+    assert versus["vs a seeds_high"] == pytest.approx(20 + half_width, rel=1e-3)
     assert np.isnan(table(*cells[:-1])["b", "object"]["vs a seeds_low"])
-    dealt = [answers(name, 1, seed=seed, deal=seed % 2) for name in "ab" for seed in range(4)]
-    assert np.isnan(table(*dealt)["b", "object"]["vs a seeds_low"])
+    two_deals = []
+    for seed in range(4):
+        two_deals.append(answers("a", 1, seed=seed, deal=seed % 2))
+        two_deals.append(answers("b", 1, seed=seed, deal=seed % 2))
+    assert np.isnan(table(*two_deals)["b", "object"]["vs a seeds_low"])
 
 
 def test_folds_stand_side_by_side_and_costs_are_those_of_the_cheapest_whole_training():
@@ -179,32 +188,33 @@ def test_folds_stand_side_by_side_and_costs_are_those_of_the_cheapest_whole_trai
     assert (row["runs"], row["error"]) == (1, pytest.approx(20))
     costs = COSTS | {"pretrain s": 4.0, "finetune s": 6.0, "peak MB": 300.0}
     assert {name: row[name] for name in COSTS} == costs
-    row = table(
-        *(answers("a", 1, seed=seed, **{"finetune s": 9.0 - 2 * seed}) for seed in (0, 2, 1))
-    )["a", "object"]
-    assert row["finetune s"] == 5.0
+    seconds = {0: 9.0, 2: 5.0, 1: 7.0}
+    runs = [answers("a", 1, seed=seed, **{"finetune s": seconds[seed]}) for seed in seconds]
+    assert table(*runs)["a", "object"]["finetune s"] == 5.0
     for part in ([answers("a", 1), answers("b", 1, fold=1)], [answers("a", 1)]):
         with pytest.raises(UserError, match="all 2 folds"):
             complete(part, 2)
 
 
 def dealt(variant, wrong, deals):
-    """Return answers in which each deal orders the eight groups differently.
+    """Yield the answers of each deal, in which the eight groups are ordered differently.
 
-    One group has no mistakes.
+    Group 0 has no mistakes.
     """
     for deal in range(deals):
         groups = np.repeat(np.random.default_rng(deal).permutation(8), 10)
-        one = answers(variant, wrong, deal=deal, groups=groups)
-        one.predictions.trials["recording"].best[..., 0][:, groups == 0] = LABELS[groups == 0]
-        yield one
+        dealt_answers = answers(variant, wrong, deal=deal, groups=groups)
+        dealt_answers.predictions.trials["recording"].best[..., 0][:, groups == 0] = LABELS[
+            groups == 0
+        ]
+        yield dealt_answers
 
 
 def test_a_group_is_one_unit_in_all_deals():
-    once, five = (table(*dealt("a", 0, n), *dealt("b", 4, n))["b", "recording"] for n in (1, 5))
-    assert (five["runs"], five["error"]) == (5, pytest.approx(35)) and once[
-        "error"
-    ] == pytest.approx(35)
+    once = table(*dealt("a", 0, 1), *dealt("b", 4, 1))["b", "recording"]
+    five = table(*dealt("a", 0, 5), *dealt("b", 4, 5))["b", "recording"]
+    assert (five["runs"], five["error"]) == (5, pytest.approx(35))
+    assert once["error"] == pytest.approx(35)
     # with forty groups instead of eight the interval would be narrower
     assert five["vs a low"] == pytest.approx(once["vs a low"], abs=1e-9)
 
@@ -216,31 +226,25 @@ def test_other_view_sets_are_not_compared():
 
 
 def test_the_pareto_front_holds_what_nothing_beats():
-    costs, errors = np.array([[4, 1, 2, 3, 2, 2, np.nan, 0], [10, 40, 20, 20, 30, 20, 0, np.nan]])
-    assert pareto_front(costs, errors).tolist() == [
-        1,
-        2,
-        5,
-        0,
-    ]  # a point and an equal point are both there
+    costs = np.array([4, 1, 2, 3, 2, 2, np.nan, 0])
+    errors = np.array([10, 40, 20, 20, 30, 20, 0, np.nan])
+    # points 2 and 5 are equal, and both are there
+    assert pareto_front(costs, errors).tolist() == [1, 2, 5, 0]
 
 
 def test_a_reference_of_a_crossed_study_stands_for_the_variant_in_the_same_place():
     rows = table(
-        *(answers("a / 1 recording", 4), answers("b / 1 recording", 3)),
-        *(
-            answers("a / 8 recordings", 0),
-            answers("b / 8 recordings", 2),
-            answers("b / 9 recordings", 2),
-        ),
+        answers("a / 1 recording", 4),
+        answers("b / 1 recording", 3),
+        answers("a / 8 recordings", 0),
+        answers("b / 8 recordings", 2),
+        answers("b / 9 recordings", 2),
     )
     more = {
         name: row["vs a more"] for (name, protocol), row in rows.items() if protocol == "object"
     }
-    assert all(
-        np.isnan(more.pop(name))
-        for name in ("a / 1 recording", "a / 8 recordings", "b / 9 recordings")
-    )
+    for name in ("a / 1 recording", "a / 8 recordings", "b / 9 recordings"):
+        assert np.isnan(more.pop(name))
     assert more == {"b / 1 recording": pytest.approx(-10), "b / 8 recordings": pytest.approx(20)}
 
 
@@ -262,14 +266,13 @@ def test_the_detectable_difference_is_the_half_width_of_the_widest_paired_interv
         row(-9.0, 9.0) | {"vs a verdict": UNTRAINED},
     ]
     protocol = "recording"
-    assert all(
-        words in power(pd.DataFrame(rows), protocol, 8)
-        for words in ("3.0 points over 8 split groups", "below 5")
-    )
+    text = power(pd.DataFrame(rows), protocol, 8)
+    assert "3.0 points over 8 split groups" in text
+    assert "below 5" in text
     text = power(pd.DataFrame([*rows, row(-2.0, 12.0, seeds=10.0)]), protocol, 8)
-    assert all(
-        words in text for words in ("7.0 points over 8", "10.0 points over seeds", "above 5")
-    )
+    assert "7.0 points over 8" in text
+    assert "10.0 points over seeds" in text
+    assert "above 5" in text
     assert "no detectable difference" in power(pd.DataFrame(rows[:2]), protocol, 8)
 
 
@@ -277,12 +280,11 @@ def test_the_detectable_difference_is_the_half_width_of_the_widest_paired_interv
 def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_missing(
     tmp_path, picture
 ):
-    folds = [{"fold": fold, "groups": GROUPS + 8 * fold} for fold in (0, 1)]
-    cells = [
-        each
-        for at in folds
-        for each in (answers("a", 1, **at), answers("b", 3, trained=False, **at))
-    ]
+    cells = []
+    for fold in (0, 1):
+        groups = GROUPS + 8 * fold
+        cells.append(answers("a", 1, fold=fold, groups=groups))
+        cells.append(answers("b", 3, trained=False, fold=fold, groups=groups))
     settings = {
         "reference": "a",
         "primary": "object",
@@ -296,12 +298,12 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
     pictures = {"results.png"} if picture else set()
     assert {file.name for file in tmp_path.glob("*.png") if file.stat().st_size > 1000} == pictures
     rows = pd.read_csv(tmp_path / "results.csv")
-    assert len(rows) == 3 * 2 and "finetune s" in rows and "peak MB" not in rows
+    assert len(rows) == 3 * 2
+    assert "finetune s" in rows
+    assert "peak MB" not in rows
     assert rows["vs a more"].iloc[-1] == pytest.approx(20)
-    assert (
-        "| b †       | 30.0 (" in text
-        and "| 20.0 (20.0 to 20.0) | not trained to its end |" in text
-    )
+    assert "| b †       | 30.0 (" in text
+    assert "| 20.0 (20.0 to 20.0) | not trained to its end |" in text
     assert "Missing training runs: a 1 of 2, b 1 of 2." in text
     for words in (
         "`split.by=grasp`",

@@ -1,5 +1,6 @@
-"""The cells of a study's file, and their keys."""
+"""A study's file has cells, and each cell has a key."""
 
+from collections import Counter
 from dataclasses import replace
 from itertools import product
 
@@ -31,28 +32,28 @@ LEAST = {
 
 @pytest.fixture
 def study(tmp_path, monkeypatch):
-    """Make a study of these keys, and of the least of the others."""
+    """Return a function that makes a study with some keys, and with the fewest other keys."""
     monkeypatch.setattr(grid, "FOLDER", tmp_path)
 
-    def made(**keys):
+    def make(**keys):
         (tmp_path / "made.yaml").write_text(yaml.safe_dump(LEAST | keys, sort_keys=False))
         return read_study("made")
 
-    return made
+    return make
 
 
 def test_cells_are_every_variant_from_every_seed_on_every_fold(study):
-    grid_of = {
-        "variants": {"a": {"views": 4}, "b": {"views": 2}},
-        "cross": [{"x": {"cluster.restarts": 1}, "y": {}}],
-    }
-    once = {"seeds": [3, 5], "folds": [0, 1], "one_seed": ["b / x"]}
-    made = study(set={"split.by": "recording"}, **grid_of, **once)
-    counted = [(cell.variant, cell.seed) for cell in made.cells()]
-    crossed = product(("a / x", "a / y", "b / x", "b / y"), (3, 5))
-    assert {each: counted.count(each) for each in counted} == {
-        each: 2 for each in crossed if each != ("b / x", 5)
-    }
+    example = study(
+        set={"split.by": "recording"},
+        variants={"a": {"views": 4}, "b": {"views": 2}},
+        cross=[{"x": {"cluster.restarts": 1}, "y": {}}],
+        seeds=[3, 5],
+        folds=[0, 1],
+        one_seed=["b / x"],
+    )
+    counts = Counter((cell.variant, cell.seed) for cell in example.cells())
+    runs = set(product(("a / x", "a / y", "b / x", "b / y"), (3, 5))) - {("b / x", 5)}
+    assert counts == dict.fromkeys(runs, 2)
     changes = (
         "split.by=recording",
         "glove.seed=3",
@@ -62,22 +63,20 @@ def test_cells_are_every_variant_from_every_seed_on_every_fold(study):
         "split.deal=0",
         "split.fold=0",
     )
-    first = made.cells()[0]
-    assert replace(first, changes=first.changes[-7:]) == Cell(
-        variant="a / x", seed=3, deal=0, fold=0, changes=changes, world="3"
-    )
+    first = example.cells()[0]
+    expected = Cell(variant="a / x", seed=3, deal=0, fold=0, changes=changes, world="3")
+    assert replace(first, changes=first.changes[-7:]) == expected
 
 
 def test_every_variant_is_trained_on_each_fold_of_each_deal_deal_by_deal(study):
     variants = {"a": {}, "b": {"preset": "network", "pretrain.epochs": 2}}
-    made = study(variants=variants, folds="all", deals=[0, 3], set={"split.folds": 2})
-    assert [(cell.deal, cell.variant, cell.fold) for cell in made.cells()] == list(
-        product([0, 3], "ab", [0, 1])
-    )
-    changes = made.cells()[-1].changes  # the changes of the preset, then the later ones
+    example = study(variants=variants, folds="all", deals=[0, 3], set={"split.folds": 2})
+    order = [(cell.deal, cell.variant, cell.fold) for cell in example.cells()]
+    assert order == list(product([0, 3], "ab", [0, 1]))
+    changes = example.cells()[-1].changes  # the changes of the preset, then the later ones
     assert "split.deal=3" in changes and "model.system=vote" in changes
     assert changes.index("pretrain.epochs=8") < changes.index("pretrain.epochs=2")
-    grasps = made.cells(("split.folds=6", "split.by=grasp"))
+    grasps = example.cells(("split.folds=6", "split.by=grasp"))
     assert len(grasps) == 2 * 2 * 6
     assert grasps[-1].changes[-5:] == (
         "split.folds=6",
@@ -110,8 +109,8 @@ def test_a_mistake_in_the_file_is_named(study, tree, word):
 
 
 def test_a_seed_is_a_world_too_unless_the_study_names_one(study, tmp_path):
-    def worlds(made, on_top=()):
-        cells = made.cells(on_top)
+    def worlds(example, on_top=()):
+        cells = example.cells(on_top)
         values = [default_params(cell.changes).glove.seed for cell in cells]
         seeds = [default_params(cell.changes).seed for cell in cells]
         return seeds, values, [cell.world for cell in cells]
@@ -141,33 +140,37 @@ CHOICE = {
 
 
 def test_choices_are_made_on_validation_groups_and_what_is_chosen_is_tested(study):
-    made = study(**CHOICE)
+    example = study(**CHOICE)
 
-    def asked(cells):
-        params = [default_params(cell.changes) for cell in cells]
-        sides = [(one.evaluate.side, one.finetune.lr, one.views) for one in params]
-        return dict(zip([cell.variant for cell in cells], sides, strict=True))
+    def settings_of(cells):
+        settings = {}
+        for cell in cells:
+            params = default_params(cell.changes)
+            settings[cell.variant] = (params.evaluate.side, params.finetune.lr, params.views)
+        return settings
 
-    assert asked(made.candidates().cells()) == {
+    assert settings_of(example.candidates().cells()) == {
         "mean, slow": ("validation", 0.1, 4),
         "mean, fast": ("validation", 0.2, 4),
     }
     unchanged = default_params().finetune.lr
-    assert asked(made.chosen({"mean": "fast"}).cells()) == {
+    assert settings_of(example.chosen({"mean": "fast"}).cells()) == {
         "vote": ("test", unchanged, 8),
         "mean": ("test", 0.2, 4),
     }
-    assert list(asked(made.chosen({}).cells())) == ["vote"]
+    assert list(settings_of(example.chosen({}).cells())) == ["vote"]
 
 
 @pytest.mark.parametrize("name", names())
 def test_every_study_has_parameters_that_pass_all_checks_and_no_training_twice(name):
     cells = read_study(name).cells()
-    assert 2 <= len({key_of(cell, "code") for cell in cells}) == len(cells)
+    assert len(cells) >= 2
+    assert len({key_of(cell, "code") for cell in cells}) == len(cells)
 
 
 def test_a_cell_is_known_by_its_parameters_and_code():
-    default, same = cell_of("views=8"), cell_of(variant="b")
+    default = cell_of("views=8")
+    same = cell_of(variant="b")
     assert key_of(default, "code") == key_of(same, "code")  # params.yaml says 8
     assert key_of(default, "code") != key_of(default, "other code")
     assert key_of(default, "code") != key_of(cell_of("views=4"), "code")
@@ -177,10 +180,10 @@ def test_a_cell_is_known_by_its_parameters_and_code():
 
 def test_a_cell_is_known_by_what_its_source_holds_wherever_it_lies(tmp_path):
     keys = []
-    for place in (tmp_path / "here", tmp_path / "there"):
-        (place / "mug").mkdir(parents=True)
-        (place / "mug/1.h5").write_bytes(b"1")
-        keys.append(key_of(cell_of(f"data.source={place}"), "code"))
+    for folder in (tmp_path / "here", tmp_path / "there"):
+        (folder / "mug").mkdir(parents=True)
+        (folder / "mug/1.h5").write_bytes(b"1")
+        keys.append(key_of(cell_of(f"data.source={folder}"), "code"))
     assert keys[0] == keys[1]
     with pytest.raises(UserError, match=r"data\.source is no_such_place"):
         key_of(cell_of("data.source=no_such_place"), "code")
@@ -209,7 +212,9 @@ def test_a_mistake_on_the_command_line_ends_in_one_line_before_any_cell(
 ):
     monkeypatch.setattr("studies.__main__.run_cells", None)
     result = CliRunner().invoke(main, words)
-    assert result.exit_code == 1 and expected in result.output and result.output.count("\n") == 1
+    assert result.exit_code == 1
+    assert expected in result.output
+    assert result.output.count("\n") == 1
 
 
 def test_the_list_has_each_question_once_in_80_columns_and_what_to_type_next():
@@ -239,13 +244,10 @@ def test_no_cell_without_committed_parameters_or_with_wrong_ones(
 
 
 def test_cells_have_the_committed_values_below_all_changes(study, monkeypatch):
-    monkeypatch.setattr(
-        grid, "committed_params", lambda path: {"views": 5, "seed": 0, "pretrain.epochs": 7}
-    )
+    committed = {"views": 5, "seed": 0, "pretrain.epochs": 7}
+    monkeypatch.setattr(grid, "committed_params", lambda path: committed)
     cells = study(variants={"a": {}, "b": {"views": 4}}).cells(("preprocess.transform=log",))
     # params.yaml in the working folder does not matter
-    params = [default_params(cell.changes) for cell in cells]
-    assert [(p.views, p.preprocess.transform, p.pretrain.epochs) for p in params] == [
-        (5, "log", 7),
-        (4, "log", 7),
-    ]
+    a, b = (default_params(cell.changes) for cell in cells)
+    assert (a.views, a.preprocess.transform, a.pretrain.epochs) == (5, "log", 7)
+    assert (b.views, b.preprocess.transform, b.pretrain.epochs) == (4, "log", 7)

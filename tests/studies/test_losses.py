@@ -1,4 +1,4 @@
-"""Whether a network is trained to its end, by losses whose answer is known."""
+"""Losses tell whether a network is trained to its end."""
 
 from dataclasses import replace
 
@@ -10,9 +10,14 @@ from tests.records import RECORD
 
 
 def record(*curve, first=3.0):
-    return replace(
-        RECORD, curves={"loss": list(curve)} if curve else {}, counts={"loss.first": first}
-    )
+    """Return the record of a training run with these losses after each epoch.
+
+    Args:
+        curve: the losses; without any, nothing was trained.
+        first: the loss before the first epoch.
+    """
+    curves = {"loss": list(curve)} if curve else {}
+    return replace(RECORD, curves=curves, counts={"loss.first": first})
 
 
 @pytest.mark.parametrize(
@@ -35,4 +40,5 @@ def test_a_training_is_at_its_end_where_the_loss_is_small_and_hardly_falls(curve
 def test_a_system_without_fine_tuning_has_losses_of_pretraining_and_one_on_the_sensors_none():
     assert losses_of(record(9.0, 8.0, first=9.5), record()).end == 8.0
     losses = losses_of(record(), record())
-    assert losses.trained and np.isnan([losses.first, losses.before, losses.end]).all()
+    assert losses.trained
+    assert np.isnan([losses.first, losses.before, losses.end]).all()

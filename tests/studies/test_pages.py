@@ -1,4 +1,4 @@
-"""The numbers of the studies on the pages are those of the results files."""
+"""The pages show the numbers of the results files."""
 
 import re
 import subprocess
@@ -48,6 +48,15 @@ def test_the_text_around_the_blocks_has_no_measured_number(page):
 
 
 def result(variant, protocol="object protocol", *, more=3.0, verdict=ONE_WORLD, **values):
+    """Return a row of a results file, compared with a variant called paper.
+
+    Args:
+        variant: the variant.
+        protocol: the protocol.
+        more: percentage points by which its error rate is higher.
+        verdict: the verdict on the difference.
+        values: other columns.
+    """
     head = "vs paper "
     ends = {f"{head}more": more, f"{head}low": more - 1, f"{head}high": more + 2}
     seeds = {f"{head}seeds_low": more - 4, f"{head}seeds_high": more + 5}
@@ -100,10 +109,9 @@ def test_the_graph_is_compared_with_a_vote_on_the_same_view_sets(results):
                 rows.append(result(f"{system}{suffix}", protocol, **values))
     results("graph", *rows)
     lines = findings.graph_table().splitlines()[2:]
-    assert [line.split(" | ")[2].split()[0] for line in lines] == [
-        *("5.0", "6.0", "8.0", "9.0"),
-        *("15.0", "16.0", "18.0", "19.0"),
-    ]
+    errors = [line.split(" | ")[2].split()[0] for line in lines]
+    assert errors[:4] == ["5.0", "6.0", "8.0", "9.0"]
+    assert errors[4:] == ["15.0", "16.0", "18.0", "19.0"]
     assert lines[0].split(" | ")[1] == "view-graph (`view_gcn`)"
     assert lines[0].split(" | ")[3] == "-1.0 (-1.5 to 3.5; -2.5 to 4.5)"
     assert lines[4].split(" | ")[3] == "-1.0 (-1.5 to 3.5; -2.5 to 4.5)"
@@ -136,22 +144,22 @@ def test_the_forest_plot_draws_the_files_numbers_and_hollow_marks_without_a_verd
 
 
 def test_a_label_stands_at_the_end_of_each_line():
-    rows = pd.DataFrame(
-        result(f"{name} / {frames} frames of an object", "whole recordings", error=value)
-        for name, values in {"a": (30.0, 10.0), "b": (40.0, 35.0)}.items()
-        for frames, value in zip((12, 96), values, strict=True)
-    )
-    (axes,) = learning_curve(rows, {"a": "first", "b": "second"}).axes
+    rows = [
+        result("a / 12 frames of an object", "whole recordings", error=30.0),
+        result("a / 96 frames of an object", "whole recordings", error=10.0),
+        result("b / 12 frames of an object", "whole recordings", error=40.0),
+        result("b / 96 frames of an object", "whole recordings", error=35.0),
+    ]
+    (axes,) = learning_curve(pd.DataFrame(rows), {"a": "first", "b": "second"}).axes
     labels = {text.get_text(): tuple(text.xy) for text in axes.texts}
     assert labels == {"first": (96, 10.0), "second": (96, 35.0)}
 
 
 def test_every_results_file_has_the_columns_of_today():
+    expected = {"variant", "protocol", "error", "runs", "std", "first", "trained"}
     for path in FOLDER.glob("*/results.csv"):
-        columns = pd.read_csv(path).columns
-        assert {"variant", "protocol", "error", "runs", "std", "first", "trained"} <= {*columns}, (
-            path
-        )
+        columns = set(pd.read_csv(path).columns)
+        assert expected <= columns, path
         heads = [name.removesuffix("more") for name in columns if name.endswith(" more")]
         for head in heads:
-            assert {f"{head}seeds", f"{head}worlds", f"{head}verdict"} <= {*columns}, path
+            assert {f"{head}seeds", f"{head}worlds", f"{head}verdict"} <= columns, path

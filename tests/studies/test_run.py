@@ -1,4 +1,4 @@
-"""Cells as DVC experiments in a small repository: failed, interrupted, refused, and with Dask."""
+"""Cells run as DVC experiments in a small repository, where they may fail or be interrupted."""
 
 import os
 import re
@@ -24,12 +24,13 @@ from tests.stages.running import commit, set_params, sh
 from tests.studies.test_grid import LEAST
 from tests.studies.test_take import write_cell
 
-CELLS = {
-    key_of(cell, code_of_stages()): cell
-    for cell in (
-        Cell(variant="a", seed=seed, deal=0, fold=0, changes=(f"seed={seed}",)) for seed in range(4)
-    )
-}
+
+def cell_of(seed):
+    """Return the cell of a seed."""
+    return Cell(variant="a", seed=seed, deal=0, fold=0, changes=(f"seed={seed}",))
+
+
+CELLS = {key_of(cell, code_of_stages()): cell for cell in map(cell_of, range(4))}
 KEYS = list(CELLS)
 TWO = {key: CELLS[key] for key in KEYS[:2]}
 #: A cell appends its seed to a file outside of its experiment. At first the second cell does not
@@ -50,22 +51,22 @@ STAGE = """stages:
 @pytest.fixture
 def machine(tmp_path, monkeypatch):
     """Make a repository with one stage, in which the test runs."""
-    place = tmp_path / "machine"
-    sh("git", "init", "-q", place, cwd=tmp_path)
-    sh("dvc", "init", "-q", cwd=place)
+    folder = tmp_path / "machine"
+    sh("git", "init", "-q", folder, cwd=tmp_path)
+    sh("dvc", "init", "-q", cwd=folder)
     stage = STAGE.format(log=tmp_path / "log", cell=tmp_path / "cell", outs=", ".join(RESULTS))
-    (place / "dvc.yaml").write_text(stage)
+    (folder / "dvc.yaml").write_text(stage)
     # the other keys have their defaults
-    (place / "params.yaml").write_text("seed: 0\ncluster: {restarts: 10}\n")
-    (place / ".gitignore").write_text("/studies/\n")
-    commit(place)
-    monkeypatch.chdir(place)
+    (folder / "params.yaml").write_text("seed: 0\ncluster: {restarts: 10}\n")
+    (folder / ".gitignore").write_text("/studies/\n")
+    commit(folder)
+    monkeypatch.chdir(folder)
     write_cell(tmp_path / "cell", 8)
-    return place
+    return folder
 
 
 def processes_in(folder):
-    """Return the processes that run in a folder or below it, except this one."""
+    """Yield the names of the processes that run in a folder or below it, except this one."""
     for process in psutil.process_iter(["cwd", "name"]):
         if Path(process.info["cwd"] or "/").is_relative_to(folder) and process.pid != os.getpid():
             yield process.info["name"]
@@ -103,37 +104,39 @@ def test_a_failed_cell_is_named_and_the_same_command_runs_it_again_and_no_other(
 ):
     (tmp_path / "log.stuck").mkdir()
     faults = run_cells("made", CELLS, jobs=3)
-    assert list(faults) == [KEYS[2]] and faults[KEYS[2]].startswith(
-        "failed: Error: the glove is on fire; see"
-    )
+    assert list(faults) == [KEYS[2]]
+    assert faults[KEYS[2]].startswith("failed: Error: the glove is on fire; see")
     lines = capsys.readouterr().out.splitlines()
-    assert {f"{cell} ..." for cell in CELLS.values()} < set(lines) and len(lines) == 2 * len(CELLS)
+    assert {f"{cell} ..." for cell in CELLS.values()} < set(lines)
+    assert len(lines) == 2 * len(CELLS)
     ends = [line.rpartition("; ") for line in lines if not line.endswith(" ...")]
-    assert [left for *_, left in ends] == ["3 left", "2 left", "1 left", "0 left"]
+    assert [remaining for *_, remaining in ends] == ["3 left", "2 left", "1 left", "0 left"]
+    finished = r"seed [013].*: \d+ s, 50\.0 % of recordings wrong$"
+    failed = r"seed 2.*: failed: Error: the glove"
     for text, *_ in ends:
-        assert re.search(
-            r"seed [013].*: \d+ s, 50\.0 % of recordings wrong$|seed 2.*: failed: Error: the glove",
-            text,
-        )
+        assert re.search(f"{finished}|{failed}", text)
     set_params(machine, "cluster", restarts=3)  # as if another run used the same folder
-    intact = (record := tmp_path / "cell/runs/pretrain.json").rename(tmp_path / "intact")
+    record = tmp_path / "cell/runs/pretrain.json"
+    intact = record.rename(tmp_path / "intact")
     record.write_text("{}")
     # the same experiment twice
-    damaged, again = (run_cells("made", CELLS, jobs=2)[KEYS[2]] for _ in range(2))
+    damaged = run_cells("made", CELLS, jobs=2)[KEYS[2]]
+    again = run_cells("made", CELLS, jobs=2)[KEYS[2]]
     intact.rename(record)
-    assert (
-        damaged == again
-        and "its results cannot be read (KeyError: 'notes')" in damaged
-        and "\n" not in damaged
-    )
+    assert damaged == again
+    assert "its results cannot be read (KeyError: 'notes')" in damaged
+    assert "\n" not in damaged
     sh("sh", "-c", re.search(r"to run it again: (.*) \(", damaged)[1], cwd=machine)
     assert run_cells("made", CELLS, jobs=2) == {}
-    assert seeds_in(tmp_path / "log") == [0, 1, 2, 2, 2, 3] and all(map(stored, KEYS))
+    assert seeds_in(tmp_path / "log") == [0, 1, 2, 2, 2, 3]
+    assert all(map(stored, KEYS))
     shutil.rmtree(STORE / KEYS[0])
     assert run_cells("made", CELLS) == {}  # the results come from its experiment
     assert len(seeds_in(tmp_path / "log")) == 6
-    kept = {file.name: file.read_bytes() for file in (STORE / KEYS[0]).iterdir()}
-    assert kept == {Path(name).name: (tmp_path / "cell" / name).read_bytes() for name in RESULTS}
+    stored_files = {file.name: file.read_bytes() for file in (STORE / KEYS[0]).iterdir()}
+    assert stored_files == {
+        Path(name).name: (tmp_path / "cell" / name).read_bytes() for name in RESULTS
+    }
 
 
 @with_dvc
@@ -155,7 +158,8 @@ def test_ctrl_c_in_a_terminal_ends_the_cells_and_the_others_are_run_later(machin
     os.killpg(study.pid, signal.SIGINT)  # a terminal sends it to all processes too
     message = study.communicate()[1]
     assert study.returncode == 1
-    assert message.startswith("stopped; finished cells are kept") and message.count("\n") == 1
+    assert message.startswith("stopped; finished cells are kept")
+    assert message.count("\n") == 1
     wait_for(lambda: not list(processes_in(machine)))
     assert not list((machine / ".dvc/tmp/exps/standalone").glob("tmp*"))
     assert run_cells("made", TWO) == {}
@@ -169,53 +173,23 @@ def test_a_killed_worker_s_cell_goes_to_another_and_all_come_out_once(machine, t
     with socket() as port:
         port.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{port.getsockname()[1]}"
-    dask = [
-        python(
-            "-m",
-            "dask",
-            "scheduler",
-            "--port",
-            address.rpartition(":")[2],
-            "--no-dashboard",
-            cwd=machine,
-        )
-    ]
+    scheduler = f"-m dask scheduler --port {address.rpartition(':')[2]} --no-dashboard"
+    dask = [python(*scheduler.split(), cwd=machine)]
     for name in ("first", "second"):
-        sh(
-            "git",
-            "clone",
-            "-q",
-            "-c",
-            "user.name=t",
-            "-c",
-            "user.email=t@localhost",
-            machine,
-            name,
-            cwd=tmp_path,
-        )
-        worker = (
-            "-m",
-            "dask",
-            "worker",
-            address,
-            "--nthreads",
-            "1",
-            "--no-nanny",
-            "--no-dashboard",
-            "--name",
-            name,
-        )
-        dask.append(python(*worker, cwd=tmp_path / name))
+        clone = "clone -q -c user.name=t -c user.email=t@localhost"
+        sh("git", *clone.split(), machine, name, cwd=tmp_path)
+        worker = f"-m dask worker {address} --nthreads 1 --no-nanny --no-dashboard --name {name}"
+        dask.append(python(*worker.split(), cwd=tmp_path / name))
     try:
         with ThreadPoolExecutor(1) as pool:
             study = pool.submit(run_cells, "made", CELLS, scheduler=address)
             wait_for((tmp_path / "log.stuck").exists, works=lambda: not study.done())
-            name = next(
-                name for name in ("first", "second") if "sleep" in processes_in(tmp_path / name)
-            )
-            dask[1 + (name == "second")].kill()
+            workers = {"first": dask[1], "second": dask[2]}
+            name = next(name for name in workers if "sleep" in processes_in(tmp_path / name))
+            workers[name].kill()
             assert study.result() == {}
-        assert seeds_in(tmp_path / "log") == [0, 1, 1, 2, 3] and all(map(stored, KEYS))
+        assert seeds_in(tmp_path / "log") == [0, 1, 1, 2, 3]
+        assert all(map(stored, KEYS))
     finally:
         for process in dask:
             process.kill()
@@ -228,7 +202,8 @@ def test_a_clone_at_another_commit_and_changed_data_are_refused_before_any_work(
     machine, tmp_path, capsys, jobs
 ):
     assert "expected 123456789" in run_cell("made", KEYS[0], CELLS[KEYS[0]], "123456789abc")[2]
-    (source := tmp_path / "source").write_bytes(b"1")
+    source = tmp_path / "source"
+    source.write_bytes(b"1")
     on_file = [
         replace(cell, changes=(*cell.changes, f"data.source={source}")) for cell in CELLS.values()
     ]
@@ -236,11 +211,11 @@ def test_a_clone_at_another_commit_and_changed_data_are_refused_before_any_work(
     source.write_bytes(b"2")  # while the study runs
     assert run_cells("made", cells, jobs=jobs).keys() == cells.keys()
     printed = re.findall(r"(a, seed \d.*): failed: (.*); (\d) left\n", capsys.readouterr().out)
-    names, reasons, left = zip(*printed, strict=True)
-    assert set(names) == set(map(str, on_file)) and "".join(left) == "3210"
-    assert "code or data have changed" in reasons[0] and {*reasons[1:]} == {
-        f"for the same reason as {names[0]}"
-    }
+    names, reasons, remaining = zip(*printed, strict=True)
+    assert set(names) == set(map(str, on_file))
+    assert remaining == ("3", "2", "1", "0")
+    assert "code or data have changed" in reasons[0]
+    assert {*reasons[1:]} == {f"for the same reason as {names[0]}"}
     assert not (tmp_path / "log").exists()
 
 

@@ -1,4 +1,4 @@
-"""The table of raw counts."""
+"""The table of raw counts is written, read and indexed."""
 
 import numpy as np
 import pytest
@@ -36,16 +36,16 @@ def test_recordings_in_blocks_are_written_in_equal_bytes_and_read_back_whole(tmp
     table = Recordings.read(tmp_path / "t")
     np.testing.assert_array_equal(table.counts[np.arange(50)], COUNTS)
     assert table.columns.keys() == columns.keys()
-    assert all(values.dtype == COLUMNS[name] for name, values in table.columns.items())
+    for name, values in table.columns.items():
+        assert values.dtype == COLUMNS[name], name
     assert (table.shape, table.counts.dtype) == ((4, 6), np.int16)
-    assert table.objects == ["empty_hand", "object1"] and table.sessions == ["session0", "session1"]
-    assert table.recordings == [f"recording{number}" for number in range(5)]
-    assert [(start, len(counts)) for start, counts in table.blocks()] == [
-        (0, 20),
-        (20, 20),
-        (40, 10),
-    ]
-    np.testing.assert_array_equal(np.concatenate([counts for _, counts in table.blocks()]), COUNTS)
+    assert table.objects == ["empty_hand", "object1"]
+    assert table.sessions == ["session0", "session1"]
+    assert table.recordings == [f"recording{index}" for index in range(5)]
+    starts, blocks = zip(*table.blocks(), strict=True)
+    assert starts == (0, 20, 40)
+    assert [len(counts) for counts in blocks] == [20, 20, 10]
+    np.testing.assert_array_equal(np.concatenate(blocks), COUNTS)
     for name, values in columns.items():
         np.testing.assert_array_equal(table.columns[name], values, err_msg=name)
 
@@ -70,43 +70,35 @@ def test_a_table_that_lacks_a_part_is_called_damaged(tmp_path, name):
 def test_frames_and_sensors_that_ever_vary_are_indexed_like_arrays(tmp_path):
     counts = COUNTS.copy()
     counts[:, 1:3, 2] = counts[:, 3, 4:] = 510
-    counts[13, 3, 4], counts[0, 3, 5] = 511, 509
+    counts[13, 3, 4] = 511
+    counts[0, 3, 5] = 509
     table = written(tmp_path / "t", counts, cuts=(5, 10))
     assert np.argwhere(~table.live).tolist() == [[1, 2], [2, 2]]
-    frames, live = table.part(np.arange(0, 50, 3)).counts, table.live_counts()
-    for gathered, array in (
-        (frames, counts[::3]),
-        (live, np.ascontiguousarray(counts[:, table.live])),
-    ):
-        assert (gathered.shape, gathered.dtype, len(gathered)) == (
-            array.shape,
-            array.dtype,
-            len(array),
-        )
-        for at in (
-            slice(None),
-            slice(3, 17, 4),
-            np.array([9, 2, 9]),
-            np.arange(len(array)) % 3 == 0,
-            np.arange(0),
-        ):
-            np.testing.assert_array_equal(gathered[at], array[at])
-            assert gathered[at].flags.c_contiguous  # so sums are equal to the last digit
+    frames = table.part(np.arange(0, 50, 3)).counts
+    check_indexing(frames, counts[::3])
+    check_indexing(table.live_counts(), np.ascontiguousarray(counts[:, table.live]))
+
+
+def check_indexing(gathered, array):
+    """Check that counts have the shape, the type and the parts of an array."""
+    assert (gathered.shape, gathered.dtype) == (array.shape, array.dtype)
+    assert len(gathered) == len(array)
+    every_third = np.arange(len(array)) % 3 == 0
+    nothing = np.arange(0)
+    for index in (slice(None), slice(3, 17, 4), np.array([9, 2, 9]), every_third, nothing):
+        np.testing.assert_array_equal(gathered[index], array[index])
+        assert gathered[index].flags.c_contiguous  # so sums are equal to the last digit
 
 
 def test_a_part_has_the_sensors_that_vary_in_it_and_mixed_recordings_their_frames_in_order(
     tmp_path,
 ):
-    table = written(
-        tmp_path / "t", np.array([[[1, 5]], [[2, 5]], [[1, 5]], [[1, 6]]]), recording=[2, 0, 2, 0]
-    )
-    assert table.live.all() and [each.tolist() for each in frames_by_recording(table)] == [
-        [1, 3],
-        [0, 2],
-    ]
-    assert table.part(np.arange(3)).live.all() and table.varying(np.arange(3)).tolist() == [
-        [True, False]
-    ]
+    counts = np.array([[[1, 5]], [[2, 5]], [[1, 5]], [[1, 6]]])
+    table = written(tmp_path / "t", counts, recording=[2, 0, 2, 0])
+    assert table.live.all()
+    assert [index.tolist() for index in frames_by_recording(table)] == [[1, 3], [0, 2]]
+    assert table.part(np.arange(3)).live.all()
+    assert table.varying(np.arange(3)).tolist() == [[True, False]]
 
 
 STORED = {

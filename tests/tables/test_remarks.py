@@ -1,4 +1,4 @@
-"""The warnings about a table before anything is computed from it."""
+"""Faults of a table are warned of before anything is computed from it."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,8 @@ from tests.glove_data import written
 
 COUNTS = np.random.default_rng(0).integers(500, 600, (60, 4, 6)).astype(np.int16)
 # the recording of each frame: two of the empty hand, two of each of two objects
-NUMBER = np.repeat(np.arange(6), 10)
-SOUND = {"object": NUMBER // 2, "recording": NUMBER, "time": 0.1 * np.arange(60)}
+RECORDING = np.repeat(np.arange(6), 10)
+SOUND = {"object": RECORDING // 2, "recording": RECORDING, "time": 0.1 * np.arange(60)}
 COPIED = COUNTS[np.r_[:30, 20:30, 20:30, 50:60]]  # recordings 3 and 4 copy recording 2
 SECONDS = 0.1 * np.arange(60)
 
@@ -39,7 +39,7 @@ CASES = {  # counts, changes, and words of the warnings by topic
     ),
     "times repeat": (
         COUNTS,
-        {"time": np.where(NUMBER == 4, 7.0, SECONDS)},
+        {"time": np.where(RECORDING == 4, 7.0, SECONDS)},
         {"time": "9 places|recording4"},
     ),
     "times fall": (
@@ -63,9 +63,5 @@ def test_what_spoils_a_result_is_said_of_the_table(tmp_path, case):
     table = written(tmp_path / "t", counts, **(SOUND | changes))
     notes = {note.topic: note.text for note in remarks(table, look_at(table))}
     assert notes.keys() == warned.keys()
-    assert [
-        word
-        for topic, words in warned.items()
-        for word in words.split("|")
-        if word not in notes[topic]
-    ] == []
+    for topic, words in warned.items():
+        assert [word for word in words.split("|") if word not in notes[topic]] == []
