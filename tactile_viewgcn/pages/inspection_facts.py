@@ -48,8 +48,8 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
     error = "is a first estimate of the error on a new recording, by one quick classifier"
     session_error = f"is the same classifier's estimate for {NEW_SESSION}"
     leak = (
-        "is the error of another quick classifier, which sees only frames without contact, so it "
-        "should be no better than chance"
+        "is the error of another quick classifier, which sees only frames without contact; "
+        "it should be no better than chance"
     )
     rows += _error_fact(overview.error, error)
     rows += _error_fact(overview.session_error, session_error)

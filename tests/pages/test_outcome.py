@@ -175,7 +175,7 @@ def test_a_warning_comes_first_with_the_remedies_that_are_values(elsewhere):
     for note, command in ((LEAK, line), (other, ""), (done, ""), (clock, without_clock)):
         judged, steps, lines = advice(finished(RIGHT, notes=[note, remark], **changes))
         assert judged.kind == "unsure"
-        assert "1 warning below puts it in doubt." in judged.reasons
+        assert "1 warning of a stage puts it in doubt." in judged.reasons
         assert steps[0].startswith("Correct")
         assert lines.split("\n")[0] == command
 
@@ -248,6 +248,14 @@ def test_the_terminal_has_the_difference_from_the_committed_run():
         compared = [line for line in lines if "committed" in line]
         assert len(compared) == count
         assert all(line.endswith(note.text) for line in compared)
+
+
+def test_the_terminal_says_why_a_result_is_in_doubt():
+    run = finished(RIGHT, notes=[replace(LEAK, key="views", value=4)])
+    run.metrics["new_sessions"] = False
+    lines = report_lines(run, "report.html: 9 kB")
+    (line,) = [line for line in lines if "not yet reliable" in line]
+    assert "1 warning of a stage puts it in doubt." in line
 
 
 def test_a_report_outside_a_clone_says_to_go_to_one(elsewhere, monkeypatch):
