@@ -122,10 +122,11 @@ def answer_live(
     tested = int(numbered["is_tested"].sum())
     count = int(answered.grasps["contact"].notna().sum())
     if "grasp" in recordings.columns and count != tested:
-        silent = several(len(answered.grasps) - count, "split group")
-        text = f"the recordings have {several(tested, 'tested grasp')}, the stream finds {count},"
-        text += f" and none in {silent}: it joins grasps between which the hand hardly opens, and"
-        text += " misses light grasps"
+        text = f"the recordings have {several(tested, 'tested grasp')}, the stream finds {count}"
+        silent = len(answered.grasps) - count
+        if silent:
+            text += f", and none in {several(silent, 'split group')}"
+        text += ": it joins grasps between which the hand hardly opens, and misses light grasps"
         notes.append(Note(text, topic="live"))
     return rows, notes
 

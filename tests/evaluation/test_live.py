@@ -265,16 +265,25 @@ def test_where_no_grasp_is_tested_as_a_whole_there_are_no_rows_and_a_note(
     assert "no live answers" in note.text
 
 
-def test_a_note_says_how_many_of_the_numbered_grasps_the_stream_finds(tmp_path, monkeypatch):
-    frames = [[OPEN, CUP[70], CUP[70], OPEN]]
-    recordings = recordings_at(tmp_path / "table", frames, grasp=[0, 0, 1, 1])
-    known = numbered((0, 0, 1, 3, True), (0, 1, 1, 3, True))
+@pytest.mark.parametrize(
+    ("second", "text"),
+    [
+        ([OPEN, CUP[70], CUP[70], OPEN], "the stream finds 2: "),
+        ([OPEN, OPEN, OPEN, OPEN], "the stream finds 1, and none in 1 split group: "),
+    ],
+)
+def test_a_note_says_how_many_of_the_numbered_grasps_the_stream_finds(
+    tmp_path, monkeypatch, second, text
+):
+    frames = [[OPEN, CUP[70], CUP[70], OPEN], second]
+    recordings = recordings_at(tmp_path / "table", frames, grasp=[0, 0, 1, 1] * 2)
+    known = numbered((0, 0, 1, 3, True), (0, 1, 1, 3, True), (1, 0, 1, 4, True), (1, 1, 1, 4, True))
     monkeypatch.setattr(live, "numbered_grasps", lambda *_: known)
     names = np.array(recordings.recordings)
-    whole = Trials(np.ones((1, 1, 2), int), np.ones(1, int), np.array([3]), names, 5)
+    whole = Trials(np.ones((1, 2, 2), int), np.ones(2, int), np.array([3, 4]), names, 5)
     classes = replace(table(), classes=CLASSES)
     _, (note,) = answer_live(Stream, recordings, classes, whole, recipe())
-    assert note.text.startswith("the recordings have 2 tested grasps, the stream finds 1:")
+    assert note.text.startswith(f"the recordings have 4 tested grasps, {text}")
 
 
 def test_at_high_rates_answers_are_requested_twenty_times_a_second(tmp_path):
