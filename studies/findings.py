@@ -31,15 +31,6 @@ METHODS = {
     "paper": "the paper's recipe",
 }
 
-GRAPH = "graph"  # the study of what a graph is worth on a good backbone
-JOINED_BY = {
-    "vote": "no fine-tuning: mean of the frames' answers (`vote`)",
-    "view-graph": "view-graph (`view_gcn`)",
-    "mean": "mean of the features (`mean`)",
-    "maximum": "maximum of the features (`mvcnn`)",
-}
-VIEW_SETS = {"clusters": "", "random": ", random sets"}  # ends of the variants' names in `GRAPH`
-
 
 @dataclass(frozen=True)
 class Design:
@@ -295,32 +286,6 @@ def worlds_table() -> str:
                 "seconds of training": _training_seconds("claims", variant),
             }
         )
-    return markdown(rows)
-
-
-def graph_table() -> str:
-    """Return the table of systems on the backbone of the preset `network`, in five worlds.
-
-    For each kind of view sets, the lowest error on whole recordings comes first. The differences
-    are those to `vote` on the same kind of view sets.
-    """
-    rows = []
-    for view_sets, suffix in VIEW_SETS.items():
-        reference = f"vote{suffix}"
-        variants = {f"{system}{suffix}": label for system, label in JOINED_BY.items()}
-        for variant in sorted(variants, key=lambda name: row(GRAPH, name, WHOLE)["error"]):
-            cells = {
-                "view sets": view_sets,
-                "frames are joined by": variants[variant] + untrained_mark(GRAPH, variant, WHOLE),
-                "whole recordings, %": error(GRAPH, variant, WHOLE),
-                "points more than `vote`": "",
-                "object protocol, %": error(GRAPH, variant, CLAIMED),
-                "fine-tuning, s": f"{row(GRAPH, variant, WHOLE)['finetune s']:,.0f}",
-            }
-            if variant != reference:
-                more = difference(GRAPH, variant, reference, WHOLE)
-                cells["points more than `vote`"] = more
-            rows.append(cells)
     return markdown(rows)
 
 

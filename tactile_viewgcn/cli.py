@@ -63,7 +63,7 @@ def cli() -> None:
     "--set",
     "changes",
     multiple=True,
-    metavar="KEY=VALUE",
+    metavar="SECTION.KEY=VALUE",
     help="Read the recordings with another value for a key of the section data in params.yaml, or "
     "try a value for a key of the section preprocess.",
 )

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import StringIO
-from os.path import commonpath
+from os.path import commonpath, relpath
 from pathlib import Path
 from typing import Any, Literal
 
@@ -217,11 +217,20 @@ def once_each(texts: Iterable[tuple[Path, str]]) -> list[str]:
     for (first, example), *others in alike.values():
         more = ""
         if others:
-            common = commonpath([first.parent, *(file.parent for file, _ in others)])
-            names = [str(file.relative_to(common)) for file, _ in others]
+            files = [file for file, _ in others]
+            common = common_folder([first, *files])
+            names = [relpath(file, common) for file in files]
             more = f" (the same in {several(len(names), 'more file')}: {listed(names)})"
         sentences.append(f"{example}{more}")
     return sentences
+
+
+def common_folder(files: Iterable[Path]) -> Path:
+    """Return the folder that holds all files; it is absolute if one of them has such a path."""
+    folders = [file.parent for file in files]
+    if any(folder.is_absolute() for folder in folders):
+        folders = [folder.absolute() for folder in folders]
+    return Path(commonpath(folders))
 
 
 def listed(texts: list[str], mark: str = ", ") -> str:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactile_viewgcn.messages import Note, UserError, csv_text, shown
+from tactile_viewgcn.messages import Note, UserError, csv_text, once_each, shown
 from tactile_viewgcn.pages.html import environment, svg
 from tactile_viewgcn.plots import confusion
 
@@ -34,6 +34,17 @@ def test_whatever_is_shown_can_be_printed_and_is_xml(text):
     ElementTree.fromstring(f"<a>{shown(text).replace('&', '').replace('<', '')}</a>")
     shown(text).encode()
     assert "\n" not in shown(text)
+
+
+def test_a_text_on_several_files_is_given_once_with_the_places_of_the_others():
+    texts = [(Path(f"lab/{name}"), f"lab/{name}: line 3 is cut") for name in ("a/1.csv", "b/1.csv")]
+    same = "(the same in 1 more file: b/1.csv)"
+    assert once_each(texts) == [f"lab/a/1.csv: line 3 is cut {same}"]
+    far = Path("/far/1.csv")  # relative and absolute paths, as in a catalogue
+    (sentence,) = once_each([*texts, (far, f"{far}: line 4 is cut")])
+    assert "in 2 more files: " in sentence
+    assert sentence.endswith("far/1.csv)")
+    assert once_each([texts[0], (far, "/far/1.csv: empty")]) == [texts[0][1], "/far/1.csv: empty"]
 
 
 def test_messages_and_notes_show_names():

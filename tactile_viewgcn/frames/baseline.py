@@ -43,13 +43,24 @@ class Baseline:
         noise: (R, H, W) standard deviation in counts, see `visible_noise`. It is NaN if it was not
             measured.
         of_frame: int (T,), index of the baseline of each frame of the recordings.
-        notes: the fallbacks that replace an open hand that was not recorded.
+        fallbacks: numbers of the recordings that have a fallback, by the names of what they lack
+            and of the fallback.
     """
 
     mean: np.ndarray
     noise: np.ndarray
     of_frame: np.ndarray
-    notes: list[Note] = field(default_factory=list)
+    fallbacks: dict[tuple[str, str], list[int]] = field(default_factory=dict)
+
+    def notes(self, recordings: Recordings) -> list[Note]:
+        """Return a note on each fallback in these recordings."""
+        total = several(len(np.unique(recordings.columns["recording"])), "recording")
+        notes = list[Note]()
+        for (lacking, fallback), numbers in self.fallbacks.items():
+            names = listed([recordings.recordings[number] for number in numbers])
+            text = f"in {len(numbers)} of {total} no {lacking} was found; "
+            notes.append(Note(f"{text}{fallback} replaces it: {names}", topic="baseline"))
+        return notes
 
 
 class _OpenHand(NamedTuple):
@@ -65,16 +76,16 @@ class _Measured:
 
     Args:
         recordings: the recordings.
-        wanted: what gives a recording its baseline, unless there is a fallback.
+        source: what gives a recording its baseline, unless there is a fallback.
     """
 
-    def __init__(self, recordings: Recordings, wanted: str):
+    def __init__(self, recordings: Recordings, source: str):
         self.recordings = recordings
-        self.wanted = wanted
+        self.source = source
         self.of_frame = np.empty(len(recordings), dtype=np.int32)
         self.means = list[np.ndarray]()
         self.noises = list[np.ndarray]()
-        self.replaced = dict[str, list[str]]()  # names of recordings by fallback
+        self.fallbacks = dict[tuple[str, str], list[int]]()  # see `Baseline`
 
     def add(self, mean: np.ndarray, noise: np.ndarray) -> int:
         """Add a baseline of mean (S,) and noise (S,), and return its index."""
@@ -84,11 +95,11 @@ class _Measured:
 
     def replace(self, kind: str, frame: int) -> None:
         """Remember that the recording of a frame has this kind of fallback."""
-        recording = self.recordings.columns["recording"][frame]
-        self.replaced.setdefault(kind, []).append(self.recordings.recordings[recording])
+        number = int(self.recordings.columns["recording"][frame])
+        self.fallbacks.setdefault((self.source, kind), []).append(number)
 
     def baseline(self) -> Baseline:
-        """Return all baselines as maps of the sensors, with a note on each fallback."""
+        """Return all baselines as maps of the sensors."""
         recordings = self.recordings
         shape = (len(self.means), *recordings.shape)
         # cells without a sensor never change
@@ -97,12 +108,7 @@ class _Measured:
         mean[:, recordings.live] = self.means
         noise = np.ones_like(mean)
         noise[:, recordings.live] = self.noises
-        total = several(len(np.unique(recordings.columns["recording"])), "recording")
-        notes = list[Note]()
-        for kind, names in self.replaced.items():
-            text = f"no {self.wanted} in {len(names)} of {total}, which take {kind}: "
-            notes.append(Note(text + listed(names), topic="baseline"))
-        return Baseline(mean, noise, self.of_frame, notes)
+        return Baseline(mean, noise, self.of_frame, self.fallbacks)
 
 
 def _dtype(recordings: Recordings) -> np.dtype:
@@ -161,7 +167,7 @@ def _of_sessions(
     recordings: Recordings, moments: list[Moments], states: HandStates | None
 ) -> Baseline:
     """Return a baseline for each session: its empty hand, or a fallback."""
-    measured = _Measured(recordings, "empty hand")
+    measured = _Measured(recordings, "empty or open hand")
     session = recordings.columns["session"]
     for number in np.unique(session):
         index = np.flatnonzero(session == number)

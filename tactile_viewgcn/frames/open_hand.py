@@ -4,7 +4,7 @@ A baseline that a whole session shares shows contact everywhere once it has drif
 signal. So each recording begins with its quietest frames, and the baseline follows the open hand
 from there. It stands still during a grasp, as in a capacitive touch sensor.
 
-The detection fails without a warning in three cases:
+The detection fails without a warning in four cases:
 
 - A recording has no five successive frames without contact, and its session has no empty hand. Then
   a light grip is taken for the open hand, and only stronger pressure counts as contact.
@@ -12,7 +12,10 @@ The detection fails without a warning in three cases:
   drift by more than about a tenth of a standard deviation a frame. After a rise the later frames
   count as contact. Before a fall the earlier frames do.
 - An object that is held from the first frame to the last presses more than three quarters of the
-  sensors. It is taken for drift, even if the session has an empty hand.
+  sensors, or about half of them hardly above the threshold. It is taken for drift, even if the
+  session has an empty hand.
+- In a whole recording, two sensors or more read higher than in the session's empty hand, compared
+  with all other sensors and by more than the threshold. Then every frame counts as contact.
 
 A frame that the source flags as holding an object always counts as contact.
 """
@@ -42,7 +45,7 @@ WEAK_SHARE = 0.01
 MARGIN = 2
 # share of the difference between an open-hand frame and the baseline that the baseline follows
 FOLLOWED = 0.1
-# a dense grasp leaves this share of the sensors or more unmoved, and drift does not
+# a dense grasp leaves this share of the sensors or more unmoved
 UNMOVED = 0.25
 # enough sensors to estimate the signal that all share, in a fifth of the time that 548 take
 COMMON_SENSORS = 100
@@ -266,9 +269,10 @@ def is_contact(excess: np.ndarray, threshold: np.ndarray, sensors: int = 2) -> b
     """Return whether an excess over the empty hand is contact and not drift.
 
     Drift moves all sensors together, or some up and some down. Sparse contact raises less than half
-    of the sensors. Dense contact raises more of them and lowers none. It leaves a quarter of them
-    or more unmoved, so these stay well below the signal that all share. A single sensor cannot tell
-    drift from contact, so any reading above the threshold is contact.
+    of the sensors. Dense contact raises up to three quarters of them and lowers none. At least a
+    quarter of them stays well below the median, which shared drift does not do. If about half of
+    the sensors are pressed, hardly more than the threshold, that is taken for drift. A single
+    sensor cannot tell drift from contact, so any reading above the threshold is contact.
 
     Args:
         excess: (S,) in counts.
@@ -284,6 +288,8 @@ def is_contact(excess: np.ndarray, threshold: np.ndarray, sensors: int = 2) -> b
     most_pressed = min(OPEN_SENSORS, sensors - 1)
     is_sparse = (up > most_pressed + 2 * down).all()
     moves_up = up[0] > most_pressed and not down[0]
-    unmoved = np.count_nonzero(both[1] < -WEAK * threshold)
-    is_dense = moves_up and unmoved >= UNMOVED * len(excess)
+    unmoved = UNMOVED * len(excess)
+    leaves_some = up[0] <= len(excess) - unmoved
+    below_median = np.count_nonzero(both[1] < -WEAK * threshold)
+    is_dense = moves_up and leaves_some and below_median >= unmoved
     return bool(is_dense or is_sparse)

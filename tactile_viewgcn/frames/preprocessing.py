@@ -97,7 +97,7 @@ def preprocess_recordings(
     index = np.flatnonzero(keep)
     frames = _kept_frames(recordings, index, baseline, plan, sides=sides, anchor=anchor)
     frames = replace(frames, plan=measured_on(frames))
-    notes = [*choice.notes, *baseline.notes, *filter_notes, *class_notes]
+    notes = [*choice.notes, *baseline.notes(recordings), *filter_notes, *class_notes]
     return Preprocessed(frames, choice, sides, passed, keep, notes)
 
 
@@ -153,15 +153,10 @@ def _apply_to_sets(
     contact = np.zeros(len(recordings), dtype=bool)
     means = list[np.ndarray]()
     noises = list[np.ndarray]()
-    notes = list[Note]()
-    sets = {
-        "training set": sides.training,
-        "validation set": sides.side == VALIDATION,
-        "test set": sides.side == TEST,
-        "left-out training groups": sides.surplus,
-    }
+    fallbacks = dict[tuple[str, str], list[int]]()
+    sets = [sides.training, sides.side == VALIDATION, sides.side == TEST, sides.surplus]
     states: HandStates | None = choice.states
-    for name, in_set in sets.items():
+    for in_set in sets:
         if not in_set.any():
             continue
         rows = with_empty_hand(recordings, in_set)
@@ -171,8 +166,14 @@ def _apply_to_sets(
         contact[in_set] = of_set[in_set[rows]]
         means.append(baseline.mean)
         noises.append(baseline.noise)
-        notes += [replace(note, text=f"{name}: {note.text}") for note in baseline.notes]
-    return Baseline(np.concatenate(means), np.concatenate(noises), of_frame, notes), contact
+        recorded = set(recordings.columns["recording"][in_set].tolist())
+        for kind, numbers in baseline.fallbacks.items():
+            # the empty hand can be of another set
+            others = recorded.intersection(numbers).difference(fallbacks.get(kind, []))
+            fallbacks.setdefault(kind, []).extend(sorted(others))
+    fallbacks = {kind: numbers for kind, numbers in fallbacks.items() if numbers}
+    mean = np.concatenate(means)
+    return Baseline(mean, np.concatenate(noises), of_frame, fallbacks), contact
 
 
 def frame_counts(frames: Frames) -> dict[str, int]:

@@ -49,7 +49,7 @@ def facts(overview: Overview) -> list[tuple[str, str]]:
     session_error = f"is the same classifier's estimate for {NEW_SESSION}"
     leak = (
         "is the error of another quick classifier, which sees only frames without contact; "
-        "it should be no better than chance"
+        "its interval should reach chance"
     )
     rows += _error_fact(overview.error, error)
     rows += _error_fact(overview.session_error, session_error)

@@ -3,14 +3,13 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from os.path import commonpath
 from pathlib import Path
 from shlex import quote
 from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.messages import UserError, several
+from tactile_viewgcn.messages import UserError, common_folder, several
 from tactile_viewgcn.readers.naming import Named
 from tactile_viewgcn.readers.source import Form, Recording, setting
 
@@ -98,7 +97,7 @@ def doubled(recordings: Sequence[Named]) -> dict[Path, str]:
     if earlier.suffix == file.suffix:
         remedy = "give the files different names, or in HDF5 different attributes `recording`"
         return {file: f"{text}; {remedy}"}
-    folder = Path(commonpath([earlier.parent, file.parent]))
+    folder = common_folder([earlier, file])
     copied = f"--include='*/' --include='*{earlier.suffix}' --exclude='*'"
     target = f"{folder}_{earlier.suffix[1:]}"
     remedy = f"rsync -a {copied} {quote(str(folder))}/ {quote(target)}/"
@@ -128,7 +127,8 @@ def unlike(recordings: Sequence[Named]) -> dict[Path, str]:
                 continue
             remedy = ". Correct the file, or move it elsewhere"
             if what == "channels":
-                remedy = _without_others(of_recording[what], traits[example][what])
+                left_out = _without_others(of_recording[what], traits[example][what])
+                remedy = left_out or remedy
             mistakes[file] = (
                 f"{file}: {what} {text}; expected {usual} as in {files[example]}{remedy}"
             )

@@ -249,14 +249,16 @@ def _unfit(
         words = f"{column} holds words, such as {example!r}, and no number"
         return f"{words}; if it names the objects, {is_label}; else {leave_out}"
     fault = "is not a number"
+    role = "is no sensor"
     if content:
         fault = "is not a name"
-    elif cells.isna().iloc[row]:
+        role = "does not count"
+    if cells.isna().iloc[row]:
         fault = "is empty"
-    elif not np.isnan(values[row]):
+    elif not content and not np.isnan(values[row]):
         fault = f"is not a number up to {MAX_PRESSURE:g}"
     place = next(islice(places, row, None))
-    remedy = f"correct or delete the line, or, if the column is no sensor, {leave_out}"
+    remedy = f"correct or delete the line, or, if the column {role}, {leave_out}"
     return f"{place}, {column} {fault}; {remedy}"
 
 
@@ -296,7 +298,7 @@ def _content(name: str, values: np.ndarray, form: Form, *, is_index: bool) -> st
     if not is_index:
         content = content_by_name(name)
     # labels are words or whole numbers
-    if not content and (np.isnan(values).any() or not (values % 1).any()):
+    if not content and (np.isnan(values).any() or (values == np.round(values)).all()):
         content = label_kind(name)
     steps = np.diff(values)
     is_counter = np.sum(steps == 1) > MOSTLY * len(steps)

@@ -225,7 +225,8 @@ def _top(file: Path, text: str) -> _Top:
                 return _Top(separator, number, rows)
         rows.append(cells)
     raise UserError(
-        f"{file}: no line of numbers; expected a table of numbers. Move the file elsewhere"
+        f"{file}: no line of numbers; expected a table of numbers. Correct the file, or move it "
+        "out of the folder"
     )
 
 

@@ -131,7 +131,7 @@ class Recogniser:
                 faults[_place(recordings, name, len(index_of))] = fault
             answers.append(Answer(probabilities, len(excess), len(index), name, label))
         _raise_first(faults, len(index_of))
-        notes = [*baseline.notes, *rate_notes(self.plan, recordings)]
+        notes = [*baseline.notes(recordings), *rate_notes(self.plan, recordings)]
         if untouched:
             is_class = EMPTY_HAND in self.classes
             notes.append(untouched_note(self.plan, untouched, len(index_of), is_class=is_class))

@@ -76,7 +76,6 @@ def test_numbers_on_an_axis_rise_although_dvc_hands_on_texts(template, x):
 def test_whole_recordings_are_answered_once_and_have_no_trials():
     rows = [
         {"protocol": "recording", "trial": "0", "error": "0.5"},
-        {"protocol": "recording", "trial": "1", "error": "0.6"},
         {"protocol": "whole", "trial": "0", "error": "0.4"},
     ]
     assert titles(drawn("error_per_trial", rows, x="trial", y="error")) == ["recording protocol"]

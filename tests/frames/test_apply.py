@@ -53,6 +53,9 @@ def test_sets_without_an_open_hand_have_it_too_where_the_baseline_is_of_each_gra
     recordings, result = preprocessed(tmp_path / "t", held, "grasp", "none", has_empty_hand=False)
     assert not result.frames.plan.shows_open_hand
     assert len(result.frames.baseline_mean) == 8  # one for each recording
+    texts = [note.text for note in result.notes if "no open hand was found" in note.text]
+    (text,) = texts  # one for both sets
+    assert text.startswith("in 8 of 8 recordings ")
     for code in (TRAIN, TEST):
         compare(recordings, result, code)
 

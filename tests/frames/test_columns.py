@@ -77,7 +77,7 @@ def recordings_of(*columns, names):
     return recordings
 
 
-@pytest.mark.parametrize("names", [["it", "s1", "s2", "s3"], []], ids=["named", "without names"])
+@pytest.mark.parametrize("names", [["tick", "s1", "s2", "s3"], []], ids=["named", "without names"])
 @pytest.mark.parametrize("name", [*NO_SENSORS, *WIDE, *CLOCKS, *SENSORS])
 def test_a_column_that_moves_as_no_sensor_is_warned_of(name, names):
     column = (NO_SENSORS | WIDE | CLOCKS | SENSORS)[name]
@@ -88,8 +88,8 @@ def test_a_column_that_moves_as_no_sensor_is_warned_of(name, names):
     (note,) = notes
     assert note.level == "warning"
     if names:
-        assert (note.key, note.value) == ("data.columns", ["leave_out:it"])
-        assert "it " in note.text
+        assert (note.key, note.value) == ("data.columns", ["leave_out:tick"])
+        assert "tick " in note.text
     else:
         assert (note.key, note.value) == ("", None)
         assert "column 1 " in note.text

@@ -35,24 +35,24 @@ def recording(name, seed, *, frames=32, live=CHANNELS):
 
 def recordings(seeds=range(8), names=NAMES, **options):
     """Return a recording of each object for each seed, and their labels."""
-    of_all = [recording(name, seed, **options) for seed in seeds for name in names]
-    return of_all, np.tile(range(len(names)), len(seeds))
+    recordings = [recording(name, seed, **options) for seed in seeds for name in names]
+    return recordings, np.tile(range(len(names)), len(seeds))
 
 
-def examples_of(of_all, labels, *, live=CHANNELS, sizes=(1, 2, 4)):
+def examples_of(recordings, labels, *, live=CHANNELS, sizes=(1, 2, 4)):
     """Return the examples of recordings, in the unit of their glove."""
-    frames = np.concatenate(of_all)
+    frames = np.concatenate(recordings)
     scale = Representation.of(live, frames, contact_unit(frames))
     classes = max(labels) + 1
-    return Examples(of_all.__getitem__, labels, scale, sizes=sizes, classes=classes, seed=0)
+    return Examples(recordings.__getitem__, labels, scale, sizes=sizes, classes=classes, seed=0)
 
 
-def fitted(names, of_all, labels, *, live=CHANNELS, sizes=(1, 2, 4), weights=None):
+def fitted(names, recordings, labels, *, live=CHANNELS, sizes=(1, 2, 4), weights=None):
     """Return a classifier whose members, with these names, are fitted to recordings.
 
     Without weights all members have the same.
     """
-    examples = examples_of(of_all, labels, live=live, sizes=sizes)
+    examples = examples_of(recordings, labels, live=live, sizes=sizes)
     scale = examples.representation
     classes = examples.classes
     members = build_members(names, scale, classes)
@@ -80,7 +80,7 @@ def values(classifier, counts):
     return classifier.frame_values(counts.reshape(-1, *classifier.representation.live.shape))
 
 
-def answers(classifier, of_all):
+def answers(classifier, recordings):
     """Return the probabilities (R, classes) of recordings."""
-    logits = [classifier.recording(values(classifier, counts)) for counts in of_all]
+    logits = [classifier.recording(values(classifier, counts)) for counts in recordings]
     return softmax(logits, axis=1)

@@ -147,8 +147,8 @@ def test_a_part_is_shorter_than_half_of_what_nine_in_ten_training_recordings_hav
     """
     lengths = np.repeat(np.arange(11, 31), 2)
     labels = np.tile([0, 1], 20)
-    of_all = [recording(NAMES[labels[i]], i, frames=lengths[i]) for i in range(40)]
-    classifier = fitted(["svm"], of_all, labels)
+    recordings = [recording(NAMES[labels[i]], i, frames=lengths[i]) for i in range(40)]
+    classifier = fitted(["svm"], recordings, labels)
     read = values(classifier, recording("up", 100, frames=30))
     for count in range(1, 16):
         assert is_answered_as_a_part(classifier, read, count) == (count < 6.45)
@@ -211,8 +211,8 @@ def test_readings_in_the_dead_zone_of_the_kernels_are_read_by_svm_and_trees(memb
 
 def test_view_sets_stay_in_a_recording_and_take_other_frames_where_there_are_enough():
     lengths = [5, 3, 3000, 5, 2]
-    of_all = [recording("up", seed, frames=frames) for seed, frames in enumerate(lengths)]
-    examples = examples_of(of_all, np.arange(5))
+    recordings = [recording("up", seed, frames=frames) for seed, frames in enumerate(lengths)]
+    examples = examples_of(recordings, np.arange(5))
     assert examples.lengths.tolist() == lengths
     for size, sets in examples.sets.items():
         _, of_sets = examples.set_readings(size)
@@ -224,12 +224,12 @@ def test_view_sets_stay_in_a_recording_and_take_other_frames_where_there_are_eno
             assert len(set(row)) == size
     of_third = examples.sets[1][8:12] - 8
     frames = np.linspace(0, 2999, 400).astype(int)[of_third]
-    expected = examples.representation.scaled(of_all[2])[frames]
+    expected = examples.representation.scaled(recordings[2])[frames]
     readings, _ = examples.set_readings(1)
     np.testing.assert_allclose(readings[8:12], expected)
 
 
 def test_of_many_recordings_twice_the_frames_of_the_largest_set_are_taken():
-    of_all = [recording("up", seed) for seed in range(300)]
-    examples = examples_of(of_all, np.zeros(300, int), sizes=(8,))
+    recordings = [recording("up", seed) for seed in range(300)]
+    examples = examples_of(recordings, np.zeros(300, int), sizes=(8,))
     assert set(np.bincount(examples.frame_recording)) == {16}  # of 32 frames

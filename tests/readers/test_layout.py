@@ -238,7 +238,7 @@ def test_several_folders_above_the_object_or_below_it_are_one_session(tmp_path, 
         assert table.notes == []
 
 
-def test_a_published_side_has_the_code_of_the_same_side_of_a_split(tmp_path):
+def test_a_published_set_has_the_code_of_the_same_set_of_a_split(tmp_path):
     for set_name in frames.SIDES:
         for name in ("mug", "pen"):
             save(tmp_path / set_name / name / "1.npy")

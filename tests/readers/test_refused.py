@@ -158,10 +158,10 @@ TABLES = {  # the text of mug/1.csv, and words of the error
     "no cell": ("1,2,3\n\n4,,6\n7,8,9\n", "line 3, column 2 is empty"),
     "nan": ("1,nan\n3,4\n", "line 1, column 2 is not a number"),
     "infinite": ("1,2\n3,inf\n", "line 2, column 2 is not a number up to 1e+30"),
-    "no name": ("label,a\nmug,1\n,2\n", "line 3, column 1 ('label') is not a name"),
+    "no name": ("label,a\nmug,1\n,2\n", "line 3, column 1 ('label') is empty"),
     "NUL": ("1\0,2\n3,4\n", "UTF-8"),
     "an open quote": ('1,"2\n3,4\n', "delete the line"),
-    "an empty file": ("\n", "Move the file elsewhere"),
+    "an empty file": ("\n", "no line of numbers; expected a table of numbers. Correct the file"),
     "a second password": (
         "1\nme:pa55word\n",
         "line 2, column 1 is not a number; correct or delete the line",

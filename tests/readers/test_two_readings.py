@@ -393,7 +393,7 @@ def test_numbers_of_recordings_are_no_persons(tmp_path, pattern):
     assert not texts(ingested(tmp_path / "lab")[1], "names")
 
 
-def test_sides_of_a_split_in_names_are_no_persons(tmp_path):
+def test_sets_of_a_split_in_names_are_no_persons(tmp_path):
     for set_name in ("train", "test"):
         for index in range(3):
             for label, name in enumerate(OBJECTS):

@@ -168,7 +168,7 @@ def test_a_home_folder_as_a_tilde_is_written_out(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("set_name", ["train", "Test", "val"])
-def test_files_named_by_their_object_below_a_side_are_read_by_the_line(tmp_path, set_name):
+def test_files_named_by_their_object_below_a_set_are_read_by_the_line(tmp_path, set_name):
     for name in OBJECTS:
         for index in range(2):
             save(tmp_path / "lab" / set_name / f"{name}_{index}.npy", COUNTS + index)

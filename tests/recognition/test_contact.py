@@ -94,7 +94,7 @@ def test_five_frames_of_the_empty_hand_are_enough_for_a_baseline(frames):
     held = recording("pen", 91, before=0, after=0)
     new = one_session(empty_hand(92)[:frames] + np.int16(20), held + np.int16(20))
     estimate, _ = apply(plan, new, new=True)
-    assert len(estimate.notes) == (frames < MIN_FRAMES)
+    assert len(estimate.notes(new)) == (frames < MIN_FRAMES)
     shift = np.median(estimate.mean - plan.mean_baseline())
     expected = 20 if frames == MIN_FRAMES else 0
     assert shift == pytest.approx(expected, abs=1)

@@ -203,11 +203,10 @@ def dealt(variant, wrong, deals):
     """
     for deal in range(deals):
         groups = np.repeat(np.random.default_rng(deal).permutation(8), 10)
-        dealt_answers = answers(variant, wrong, deal=deal, groups=groups)
-        dealt_answers.predictions.trials["recording"].best[..., 0][:, groups == 0] = LABELS[
-            groups == 0
-        ]
-        yield dealt_answers
+        of_deal = answers(variant, wrong, deal=deal, groups=groups)
+        first = of_deal.predictions.trials["recording"].best[..., 0]
+        first[:, groups == 0] = LABELS[groups == 0]
+        yield of_deal
 
 
 def test_a_group_is_one_unit_in_all_deals():

@@ -96,28 +96,6 @@ def test_a_table_has_the_numbers_of_the_file_and_says_what_is_missing(results):
         error("views", "maximum", "object")
 
 
-def test_the_graph_is_compared_with_a_vote_on_the_same_view_sets(results):
-    systems = {"vote": 6.0, "view-graph": 5.0, "mean": 8.0, "maximum": 9.0}
-    rows = []
-    for suffix, higher in {"": 0.0, ", random sets": 10.0}.items():
-        for system, wrong in systems.items():
-            for protocol in ("whole recordings", "object protocol"):
-                values = {"error": wrong + higher, "finetune s": 20.0}
-                head = f"vs vote{suffix} "
-                values |= {f"{head}more": wrong - 6, f"{head}low": -1.5, f"{head}high": 3.5}
-                values |= {f"{head}seeds_low": -2.5, f"{head}seeds_high": 4.5}
-                rows.append(result(f"{system}{suffix}", protocol, **values))
-    results("graph", *rows)
-    lines = findings.graph_table().splitlines()[2:]
-    errors = [line.split(" | ")[2].split()[0] for line in lines]
-    assert errors[:4] == ["5.0", "6.0", "8.0", "9.0"]
-    assert errors[4:] == ["15.0", "16.0", "18.0", "19.0"]
-    assert lines[0].split(" | ")[1] == "view-graph (`view_gcn`)"
-    assert lines[0].split(" | ")[3] == "-1.0 (-1.5 to 3.5; -2.5 to 4.5)"
-    assert lines[4].split(" | ")[3] == "-1.0 (-1.5 to 3.5; -2.5 to 4.5)"
-    assert [line.split(" | ")[3] for line in (lines[1], lines[5])] == ["", ""]
-
-
 def test_the_forest_plot_draws_the_files_numbers_and_hollow_marks_without_a_verdict(results):
     results(
         "claims",

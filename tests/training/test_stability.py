@@ -83,7 +83,6 @@ def test_a_systems_loss_of_logits_10_000_times_as_large(row, system):
     head = classifier.head
     generator = torch.Generator().manual_seed(0)
     nodes = torch.rand(24, *classifier.feature_shape, generator=generator)
-
     labels = torch.from_numpy(LABELS)
     with torch.no_grad():
         logits, aux = head(nodes[torch.from_numpy(SETS)])
