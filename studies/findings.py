@@ -187,27 +187,36 @@ def _claim_in(design: Design, protocol: str, variant: str) -> str:
 
 
 def real_table() -> str:
-    """Return the table of errors on whole recordings of STAG's public sets, by method."""
-    return table("method", METHODS, _real_columns())
+    """Return the table of STAG's public sets: errors on whole recordings, and seconds of training.
+
+    The seconds are those of all folds.
+    """
+    columns = dict[str, Callable[[str], str]]()
+    for study, title in STAG_SETS.items():
+        if has(study, "preset kernels", WHOLE):
+            columns[title] = partial(error_or_not, study)
+            columns[f"{title}, seconds of training"] = partial(_seconds_or_not, study)
+    return table("method", METHODS, columns)
+
+
+def _seconds_or_not(study: str, variant: str) -> str:
+    """Return the seconds of training of a variant; empty if it was not measured."""
+    if has(study, variant, WHOLE):
+        return _training_seconds(study, variant)
+    return ""
 
 
 def short_table() -> str:
     """Return README's table of errors on whole recordings, by method, real recordings first."""
-    columns = _real_columns("real: ")
+    columns = dict[str, Callable[[str], str]]()
+    for study, title in STAG_SETS.items():
+        if has(study, "preset kernels", WHOLE):
+            columns[f"real: {title}"] = partial(error_or_not, study)
     columns["simulated: 96 training frames, 5 worlds"] = partial(error_or_not, "claims")
     for frames in (48, 624):
         title = f"simulated: {frames} training frames, 1 world"
         columns[title] = partial(_error_at_size, frames=frames)
     return table("method", METHODS, columns)
-
-
-def _real_columns(prefix: str = "") -> dict[str, Callable[[str], str]]:
-    """Return a column for each of STAG's sets on which a method has been measured."""
-    columns: dict[str, Callable[[str], str]] = {}
-    for study, title in STAG_SETS.items():
-        if has(study, "preset kernels", WHOLE):
-            columns[prefix + title] = partial(error_or_not, study)
-    return columns
 
 
 def size_table() -> str:
