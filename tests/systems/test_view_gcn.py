@@ -155,8 +155,9 @@ def test_the_network_is_equations_1_to_5_of_all_views_and_of_the_furthest_few(
         expected.append(dense(head.classifier[3], hidden))
     logits, aux = head(torch.from_numpy(views))
     np.testing.assert_allclose(logits, expected)
-    for level, logits_of_level in enumerate(aux):
-        np.testing.assert_allclose(logits_of_level, expected_aux[level])
+    assert len(aux) == 2
+    for logits_of_level, expected_of_level in zip(aux, expected_aux, strict=True):
+        np.testing.assert_allclose(logits_of_level, expected_of_level)
 
 
 @pytest.mark.parametrize(("view_loss", "share"), [("sum", 1), ("mean", 1 / 3)])
