@@ -116,9 +116,11 @@ def _measured_apart(recordings: Recordings) -> Recordings:
 
 
 def _trained_moments(plan: Plan, sessions: list[str]) -> list[Moments]:
-    """Return the baseline (S,) and the noise (S,) that the training set has for each session."""
+    """Return the moments that the training set has for each session."""
     mean_of = dict(zip(plan.sessions, plan.baselines, strict=True))
     mean_of.pop(NO_SESSION, None)
     average = plan.mean_baseline()
     noise = plan.noise[plan.live]
-    return [(mean_of.get(name, average)[plan.live], noise) for name in sessions]
+    session_noise = np.hypot(noise, plan.drift)
+    means = [mean_of.get(name, average)[plan.live] for name in sessions]
+    return [Moments(mean, noise, session_noise, plan.drift) for mean in means]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactile_viewgcn.frames.open_hand import MIN_FRAMES, HandStates, Moments
+from tactile_viewgcn.frames.open_hand import MIN_FRAMES, HandStates, Moments, drift_between
 from tactile_viewgcn.messages import Note, listed, several
 from tactile_viewgcn.params import PreprocessSection
 from tactile_viewgcn.tables.counts import evenly
@@ -40,7 +40,7 @@ class Baseline:
     Attributes:
         mean: (R, H, W) counts. They are float32 if that holds the recordings' counts exactly, else
             float64.
-        noise: (R, H, W) standard deviation in counts, see `visible_noise`. It is NaN if it was not
+        noise: (R, H, W) standard deviation in counts, see `Moments`. It is NaN if it was not
             measured.
         of_frame: int (T,), index of the baseline of each frame of the recordings.
         fallbacks: numbers of the recordings that have a fallback, by the names of what they lack
@@ -186,7 +186,7 @@ def _of_grasps(recordings: Recordings, moments: list[Moments], states: HandState
     shared = dict[int, int]()  # the baseline that the recordings of a session share, by session
     for row, index in enumerate(frames_by_recording(recordings)):
         number = recordings.columns["session"][index[0]]
-        _, noise = moments[number]
+        noise = moments[number].noise
         grasp, means = _open_hand_of_grasps(states, index)
         if means:
             measured.of_frame[index] = len(measured.means) + grasp
@@ -201,7 +201,7 @@ def _of_grasps(recordings: Recordings, moments: list[Moments], states: HandState
             measured.replace(QUIETEST, index[0])
             continue
         if number not in shared:
-            shared[number] = measured.add(hand.mean, noise)
+            shared[number] = measured.add(hand.mean, moments[number].session_noise)
         measured.of_frame[index] = shared[number]
         measured.replace(hand.kind, index[0])
     return measured.baseline()
@@ -244,7 +244,8 @@ def _open_hand_of_session(
     The session's empty hand comes first, then the open hand of the session's recordings, then the
     baseline of the training set.
     """
-    mean, noise = moments[number]
+    mean = moments[number].mean
+    noise = moments[number].session_noise
     if mean is not None and sessions_with_empty_hand(recordings)[number]:
         return _OpenHand(EMPTY, mean, noise)
     of_session = recordings.columns["session"] == number
@@ -299,7 +300,7 @@ def without_empty_hand(recordings: Recordings) -> list[str]:
 
 
 def session_moments(recordings: Recordings, trained: list[Moments] | None = None) -> list[Moments]:
-    """Return the mean (S,) of the empty hand and the noise (S,) of each session's live sensors.
+    """Return the mean of the empty hand and the noise of the live sensors in each session.
 
     If a session has too few frames of the empty hand, its moments come from `trained`. Without
     `trained`, the mean is None, and the noise is measured on differences of successive frames:
@@ -313,8 +314,7 @@ def session_moments(recordings: Recordings, trained: list[Moments] | None = None
     moments = []
     for number in range(len(recordings.sessions)):
         measured = _moments(recordings, np.flatnonzero(session == number))
-        mean, _ = measured
-        if mean is None and trained:
+        if measured.mean is None and trained:
             measured = trained[number]
         moments.append(measured)
     return moments
@@ -324,15 +324,47 @@ def _moments(recordings: Recordings, index: np.ndarray) -> Moments:
     """Return the moments of one session, whose frames are `index` (n,)."""
     counts = recordings.live_counts()
     if len(index) < 2:
-        return None, np.ones(counts.shape[1])
+        unknown = np.ones(counts.shape[1])
+        return Moments(None, unknown, unknown)
     visible = visible_noise(counts[evenly(index, NOISE_FRAMES)])
     empty = index[recordings.empty_hand[index]]
     if len(empty) >= MIN_FRAMES:
-        return trimmed_moments(counts[evenly(empty, MEAN_FRAMES)], visible)
+        sample = evenly(empty, MEAN_FRAMES)
+        recording = recordings.columns["recording"][sample]
+        return _empty_hand_moments(counts[sample], recording, visible)
     sample = evenly(np.arange(len(index) - 1), NOISE_FRAMES)
     changes = counts[index[sample + 1]].astype(np.float64) - counts[index[sample]]
     _, noise = trimmed_moments(changes, visible)
-    return None, noise / np.sqrt(2)
+    noise /= np.sqrt(2)
+    return Moments(None, noise, noise)
+
+
+def _empty_hand_moments(counts: np.ndarray, recording: np.ndarray, visible: float) -> Moments:
+    """Return the moments of a session's empty hand.
+
+    The noise within a recording is the median of the noise of the recordings with at least five
+    frames. If every recording is shorter, it is the noise over the whole session. Medians are used,
+    since a hand that bumps into an object spoils a whole short recording.
+
+    Args:
+        counts: (n, S) of the empty hand.
+        recording: (n,) number of each frame's recording.
+        visible: see `visible_noise`.
+    """
+    mean, session_noise = trimmed_moments(counts, visible)
+    numbers, frames = np.unique(recording, return_counts=True)
+    is_enough = frames >= MIN_FRAMES
+    if len(numbers) == 1 or not is_enough.any():
+        return Moments(mean, session_noise, session_noise)
+    middles = list[np.ndarray]()
+    noises = list[np.ndarray]()
+    for number in numbers[is_enough]:
+        of_recording = counts[recording == number]
+        _, noise = trimmed_moments(of_recording, visible)
+        middles.append(np.median(of_recording, axis=0))
+        noises.append(noise)
+    noise = np.median(noises, axis=0)
+    return Moments(mean, noise, session_noise, drift_between(np.stack(middles)))
 
 
 def trimmed_moments(counts: np.ndarray, visible: float = 1.0) -> tuple[np.ndarray, np.ndarray]:

@@ -4,7 +4,7 @@ A baseline that a whole session shares shows contact everywhere once it has drif
 signal. So each recording begins with its quietest frames, and the baseline follows the open hand
 from there. It stands still during a grasp, as in a capacitive touch sensor.
 
-The detection fails without a warning in four cases:
+The detection fails without a warning in five cases:
 
 - A recording has no five successive frames without contact, and its session has no empty hand. Then
   a light grip is taken for the open hand, and only stronger pressure counts as contact.
@@ -14,8 +14,14 @@ The detection fails without a warning in four cases:
 - An object that is held from the first frame to the last presses more than three quarters of the
   sensors, or about half of them hardly above the threshold. It is taken for drift, even if the
   session has an empty hand.
+- An object that is held from the first frame to the last presses less than five standard deviations
+  of the drift between open hands. It is taken for drift.
 - In a whole recording, two sensors or more read higher than in the session's empty hand, compared
   with all other sensors and by more than the threshold. Then every frame counts as contact.
+
+The session's empty hand is compared with the quietest frames of a recording. In a new recording the
+baseline of the training set can stand for it. Their difference must exceed the drift between open
+hands: of the session's recordings of the empty hand, or of the training set's baselines.
 
 A frame that the source flags as holding an object always counts as contact.
 """
@@ -30,7 +36,6 @@ from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.tables.counts import Counts
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
-Moments = tuple[np.ndarray | None, np.ndarray]  # mean and noise
 MIN_FRAMES = 5  # for a mean
 # most sensors of an open hand that read contact, since one can be faulty. If a single sensor is
 # enough for contact, an open hand has none
@@ -51,6 +56,37 @@ UNMOVED = 0.25
 COMMON_SENSORS = 100
 
 
+class Moments(NamedTuple):
+    """Mean and noise of the S live sensors of a session, in counts.
+
+    Attributes:
+        mean: (S,) of the empty hand; None if it is not known.
+        noise: (S,) standard deviation within a recording.
+        session_noise: (S,) standard deviation of the empty hand about `mean`. It includes the drift
+            between recordings.
+        drift: standard deviation of the baseline between recordings, see `drift_between`.
+    """
+
+    mean: np.ndarray | None
+    noise: np.ndarray
+    session_noise: np.ndarray
+    drift: float = 0.0
+
+
+def drift_between(means: np.ndarray) -> float:
+    """Return the standard deviation in counts of a sensor between open hands.
+
+    The median sensor is taken, since a few open hands do not show the drift of each sensor. The
+    drift of fewer than two open hands is 0.
+
+    Args:
+        means: (R, S) mean counts of each open hand.
+    """
+    if len(means) < 2:
+        return 0.0
+    return float(np.median(np.std(means, axis=0, ddof=1, dtype=np.float64)))
+
+
 @dataclass(frozen=True)
 class HandStates:
     """The hand's state in each of T frames, and the measurements behind it.
@@ -58,7 +94,7 @@ class HandStates:
     Attributes:
         counts: (T, S) of the live sensors. They are an array, or they are read from the recordings'
             file when they are indexed.
-        noise: (sessions, S) standard deviation in counts, see `visible_noise`.
+        noise: (sessions, S) standard deviation in counts within a recording, see `Moments`.
         contact: bool (T,), enough sensors are in contact, or a flag of the source says that an
             object is held.
         open: bool (T,), the hand is open in this frame and in the two frames before and after it.
@@ -120,7 +156,7 @@ def hand_states(
             contact, and the quietest frames are not known.
     """
     counts = recordings.live_counts()
-    noise = np.stack([noise_of_session for _, noise_of_session in moments])
+    noise = np.stack([of_session.noise for of_session in moments])
     contact = np.full(len(counts), all_contact)
     opened = np.zeros(len(counts), dtype=bool)
     quiet = list[np.ndarray]()
@@ -128,10 +164,9 @@ def hand_states(
         return HandStates(counts, noise, contact, opened, np.array(quiet))
     is_held = _flagged_as_held(recordings)
     for index in frames_by_recording(recordings):
-        empty, noise_of_session = moments[recordings.columns["session"][index[0]]]
+        of_session = moments[recordings.columns["session"][index[0]]]
         of_recording = counts[index].astype(np.float64)
-        threshold = CONTACT_SIGMAS * noise_of_session
-        followed, start = _followed_from_quietest(of_recording, threshold, contact_sensors, empty)
+        followed, start = _followed_from_quietest(of_recording, of_session, contact_sensors)
         contact[index] = (followed.pressed >= contact_sensors) | is_held[index]
         still = followed.still & ~contact[index]
         opened[index] = minimum_filter1d(still, 2 * MARGIN + 1, mode="nearest")
@@ -150,27 +185,31 @@ def _flagged_as_held(recordings: Recordings) -> np.ndarray:
 
 
 def _followed_from_quietest(
-    counts: np.ndarray, threshold: np.ndarray, sensors: int, empty: np.ndarray | None
+    counts: np.ndarray, moments: Moments, sensors: int
 ) -> tuple[_Followed, int]:
     """Return a recording's frames above a baseline, and the index of the first quietest frame.
 
-    The baseline begins at the quietest frames. If later frames fall below it by as much as contact,
+    The baseline begins at the quietest frames, unless they are contact compared with the session's
+    empty hand and its drift. If later frames fall below the baseline by as much as contact,
     the hand was not open there. Then the baseline begins at the frames with the smallest sums. The
     signal that all sensors share stays in these sums, because a dense grasp is shared too.
 
     Args:
         counts: (n, S) of the recording.
-        threshold: (S,) the least excess over the baseline of a sensor in contact.
+        moments: the moments of the recording's session.
         sensors: fewest sensors in a frame of contact.
-        empty: (S,) the session's empty hand, if it is known.
     """
+    empty = moments.mean
+    of_drift = CONTACT_SIGMAS * np.hypot(moments.noise, moments.drift)
     results = list[tuple[_Followed, int]]()
     for start in dict.fromkeys((quietest(counts), quietest(counts, common=False))):
         begin = start
         baseline = counts[start : start + MIN_FRAMES].mean(axis=0)
-        if empty is not None and is_contact(baseline - empty, threshold, sensors):
+        threshold = CONTACT_SIGMAS * moments.noise
+        if empty is not None and is_contact(baseline - empty, of_drift, sensors):
             begin = 0
             baseline = empty
+            threshold = of_drift
         followed = _follow(counts, begin, baseline, threshold, sensors)
         results.append((followed, start))
         if not followed.fallen:

@@ -23,7 +23,7 @@ def measured_on(frames: Frames) -> Plan:
     gets their mean.
 
     Args:
-        frames: the table. Its plan already has `noise`, `kept_share` and `rates`.
+        frames: the table. Its plan already has `noise`, `drift`, `kept_share` and `rates`.
     """
     train = frames.on(TRAIN)
     sessions, baselines = _session_baselines(frames, train)

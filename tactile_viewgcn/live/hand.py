@@ -4,8 +4,8 @@ This applies the plan of the training without looking ahead. `frames/apply.py` l
 recording; here each frame is judged by the frames before it:
 
 - The baseline begins with the first five successive frames of an open hand. Such frames read alike,
-  and show no contact above the last known open hand. At first, the last known open hand is the mean
-  of the training set's sessions.
+  and show no contact above the last known open hand. The drift between the training set's baselines
+  is no contact. At first, the last known open hand is the mean of the training set's sessions.
 - The baseline then follows the open hand, as in `frames/open_hand.py`. The baseline of a grasp is
   the mean of the open-hand frames since the previous grasp, as in `apply`. The last 256 of these
   frames are kept.
@@ -178,6 +178,7 @@ class OpenHand(Hand):
         self._live = plan.live
         self._sensors = int(plan.params.contact_sensors)
         self._has_baseline = plan.params.baseline != "none"
+        self._drift = plan.drift
         self._every_frame = every_frame
         self._open_hand: np.ndarray | None = None  # (S,) the last known open hand
         if not tare:
@@ -296,7 +297,8 @@ class OpenHand(Hand):
             return False
         if self._open_hand is None:
             return True
-        return not is_contact(mean - self._open_hand, threshold, self._sensors)
+        of_drift = np.hypot(threshold, CONTACT_SIGMAS * self._drift)
+        return not is_contact(mean - self._open_hand, of_drift, self._sensors)
 
     def _follow_open_hand(self, follower: Follower) -> list[np.ndarray]:
         """Return the frames in contact, which begin a grasp, after a frame in the state `ready`."""

@@ -33,6 +33,8 @@ class Plan:
         kept_share: the share of the training frames that pass the filter.
         noise: (H, W) the mean standard deviation of the training set's baselines in counts. It is
             NaN if it was not measured, and has the shape (0, 0) before `measured_on`.
+        drift: the standard deviation in counts of a sensor between the training set's baselines,
+            see `drift_between`.
         sessions: the names of the S sessions that have training frames.
         baselines: (S, H, W) the mean baseline of each of these sessions in counts.
         strong_readings: two pairs, the lowest and the highest strong reading of the training
@@ -51,6 +53,7 @@ class Plan:
     shows_open_hand: bool = True
     kept_share: float = 1.0
     noise: np.ndarray = Field(default_factory=lambda: np.zeros((0, 0)))
+    drift: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     sessions: list[str] = Field(default_factory=list)
     baselines: np.ndarray = Field(default_factory=lambda: np.zeros((0, 0, 0)))
     strong_readings: list[list[float]] = Field(default_factory=list)

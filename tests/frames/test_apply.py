@@ -1,11 +1,14 @@
 """A plan gives the same numbers in preprocessing, when applied again, and on new recordings."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tactile_viewgcn.frames.apply import apply
 from tactile_viewgcn.frames.baseline import with_empty_hand
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
+from tactile_viewgcn.live.hand import hand_of
 from tactile_viewgcn.params import load
 from tactile_viewgcn.tables.frames import TEST, TRAIN
 from tests.glove_data import FILE, drifting, of_arrays, recogniser, recording
@@ -72,6 +75,39 @@ def compare(recordings, result, code):
     kept = result.keep[rows] & in_set[rows]
     expected = frames.baseline_mean[frames.baseline[frames.side == code]]
     np.testing.assert_array_equal(baseline.mean[baseline.of_frame[kept]], expected)
+
+
+@pytest.mark.parametrize("shift", [-20, 0, 10, 40])
+@pytest.mark.parametrize(("between", "common"), [(2, 4), (3, 12), (20, 20)])
+@pytest.mark.parametrize("has_empty_hand", [False, True])
+def test_a_new_recording_that_drifts_shows_its_open_hand_also_in_a_stream(
+    tmp_path, has_empty_hand, between, common, shift
+):
+    """Its open hand differs from the training set's by a fifth of a touch, or by much more.
+
+    All sensors of the new recordings also read more, or less, by the shift. A touch is 30 counts.
+    """
+    glove = drifting(recordings=4, between=between, common=common, shape=(6, 8))
+    is_new = (glove.columns["recording"] % 4 == 3) & (glove.columns["object"] > 0)
+    objects = ["cloth", "mug", "pen", "ball", "coin"]
+    if has_empty_hand:
+        objects[0] = "empty_hand"
+    params = load(FILE, (*SPLIT, "preprocess.baseline=grasp", "preprocess.filter=contact"))
+    training = glove.table(tmp_path / "training", ~is_new, objects=objects)
+    plan = preprocess_recordings(training, params.preprocess, params.split).frames.plan
+    assert plan.drift > between / 2
+    shifted = replace(glove, counts=glove.counts + np.int16(shift))
+    new = shifted.table(tmp_path / "new", is_new, objects=objects)
+    baseline, contact = apply(plan, new, new=True)
+    np.testing.assert_array_equal(contact, ~glove.open[is_new])
+    in_contact = np.flatnonzero(contact)
+    measured = baseline.mean[baseline.of_frame[in_contact]]
+    true = glove.baseline[is_new][in_contact] + shift
+    np.testing.assert_allclose(measured, true, atol=2.5)
+    for index in np.split(np.arange(len(new)), 4):
+        hand = hand_of(plan, new.counts[index[0]])
+        found = [len(hand.follow(new.counts[frame])) > 0 for frame in index]
+        np.testing.assert_array_equal(found, contact[index])
 
 
 @pytest.mark.parametrize("baseline", ["empty_hand", "grasp"])

@@ -13,9 +13,10 @@ from tactile_viewgcn.frames.baseline import (
     session_moments,
     trimmed_moments,
 )
-from tactile_viewgcn.frames.open_hand import MARGIN
+from tactile_viewgcn.frames.filter import pressed_frames
+from tactile_viewgcn.frames.open_hand import MARGIN, Moments, drift_between
 from tactile_viewgcn.params import PreprocessSection
-from tests.glove_data import CLOSED, NOISE, OPEN, SIGNAL, drifting, states_of
+from tests.glove_data import CLOSED, NOISE, OPEN, SIGNAL, drifting, states_of, written
 
 CONTACT = 5  # sensors
 SD = np.hypot(NOISE, 12**-0.5)  # standard deviation of the counts, which are rounded
@@ -62,15 +63,72 @@ def test_the_open_hand_and_contact_are_detected_whatever_drifts(tmp_path, drift,
         np.testing.assert_allclose(states.noise, np.full((1, 40), SD), atol=0.15)
 
 
+def test_drift_between_recordings_of_the_empty_hand_is_no_noise_of_a_grasp(tmp_path):
+    """The empty hand is recorded four times, and each sensor drifts in between by its signal.
+
+    The noise about the mean of the session is then so large that it hides every grasp.
+    """
+    glove = drifting(objects=3, recordings=4, between=SIGNAL)
+    recordings = glove.table(tmp_path / "t")
+    (moments,) = session_moments(recordings)
+    assert np.median(moments.session_noise) > SIGNAL / 2
+    np.testing.assert_allclose(moments.noise, SD, atol=0.15)
+    states = states_of(recordings, CONTACT)
+    np.testing.assert_array_equal(states.contact, ~glove.open)
+    baseline = of_grasps(recordings, states)
+    np.testing.assert_allclose(baseline.noise[baseline.of_frame].mean(), SD, atol=0.15)
+
+
+def test_the_drift_between_open_hands_is_the_one_of_the_median_sensor():
+    # the sensors' standard deviations are sqrt(8), 0 and sqrt(18) counts
+    means = np.array([[500.0, 510.0, 502.0], [504.0, 510.0, 508.0]])
+    assert drift_between(means) == pytest.approx(8**0.5)
+    assert drift_between(means[:1]) == 0
+
+
+def test_a_bump_of_the_empty_hand_is_no_noise_and_no_drift(tmp_path):
+    glove = drifting(objects=3, recordings=4)
+    bumped = glove.columns["recording"] == 1
+    counts = glove.counts.copy()
+    counts[np.flatnonzero(bumped)[:40]] += 300
+    (moments,) = session_moments(replace(glove, counts=counts).table(tmp_path / "t"))
+    np.testing.assert_allclose(moments.noise, SD, atol=0.15)
+    assert moments.drift < 1
+
+
+def test_a_baseline_that_a_session_shares_has_the_drift_in_its_noise(tmp_path):
+    """Without the drift in the noise, open hands far from the mean would count as contact."""
+    glove = drifting(objects=3, recordings=4, between=SIGNAL / 3)
+    recordings = glove.table(tmp_path / "t")
+    section = PreprocessSection(baseline="empty_hand")
+    moments = session_moments(recordings)
+    baseline = measure_baseline(recordings, section, moments)
+    np.testing.assert_array_equal(baseline.noise[0].ravel(), moments[0].session_noise)
+    contact = pressed_frames(recordings, baseline, CONTACT)
+    assert not contact[recordings.empty_hand].any()
+
+
+@pytest.mark.parametrize("lengths", [(4, 4, 4), (4, 300, 4)])
+def test_recordings_of_few_frames_measure_no_noise_of_their_own(tmp_path, lengths):
+    rng = np.random.default_rng(0)
+    recording = np.repeat(np.arange(3), lengths)
+    counts = np.rint(500 + 40 * recording[:, None, None] + rng.normal(0, 3, (len(recording), 4, 5)))
+    recordings = written(tmp_path / "t", counts.astype(np.int16), recording=recording, object=0)
+    (moments,) = session_moments(recordings)
+    expected = moments.session_noise
+    if max(lengths) > 5:
+        _, expected = trimmed_moments(recordings.live_counts()[4:-4])
+    np.testing.assert_allclose(moments.noise, expected, rtol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("shift", "spread"),
     [(-20, 0), (0, 0), (10, 0), (15, 0), (20, 0), (40, 0), (15, 2)],
 )
 def test_a_shift_of_all_sensors_is_no_contact(tmp_path, shift, spread):
-    """The noise of an empty hand that drifts is large, and differs between sensors.
+    """A shift by about the drift of the empty hand lifts some sensors above a threshold, not all.
 
-    So a shift of 10 to 20 counts lifts some sensors above their threshold, but not all. The spread
-    is the standard deviation of the shift between sensors.
+    The spread is the standard deviation of the shift between sensors.
     """
     glove = drifting(objects=3, recordings=4, between=2.0, common=4.0, shape=(6, 8))
     of_sensors = np.random.default_rng(0).normal(shift, spread, (6, 8))
@@ -198,7 +256,8 @@ def test_a_recording_without_open_hand_is_named_and_has(tmp_path, case):
     states = replace(states, open=states.open & ~np.isin(recording, never_open))
     trained = None
     if has_trained:
-        trained = [(np.full(40, mean), np.ones(40)) for mean in (500.0, 501.0)]
+        noise = np.ones(40)
+        trained = [Moments(np.full(40, mean), noise, noise) for mean in (500.0, 501.0)]
     baseline = of_grasps(recordings, states, trained)
     for index in (4, 5):
         of_session = session == index % 2
@@ -207,7 +266,7 @@ def test_a_recording_without_open_hand_is_named_and_has(tmp_path, case):
         elif has_open:
             expected, _ = trimmed_moments(glove.counts[of_session & states.open])
         elif has_trained:
-            expected, _ = trained[index % 2]
+            expected = trained[index % 2].mean
         else:
             expected = states.quiet[index]
         (row,) = np.unique(baseline.of_frame[recording == index])
