@@ -215,6 +215,8 @@ def _top(file: Path, text: str) -> _Top:
     sample = max(below, key=lambda line: len(BEGINS_OF_NUMBERS.findall(line)), default="")
     separator = separator_of(sample.strip())
     example = split_line(sample, separator)
+    if len(below) == 1 and all(cell[:1].isalpha() for cell in example):  # only names of columns
+        raise _without_numbers(file)
     rows = list[list[str]]()
     for number, line in top:
         cells = split_line(line.lstrip("".join(COMMENT) + " "), separator)
@@ -224,7 +226,12 @@ def _top(file: Path, text: str) -> _Top:
             if _is_of_numbers(cells, example):
                 return _Top(separator, number, rows)
         rows.append(cells)
-    raise UserError(
+    raise _without_numbers(file)
+
+
+def _without_numbers(file: Path) -> UserError:
+    """Return the error of a text that has no line of numbers."""
+    return UserError(
         f"{file}: no line of numbers; expected a table of numbers. Correct the file, or move it "
         "out of the folder"
     )

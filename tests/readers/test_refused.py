@@ -161,6 +161,7 @@ TABLES = {  # the text of mug/1.csv, and words of the error
     "no name": ("label,a\nmug,1\n,2\n", "line 3, column 1 ('label') is empty"),
     "NUL": ("1\0,2\n3,4\n", "UTF-8"),
     "an open quote": ('1,"2\n3,4\n', "delete the line"),
+    "only names": ("time_s,a,b\n", "no line of numbers; expected a table of numbers."),
     "an empty file": ("\n", "no line of numbers; expected a table of numbers. Correct the file"),
     "a second password": (
         "1\nme:pa55word\n",
