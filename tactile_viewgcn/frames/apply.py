@@ -33,7 +33,7 @@ from tactile_viewgcn.frames.baseline import (
     without_empty_hand,
 )
 from tactile_viewgcn.frames.filter import flags_of, pressed_frames
-from tactile_viewgcn.frames.open_hand import HandStates, Moments, hand_states
+from tactile_viewgcn.frames.open_hand import HandStates, Moments, drift_between, hand_states
 from tactile_viewgcn.tables.plan import Plan
 from tactile_viewgcn.tables.recordings import NO_SESSION, Recordings
 
@@ -121,6 +121,20 @@ def _trained_moments(plan: Plan, sessions: list[str]) -> list[Moments]:
     mean_of.pop(NO_SESSION, None)
     average = plan.mean_baseline()
     noise = plan.noise[plan.live]
-    session_noise = np.hypot(noise, plan.drift)
-    means = [mean_of.get(name, average)[plan.live] for name in sessions]
-    return [Moments(mean, noise, session_noise, plan.drift) for mean in means]
+    moments = []
+    for name in sessions:
+        drift = new_session_drift(plan)
+        if name in mean_of:
+            drift = plan.drift
+        mean = mean_of.get(name, average)[plan.live]
+        moments.append(Moments(mean, noise, np.hypot(noise, drift), drift))
+    return moments
+
+
+def new_session_drift(plan: Plan) -> float:
+    """Return how far the open hand of a new session is from the mean of the training's sessions.
+
+    The standard deviation in counts is returned. It has the drift within a session and the drift
+    between sessions.
+    """
+    return float(np.hypot(plan.drift, drift_between(plan.baselines[:, plan.live])))

@@ -21,6 +21,7 @@ OUTLIER_SD = 3.0
 MAX_PASSES = 5  # most passes over the frames that leave out outliers
 MEAN_FRAMES = 10_000  # most frames for a mean, which is then exact to a hundredth of the noise
 NOISE_FRAMES = 2000  # most frames for the noise
+LONG_FRAMES = 32  # fewest frames of a recording of the empty hand for its own noise
 # if a sensor reads the smallest count in more than this share of the frames, its noise is cut off
 CUT_OFF = 0.25
 # standard deviation of a normal distribution that is cut off at its mean, as a share of the
@@ -342,9 +343,8 @@ def _moments(recordings: Recordings, index: np.ndarray) -> Moments:
 def _empty_hand_moments(counts: np.ndarray, recording: np.ndarray, visible: float) -> Moments:
     """Return the moments of a session's empty hand.
 
-    The noise within a recording is the median of the noise of the recordings with at least five
-    frames. If every recording is shorter, it is the noise over the whole session. Medians are used,
-    since a hand that bumps into an object spoils a whole short recording.
+    The noise and the drift are measured if two recordings or more have enough frames for it. Slow
+    changes hide in a shorter recording. Otherwise the noise is the session's.
 
     Args:
         counts: (n, S) of the empty hand.
@@ -353,18 +353,16 @@ def _empty_hand_moments(counts: np.ndarray, recording: np.ndarray, visible: floa
     """
     mean, session_noise = trimmed_moments(counts, visible)
     numbers, frames = np.unique(recording, return_counts=True)
-    is_enough = frames >= MIN_FRAMES
-    if len(numbers) == 1 or not is_enough.any():
+    long = numbers[frames >= LONG_FRAMES]
+    if len(long) < 2:
         return Moments(mean, session_noise, session_noise)
-    middles = list[np.ndarray]()
-    noises = list[np.ndarray]()
-    for number in numbers[is_enough]:
-        of_recording = counts[recording == number]
-        _, noise = trimmed_moments(of_recording, visible)
-        middles.append(np.median(of_recording, axis=0))
-        noises.append(noise)
-    noise = np.median(noises, axis=0)
-    return Moments(mean, noise, session_noise, drift_between(np.stack(middles)))
+    # the middle of a recording's readings does not change if the hand bumps into an object
+    middles = np.stack([np.median(counts[recording == number], axis=0) for number in long])
+    of_long = np.isin(recording, long)
+    deviations = counts[of_long] - middles[np.searchsorted(long, recording[of_long])]
+    _, noise = trimmed_moments(deviations, visible)
+    noise = np.maximum(noise, ROUNDING_SD * _step(counts)).astype(session_noise.dtype)
+    return Moments(mean, noise, session_noise, drift_between(middles))
 
 
 def trimmed_moments(counts: np.ndarray, visible: float = 1.0) -> tuple[np.ndarray, np.ndarray]:

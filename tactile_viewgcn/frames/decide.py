@@ -20,6 +20,7 @@ from tactile_viewgcn.frames.filter import flags_of, sensors_in_contact
 from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_note
 from tactile_viewgcn.frames.open_hand import MIN_FRAMES, HandStates, Moments, hand_states
 from tactile_viewgcn.frames.split import has_published_split
+from tactile_viewgcn.frames.training_readings import drift_within_sessions
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, several
 from tactile_viewgcn.params import CONTACT_SIGMAS, MAX_NUMBER, PreprocessSection
 from tactile_viewgcn.sensor_array import is_array
@@ -108,6 +109,7 @@ def decide(
         dtype=cast(Any, str(training.counts.dtype)),
         channel_names=training.channel_names,
         shows_open_hand=shows_open_hand,
+        drift=drift_within_sessions(training, baseline),
     )
     notes = _choice_notes(chosen)
     if params.baseline == "grasp" and states.all_contact:

@@ -15,13 +15,9 @@ The detection fails without a warning in five cases:
   sensors, or about half of them hardly above the threshold. It is taken for drift, even if the
   session has an empty hand.
 - An object that is held from the first frame to the last presses less than five standard deviations
-  of the drift between open hands. It is taken for drift.
+  of the drift between known open hands. It is taken for drift too.
 - In a whole recording, two sensors or more read higher than in the session's empty hand, compared
   with all other sensors and by more than the threshold. Then every frame counts as contact.
-
-The session's empty hand is compared with the quietest frames of a recording. In a new recording the
-baseline of the training set can stand for it. Their difference must exceed the drift between open
-hands: of the session's recordings of the empty hand, or of the training set's baselines.
 
 A frame that the source flags as holding an object always counts as contact.
 """
@@ -60,11 +56,10 @@ class Moments(NamedTuple):
     """Mean and noise of the S live sensors of a session, in counts.
 
     Attributes:
-        mean: (S,) of the empty hand; None if it is not known.
-        noise: (S,) standard deviation within a recording.
-        session_noise: (S,) standard deviation of the empty hand about `mean`. It includes the drift
-            between recordings.
-        drift: standard deviation of the baseline between recordings, see `drift_between`.
+        mean: (S,) of the open hand; None if it is not known.
+        noise: (S,) standard deviation of an open hand about its own mean.
+        session_noise: (S,) standard deviation of all open hands about `mean`.
+        drift: standard deviation of the means of open hands, see `drift_between`.
     """
 
     mean: np.ndarray | None
@@ -72,19 +67,33 @@ class Moments(NamedTuple):
     session_noise: np.ndarray
     drift: float = 0.0
 
+    @property
+    def drifted_noise(self) -> np.ndarray:
+        """Return the standard deviation (S,) of a further open hand about `mean`.
+
+        A few open hands can lie close together by chance in some sensors, so the drift of the
+        median sensor is the least that any sensor has.
+        """
+        least = np.hypot(self.noise, self.drift)
+        drifted: np.ndarray = np.maximum(self.session_noise, least)
+        return drifted
+
 
 def drift_between(means: np.ndarray) -> float:
-    """Return the standard deviation in counts of a sensor between open hands.
+    """Return by how much a sensor differs between open hands, as a standard deviation in counts.
 
-    The median sensor is taken, since a few open hands do not show the drift of each sensor. The
-    drift of fewer than two open hands is 0.
+    The median sensor is taken. A shift that all sensors share is left out, since `is_contact`
+    leaves it out too. The drift of fewer than two open hands is 0.
 
     Args:
         means: (R, S) mean counts of each open hand.
     """
     if len(means) < 2:
         return 0.0
-    return float(np.median(np.std(means, axis=0, ddof=1, dtype=np.float64)))
+    own = means.astype(np.float64)
+    if means.shape[1] > 1:
+        own -= np.median(own, axis=1, keepdims=True)
+    return float(np.median(np.std(own, axis=0, ddof=1)))
 
 
 @dataclass(frozen=True)
@@ -200,16 +209,15 @@ def _followed_from_quietest(
         sensors: fewest sensors in a frame of contact.
     """
     empty = moments.mean
-    of_drift = CONTACT_SIGMAS * np.hypot(moments.noise, moments.drift)
+    threshold = CONTACT_SIGMAS * moments.noise
+    of_drift = CONTACT_SIGMAS * moments.drifted_noise
     results = list[tuple[_Followed, int]]()
     for start in dict.fromkeys((quietest(counts), quietest(counts, common=False))):
         begin = start
         baseline = counts[start : start + MIN_FRAMES].mean(axis=0)
-        threshold = CONTACT_SIGMAS * moments.noise
         if empty is not None and is_contact(baseline - empty, of_drift, sensors):
             begin = 0
             baseline = empty
-            threshold = of_drift
         followed = _follow(counts, begin, baseline, threshold, sensors)
         results.append((followed, start))
         if not followed.fallen:

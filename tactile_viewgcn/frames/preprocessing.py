@@ -9,7 +9,7 @@ from tactile_viewgcn.frames.apply import apply
 from tactile_viewgcn.frames.baseline import Baseline, with_empty_hand
 from tactile_viewgcn.frames.decide import Choice, decide
 from tactile_viewgcn.frames.filter import passing, require_filter
-from tactile_viewgcn.frames.open_hand import HandStates, drift_between
+from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.frames.split import SPLIT_SEED, Sides, deal, draw_anchors, keep_testable
 from tactile_viewgcn.frames.training_readings import measured_on, training_rates
 from tactile_viewgcn.messages import Note
@@ -92,7 +92,6 @@ def preprocess_recordings(
         plan,
         kept_share=float(passed[sides.training].mean()),
         noise=baseline.noise[of_training].mean(axis=0),
-        drift=drift_between(baseline.mean[of_training][:, plan.live]),
         rates=training_rates(recordings, sides.training),
     )
     index = np.flatnonzero(keep)

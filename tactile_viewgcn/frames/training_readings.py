@@ -1,10 +1,13 @@
 """Readings of the training frames: fallbacks for new recordings, and bounds to check them by."""
 
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 import pandas as pd
 
+from tactile_viewgcn.frames.baseline import Baseline
+from tactile_viewgcn.frames.open_hand import drift_between
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.tables.counts import evenly, middles
 from tactile_viewgcn.tables.frames import TRAIN, Frames, frame_rates
@@ -23,7 +26,7 @@ def measured_on(frames: Frames) -> Plan:
     gets their mean.
 
     Args:
-        frames: the table. Its plan already has `noise`, `drift`, `kept_share` and `rates`.
+        frames: the table. Its plan already has `noise`, `kept_share` and `rates`.
     """
     train = frames.on(TRAIN)
     sessions, baselines = _session_baselines(frames, train)
@@ -58,6 +61,32 @@ def training_rates(recordings: Recordings, training: np.ndarray) -> list[float]:
     if not rates:
         return [0.0, np.inf]
     return [min(rates), max(rates)]
+
+
+def drift_within_sessions(recordings: Recordings, baseline: Baseline) -> float:
+    """Return the drift between the open hands of a session's recordings in counts.
+
+    It is the mean over the sessions, see `drift_between`. Recordings whose baseline is a fallback
+    are left out, since they show no open hand.
+
+    Args:
+        recordings: T frames of the training set.
+        baseline: the baseline of these frames.
+    """
+    columns = recordings.columns
+    without_open_hand = list(chain(*baseline.fallbacks.values()))
+    index = np.flatnonzero(~np.isin(columns["recording"], without_open_hand))
+    keys = pd.DataFrame({name: columns[name][index] for name in ("session", "recording")})
+    keys["baseline"] = baseline.of_frame[index]
+    drifts = list[float]()
+    for _, of_session in keys.groupby("session"):
+        means = []
+        for _, numbers in of_session.groupby("recording")["baseline"]:
+            mean = baseline.mean[numbers.unique()].mean(axis=0)
+            means.append(mean[recordings.live])
+        if len(means) > 1:
+            drifts.append(drift_between(np.stack(means)))
+    return float(np.mean(drifts)) if drifts else 0.0
 
 
 def strong_readings(frames: Frames) -> list[list[float]]:

@@ -4,8 +4,8 @@ This applies the plan of the training without looking ahead. `frames/apply.py` l
 recording; here each frame is judged by the frames before it:
 
 - The baseline begins with the first five successive frames of an open hand. Such frames read alike,
-  and show no contact above the last known open hand. The drift between the training set's baselines
-  is no contact. At first, the last known open hand is the mean of the training set's sessions.
+  and show no contact above the last known open hand. At first, that is the mean of the training
+  set's sessions, from which the stream may differ by their drift.
 - The baseline then follows the open hand, as in `frames/open_hand.py`. The baseline of a grasp is
   the mean of the open-hand frames since the previous grasp, as in `apply`. The last 256 of these
   frames are kept.
@@ -29,7 +29,7 @@ from typing import Literal
 
 import numpy as np
 
-from tactile_viewgcn.frames.apply import keeps_every_frame
+from tactile_viewgcn.frames.apply import keeps_every_frame, new_session_drift
 from tactile_viewgcn.frames.baseline import trimmed_moments, visible_noise
 from tactile_viewgcn.frames.open_hand import (
     MARGIN,
@@ -178,7 +178,7 @@ class OpenHand(Hand):
         self._live = plan.live
         self._sensors = int(plan.params.contact_sensors)
         self._has_baseline = plan.params.baseline != "none"
-        self._drift = plan.drift
+        self._drift = new_session_drift(plan)  # of the first open hand from the training set's
         self._every_frame = every_frame
         self._open_hand: np.ndarray | None = None  # (S,) the last known open hand
         if not tare:
@@ -262,6 +262,7 @@ class OpenHand(Hand):
         if not self._is_open(values, mean, self._threshold):
             return []
         self._open_hand = mean
+        self._drift = 0.0  # from here on, the open hand is the stream's own
         self._follower = Follower(mean, self._threshold, self._sensors)
         self._opened.clear()
         self._opened.extend(values[:-MARGIN])

@@ -30,11 +30,11 @@ class Plan:
         channel_names: the names of the sensors, row after row, or none.
         shows_open_hand: whether the training recordings show an open hand. If not, no frame counts
             as an open hand for a baseline. The filter still decides which frames are in contact.
+        drift: the standard deviation in counts of a sensor between the open hands of a session. It
+            is 0 if it was not measured.
         kept_share: the share of the training frames that pass the filter.
         noise: (H, W) the mean standard deviation of the training set's baselines in counts. It is
             NaN if it was not measured, and has the shape (0, 0) before `measured_on`.
-        drift: the standard deviation in counts of a sensor between the training set's baselines,
-            see `drift_between`.
         sessions: the names of the S sessions that have training frames.
         baselines: (S, H, W) the mean baseline of each of these sessions in counts.
         strong_readings: two pairs, the lowest and the highest strong reading of the training
@@ -51,9 +51,9 @@ class Plan:
     dtype: Literal["int16", "int32", "float32", "float64"]
     channel_names: list[str]
     shows_open_hand: bool = True
+    drift: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     kept_share: float = 1.0
     noise: np.ndarray = Field(default_factory=lambda: np.zeros((0, 0)))
-    drift: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     sessions: list[str] = Field(default_factory=list)
     baselines: np.ndarray = Field(default_factory=lambda: np.zeros((0, 0, 0)))
     strong_readings: list[list[float]] = Field(default_factory=list)

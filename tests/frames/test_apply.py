@@ -5,13 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames.apply import apply
-from tactile_viewgcn.frames.baseline import with_empty_hand
+from tactile_viewgcn.frames.apply import apply, new_session_drift
+from tactile_viewgcn.frames.baseline import TRAINED, with_empty_hand
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.live.hand import hand_of
 from tactile_viewgcn.params import load
 from tactile_viewgcn.tables.frames import TEST, TRAIN
-from tests.glove_data import FILE, drifting, of_arrays, recogniser, recording
+from tests.glove_data import (
+    CLOSED,
+    FILE,
+    OPEN,
+    drifting,
+    of_arrays,
+    recogniser,
+    recording,
+)
 
 SPLIT = ("split.by=recording", "split.folds=2", "preprocess.contact_sensors=5")
 #: Baseline, filter, and whether there is an empty hand.
@@ -55,6 +63,7 @@ def test_sets_without_an_open_hand_have_it_too_where_the_baseline_is_of_each_gra
     held.counts[:] = held.baseline + 30 + np.random.default_rng(0).normal(0, 9, held.counts.shape)
     recordings, result = preprocessed(tmp_path / "t", held, "grasp", "none", has_empty_hand=False)
     assert not result.frames.plan.shows_open_hand
+    assert result.frames.plan.drift == 0  # of open hands, which these recordings do not show
     assert len(result.frames.baseline_mean) == 8  # one for each recording
     texts = [note.text for note in result.notes if "no open hand was found" in note.text]
     (text,) = texts  # one for both sets
@@ -77,37 +86,74 @@ def compare(recordings, result, code):
     np.testing.assert_array_equal(baseline.mean[baseline.of_frame[kept]], expected)
 
 
-@pytest.mark.parametrize("shift", [-20, 0, 10, 40])
-@pytest.mark.parametrize(("between", "common"), [(2, 4), (3, 12), (20, 20)])
-@pytest.mark.parametrize("has_empty_hand", [False, True])
-def test_a_new_recording_that_drifts_shows_its_open_hand_also_in_a_stream(
-    tmp_path, has_empty_hand, between, common, shift
-):
-    """Its open hand differs from the training set's by a fifth of a touch, or by much more.
+NEW_RECORDINGS = 4  # one of each object
 
-    All sensors of the new recordings also read more, or less, by the shift. A touch is 30 counts.
+
+def plan_and_new_recordings(path, glove, *, first):
+    """Return the plan of a drifting glove, and a new recording of each of its objects.
+
+    Args:
+        path: a folder.
+        glove: four recordings of each of four objects; the fourth is new.
+        first: the first object, cloth or empty_hand, which presses nothing.
+    """
+    is_new = (glove.columns["recording"] % 4 == 3) & (glove.columns["object"] > 0)
+    objects = [first, "mug", "pen", "ball", "coin"]
+    params = load(FILE, (*SPLIT, "preprocess.baseline=grasp", "preprocess.filter=contact"))
+    training = glove.table(path / "training", ~is_new, objects=objects)
+    plan = preprocess_recordings(training, params.preprocess, params.split).frames.plan
+    return plan, glove.table(path / "new", is_new, objects=objects), is_new
+
+
+@pytest.mark.parametrize("shift", [0, 10, 40])
+@pytest.mark.parametrize(("between", "common"), [(2, 4), (3, 12)])
+@pytest.mark.parametrize("first", ["cloth", "empty_hand"])
+def test_a_new_recording_that_drifts_shows_its_open_hand_also_in_a_stream(
+    tmp_path, first, between, common, shift
+):
+    """Its open hand differs from the training set's by a tenth of a touch, or by more.
+
+    All sensors of the new recordings also read more by the shift. A touch is 30 counts.
     """
     glove = drifting(recordings=4, between=between, common=common, shape=(6, 8))
     is_new = (glove.columns["recording"] % 4 == 3) & (glove.columns["object"] > 0)
-    objects = ["cloth", "mug", "pen", "ball", "coin"]
-    if has_empty_hand:
-        objects[0] = "empty_hand"
-    params = load(FILE, (*SPLIT, "preprocess.baseline=grasp", "preprocess.filter=contact"))
-    training = glove.table(tmp_path / "training", ~is_new, objects=objects)
-    plan = preprocess_recordings(training, params.preprocess, params.split).frames.plan
-    assert plan.drift > between / 2
-    shifted = replace(glove, counts=glove.counts + np.int16(shift))
-    new = shifted.table(tmp_path / "new", is_new, objects=objects)
+    glove.counts[is_new] += shift
+    plan, new, is_new = plan_and_new_recordings(tmp_path, glove, first=first)
+    np.testing.assert_allclose(plan.drift, between, rtol=0.4)
     baseline, contact = apply(plan, new, new=True)
     np.testing.assert_array_equal(contact, ~glove.open[is_new])
     in_contact = np.flatnonzero(contact)
     measured = baseline.mean[baseline.of_frame[in_contact]]
     true = glove.baseline[is_new][in_contact] + shift
     np.testing.assert_allclose(measured, true, atol=2.5)
-    for index in np.split(np.arange(len(new)), 4):
+    for index in np.split(np.arange(len(new)), NEW_RECORDINGS):
         hand = hand_of(plan, new.counts[index[0]])
         found = [len(hand.follow(new.counts[frame])) > 0 for frame in index]
         np.testing.assert_array_equal(found, contact[index])
+
+
+@pytest.mark.parametrize("session", ["Monday", "Sunday"])
+def test_the_training_set_s_baseline_has_the_drift_in_its_noise(tmp_path, session):
+    """New recordings in which the hand never opens have this baseline.
+
+    The training set knows Monday, and not Sunday. Its sessions differ by up to 10 counts, without
+    the shift that all sensors share.
+    """
+    glove = drifting(recordings=4, between=3, grasps=1)
+    is_held = np.arange(len(glove.open)) % (OPEN + CLOSED) >= OPEN
+    plan, new, is_new = plan_and_new_recordings(tmp_path, glove, first="cloth")
+    gradient = np.linspace(-10, 10, 40).reshape(5, 8)
+    baselines = np.stack([plan.baselines[0], plan.baselines[0] + gradient])
+    plan = replace(plan, sessions=["Monday", "Friday"], baselines=baselines)
+    held = replace(new.part(np.flatnonzero(is_held[is_new])), sessions=[session])
+    baseline, _ = apply(plan, held, new=True)
+    assert [kind for _, kind in baseline.fallbacks] == [TRAINED]
+    drift = plan.drift
+    if session == "Sunday":
+        # the median sensor differs by 5 counts
+        drift = np.hypot(drift, 5 / 2**0.5)
+        assert new_session_drift(plan) == pytest.approx(drift, rel=0.05)
+    np.testing.assert_allclose(baseline.noise[0], np.hypot(plan.noise, drift), rtol=0.05)
 
 
 @pytest.mark.parametrize("baseline", ["empty_hand", "grasp"])

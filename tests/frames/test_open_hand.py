@@ -79,18 +79,34 @@ def test_drift_between_recordings_of_the_empty_hand_is_no_noise_of_a_grasp(tmp_p
     np.testing.assert_allclose(baseline.noise[baseline.of_frame].mean(), SD, atol=0.15)
 
 
+def test_a_few_sensors_that_drift_are_no_contact(tmp_path):
+    """Each of the four sensors drifts by its signal; the drift of the median sensor is 0."""
+    glove = drifting(objects=3, recordings=8)
+    recording = glove.columns["recording"]
+    offsets = np.zeros((recording.max() + 1, 5, 8))
+    offsets[:, 0, :4] = np.random.default_rng(2).normal(0, SIGNAL, (len(offsets), 4))
+    counts = glove.counts + np.rint(offsets)[recording].astype(np.int16)
+    recordings = replace(glove, counts=counts).table(tmp_path / "t")
+    (moments,) = session_moments(recordings)
+    assert moments.drift < 1
+    np.testing.assert_array_equal(states_of(recordings, 2).contact, ~glove.open)
+
+
 def test_the_drift_between_open_hands_is_the_one_of_the_median_sensor():
-    # the sensors' standard deviations are sqrt(8), 0 and sqrt(18) counts
-    means = np.array([[500.0, 510.0, 502.0], [504.0, 510.0, 508.0]])
+    # without the shift of 2 counts that all share, the standard deviations are sqrt(8), 0 and
+    # sqrt(18) counts
+    means = np.array([[500.0, 504.0, 512.0], [498.0, 506.0, 520.0]])
     assert drift_between(means) == pytest.approx(8**0.5)
     assert drift_between(means[:1]) == 0
+    assert drift_between(means[:, :1]) == pytest.approx(2**0.5)
 
 
-def test_a_bump_of_the_empty_hand_is_no_noise_and_no_drift(tmp_path):
-    glove = drifting(objects=3, recordings=4)
+@pytest.mark.parametrize("recordings", [2, 4])
+def test_a_bump_of_the_empty_hand_is_no_noise_and_no_drift(tmp_path, recordings):
+    glove = drifting(objects=3, recordings=recordings)
     bumped = glove.columns["recording"] == 1
     counts = glove.counts.copy()
-    counts[np.flatnonzero(bumped)[:40]] += 300
+    counts[np.flatnonzero(bumped)[:15]] += 300
     (moments,) = session_moments(replace(glove, counts=counts).table(tmp_path / "t"))
     np.testing.assert_allclose(moments.noise, SD, atol=0.15)
     assert moments.drift < 1
@@ -100,25 +116,47 @@ def test_a_baseline_that_a_session_shares_has_the_drift_in_its_noise(tmp_path):
     """Without the drift in the noise, open hands far from the mean would count as contact."""
     glove = drifting(objects=3, recordings=4, between=SIGNAL / 3)
     recordings = glove.table(tmp_path / "t")
+    (moments,) = session_moments(recordings)
     section = PreprocessSection(baseline="empty_hand")
-    moments = session_moments(recordings)
-    baseline = measure_baseline(recordings, section, moments)
-    np.testing.assert_array_equal(baseline.noise[0].ravel(), moments[0].session_noise)
+    baseline = measure_baseline(recordings, section, [moments])
+    np.testing.assert_array_equal(baseline.noise[0].ravel(), moments.session_noise)
     contact = pressed_frames(recordings, baseline, CONTACT)
     assert not contact[recordings.empty_hand].any()
+    # with `grasp`, the recordings without an open hand share the session's empty hand
+    states = states_of(recordings, CONTACT)
+    never_open = replace(states, open=np.zeros_like(states.open))
+    baseline = of_grasps(recordings, never_open)
+    np.testing.assert_array_equal(baseline.noise[0].ravel(), moments.session_noise)
 
 
-@pytest.mark.parametrize("lengths", [(4, 4, 4), (4, 300, 4)])
-def test_recordings_of_few_frames_measure_no_noise_of_their_own(tmp_path, lengths):
+def test_noise_that_is_cut_off_is_measured_in_each_recording_of_the_empty_hand(tmp_path):
     rng = np.random.default_rng(0)
-    recording = np.repeat(np.arange(3), lengths)
-    counts = np.rint(500 + 40 * recording[:, None, None] + rng.normal(0, 3, (len(recording), 4, 5)))
+    recording = np.repeat([0, 1], 500)
+    counts = np.maximum(rng.normal(0, 4, (1000, 4, 5)), 0)
+    recordings = written(tmp_path / "t", counts, recording=recording, object=0)
+    (moments,) = session_moments(recordings)
+    np.testing.assert_allclose(np.median(moments.noise), 4, rtol=0.25)
+
+
+def test_a_sensor_that_is_constant_in_each_recording_has_the_noise_of_rounding(tmp_path):
+    """The middle of the other sensor is half a count, which is no step of the readings."""
+    counts = np.full((80, 2, 1), 510)
+    counts[:, 1] = np.tile([500, 501, 502, 503], 20)[:, None]
+    recording = np.repeat([0, 1], 40)
+    counts[recording == 1] += 3
     recordings = written(tmp_path / "t", counts.astype(np.int16), recording=recording, object=0)
     (moments,) = session_moments(recordings)
-    expected = moments.session_noise
-    if max(lengths) > 5:
-        _, expected = trimmed_moments(recordings.live_counts()[4:-4])
-    np.testing.assert_allclose(moments.noise, expected, rtol=1e-6)
+    np.testing.assert_allclose(moments.noise, [12**-0.5, 1.25**0.5], rtol=1e-6)
+
+
+def test_short_recordings_of_the_empty_hand_have_the_noise_of_their_session(tmp_path):
+    rng = np.random.default_rng(0)
+    recording = np.repeat(np.arange(6), 20)
+    drift = 40 * recording[:, None, None]
+    counts = np.rint(500 + drift + rng.normal(0, 3, (len(recording), 4, 5))).astype(np.int16)
+    (moments,) = session_moments(written(tmp_path / "t", counts, recording=recording, object=0))
+    np.testing.assert_array_equal(moments.noise, moments.session_noise)
+    assert moments.drift == 0
 
 
 @pytest.mark.parametrize(

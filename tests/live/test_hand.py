@@ -84,6 +84,22 @@ def test_an_object_that_is_held_from_the_first_frame_is_no_open_hand_unless_one_
     assert followed(plan_of(), rigid, tare=True)[0] == 4 * "w" + 16 * "r"
 
 
+def test_the_first_open_hand_of_a_stream_may_drift_and_the_next_is_compared_with_it():
+    """Ten sensors read 12 counts more than in training, where a sensor drifts by 5 counts."""
+    plan = replace(plan_of(), drift=5.0)
+    frames = recording("pen", 97, before=12, held=20, after=0)
+    frames.reshape(len(frames), -1)[:, :10] += 12
+    assert followed(plan_of(), frames[:12])[0] == 12 * "w"
+    states, _, hand = followed(plan, frames[:12])
+    assert states == 4 * "w" + 8 * "r"
+    hand.begin_anew()
+    weak = frames[:12].copy()
+    weak.reshape(len(weak), -1)[:, -10:] += 12  # now a light grip that is held still
+    for counts in weak:
+        hand.follow(counts)
+    assert hand.state == "waiting"
+
+
 def test_a_hand_that_was_not_open_where_the_baseline_began_is_looked_for_anew():
     rng = np.random.default_rng(0)
     held = recording("pen", 84, before=0, held=1, after=0)
