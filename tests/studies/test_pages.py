@@ -96,6 +96,30 @@ def test_a_table_has_the_numbers_of_the_file_and_says_what_is_missing(results):
         error("views", "maximum", "object")
 
 
+def test_the_table_of_claims_has_no_column_for_a_study_that_tests_none(results):
+    results("claims", result("paper"), result("mean", more=4.0))
+    results("real_blindfolded_lite", result("paper"))
+    lines = findings.claims_table().splitlines()
+    assert lines[0] == "|  | 96 frames, 5 worlds | published |"
+    assert "| a mean in place of the view-graph | 4.0 (3.0 to 6.0; 0.0 to 9.0) | higher |" in lines
+
+
+def test_the_table_of_real_recordings_has_differences_to_kernels_and_seconds(results):
+    values = {"pretrain s": 1000.4, "finetune s": 200.3}
+    rows = [result("preset kernels", "whole recordings", **values)]
+    row = result("paper", "whole recordings", more=7.0, **values)
+    rows.append({name.replace("vs paper", "vs preset kernels"): row[name] for name in row})
+    results("real_weights_lite", *rows)
+    lines = findings.real_table().splitlines()
+    assert lines[2] == "| `weights_lite` | preset `kernels` | 20.0 (18.0 to 23.0) |  | 1,201 |"
+    difference_and_seconds = "7.0 (6.0 to 9.0; 3.0 to 12.0) | 1,201 |"
+    assert lines[5] == (
+        f"| `weights_lite` | the paper's recipe | 20.0 (18.0 to 23.0) | {difference_and_seconds}"
+    )
+    assert lines[3] == "| `weights_lite` | preset `network` | not measured |  |  |"
+    assert len(lines) == 6  # the other set was not measured
+
+
 def test_the_forest_plot_draws_the_files_numbers_and_hollow_marks_without_a_verdict(results):
     results(
         "claims",
