@@ -121,11 +121,10 @@ def _trained_moments(plan: Plan, sessions: list[str]) -> list[Moments]:
     mean_of.pop(NO_SESSION, None)
     average = plan.mean_baseline()
     noise = plan.noise[plan.live]
+    drift_of_unknown = new_session_drift(plan)
     moments = []
     for name in sessions:
-        drift = new_session_drift(plan)
-        if name in mean_of:
-            drift = plan.drift
+        drift = plan.drift if name in mean_of else drift_of_unknown
         mean = mean_of.get(name, average)[plan.live]
         moments.append(Moments(mean, noise, np.hypot(noise, drift), drift))
     return moments
