@@ -72,6 +72,8 @@ def apply(
         if new:
             trained = _trained_moments(plan, recordings.sessions)
         moments = session_moments(recordings, trained)
+        if new:
+            moments = [of_session.with_drift(plan.drift) for of_session in moments]
     needs_states = params.baseline == "grasp" or (
         params.baseline == "empty_hand" and bool(without_empty_hand(recordings))
     )

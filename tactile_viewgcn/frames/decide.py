@@ -16,7 +16,7 @@ from tactile_viewgcn.frames.baseline import (
     without_empty_hand,
 )
 from tactile_viewgcn.frames.columns import column_notes
-from tactile_viewgcn.frames.filter import flags_of, sensors_in_contact
+from tactile_viewgcn.frames.filter import MOST_LOST, flags_of, sensors_in_contact
 from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_note
 from tactile_viewgcn.frames.open_hand import MIN_FRAMES, HandStates, Moments, hand_states
 from tactile_viewgcn.frames.split import has_published_split
@@ -30,8 +30,6 @@ from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 COMPARED_FRAMES = 2000  # frames whose readings are compared
 NEAR_ZERO = 0.05  # a reading within this share of the range of readings is about 0
-# if more than this share of the recordings has no frame in contact, contact is no filter
-MOST_LOST = 0.05
 RELEASED_SCALE = 150.0  # counts; the released code has it for STAG's glove
 # the released scale is used unless the strongest hundredth of the readings in contact is above it,
 # or below a tenth of it
@@ -109,7 +107,7 @@ def decide(
         dtype=cast(Any, str(training.counts.dtype)),
         channel_names=training.channel_names,
         shows_open_hand=shows_open_hand,
-        drift=drift_within_sessions(training, baseline),
+        drift=max(drift_within_sessions(training, baseline), *(one.drift for one in moments)),
     )
     notes = _choice_notes(chosen)
     if params.baseline == "grasp" and states.all_contact:

@@ -12,6 +12,8 @@ from tactile_viewgcn.tables.recordings import Recordings
 
 SENSORS_IN_CONTACT = 14  # fewest pressed sensors in a frame of contact, of STAG's 548 sensors
 CONTACT_SHARE = 1 / 40  # the same share, for a smaller array
+# if more than this share of the recordings has no frame in contact, contact is no filter
+MOST_LOST = 0.05
 FEW_SENSORS = 16  # a glove of fewer sensors has one or a few on each finger
 
 
@@ -79,18 +81,34 @@ def passing(
     frames = several(len(passed), "frame")
     dropped = f"dropped {(~passed).sum():,} of {frames}, since they lack {condition}"
     notes = [Note(f"{params.filter}: {dropped}", topic="filter")]
-    notes += _dropped(recordings, "recording", passed, condition)
-    notes += _dropped(recordings, "object", passed, condition)
+    level: Literal["info", "warning"] = "info"
+    if _loses_many_recordings(recordings, passed):
+        level = "warning"
+    notes += _dropped(recordings, "recording", passed, condition, level)
+    notes += _dropped(recordings, "object", passed, condition, "warning")
     return passed, notes
 
 
-def _dropped(recordings: Recordings, column: str, passed: np.ndarray, condition: str) -> list[Note]:
+def _loses_many_recordings(recordings: Recordings, passed: np.ndarray) -> bool:
+    """Return whether objects that keep frames lose more than a twentieth of all recordings."""
+    recording = recordings.columns["recording"]
+    of_object = recordings.columns["object"]
+    is_kept = np.isin(of_object, of_object[passed])
+    lost = np.setdiff1d(recording[is_kept], recording[passed])
+    return len(lost) > MOST_LOST * len(np.unique(recording))
+
+
+def _dropped(
+    recordings: Recordings,
+    column: Literal["recording", "object"],
+    passed: np.ndarray,
+    condition: str,
+    level: Literal["info", "warning"],
+) -> list[Note]:
     """Return a note on the recordings, or the objects, that lose all their frames."""
     names = recordings.recordings
-    level: Literal["info", "warning"] = "info"
     if column == "object":
         names = recordings.objects
-        level = "warning"
     of_frame = recordings.columns[column]
     emptied = np.setdiff1d(of_frame, of_frame[passed])
     if not len(emptied):
@@ -98,6 +116,8 @@ def _dropped(recordings: Recordings, column: str, passed: np.ndarray, condition:
     count = f"{len(emptied)} of {several(len(np.unique(of_frame)), column)}"
     text = f"dropped {count}, since no frame has {condition}: "
     text += listed([names[i] for i in emptied])
+    if column == "recording":
+        text += "; they count in no error"
     return [Note(text, level, "filter")]
 
 

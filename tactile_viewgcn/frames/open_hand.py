@@ -78,6 +78,14 @@ class Moments(NamedTuple):
         drifted: np.ndarray = np.maximum(self.session_noise, least)
         return drifted
 
+    def with_drift(self, drift: float) -> "Moments":
+        """Return moments that have this drift at least, also in the session's noise.
+
+        A single recording of the empty hand shows no drift.
+        """
+        session_noise = np.maximum(self.session_noise, np.hypot(self.noise, drift))
+        return self._replace(session_noise=session_noise, drift=max(self.drift, drift))
+
 
 def drift_between(means: np.ndarray) -> float:
     """Return by how much a sensor differs between open hands, as a standard deviation in counts.
@@ -148,6 +156,21 @@ class _Followed(NamedTuple):
     fallen: int
 
 
+class _Tried(NamedTuple):
+    """The quietest frames that were tried as the open hand of a recording.
+
+    Attributes:
+        followed: the recording's frames above a baseline that begins with these frames or, if they
+            are contact, with the empty hand.
+        start: index of the first of them.
+        are_contact: whether these frames are contact.
+    """
+
+    followed: _Followed
+    start: int
+    are_contact: bool
+
+
 def hand_states(
     recordings: Recordings,
     contact_sensors: int,
@@ -198,10 +221,11 @@ def _followed_from_quietest(
 ) -> tuple[_Followed, int]:
     """Return a recording's frames above a baseline, and the index of the first quietest frame.
 
-    The baseline begins at the quietest frames, unless they are contact compared with the session's
-    empty hand and its drift. If later frames fall below the baseline by as much as contact,
-    the hand was not open there. Then the baseline begins at the frames with the smallest sums. The
-    signal that all sensors share stays in these sums, because a dense grasp is shared too.
+    The baseline begins at the quietest frames. If later frames fall below it by as much as contact,
+    the hand was not open there. It was not open either if these frames are contact compared with
+    the session's empty hand and its drift; then the baseline begins with the empty hand. In both
+    cases the frames with the smallest sums are tried too. The signal that all sensors share stays
+    in these sums, because a dense grasp is shared too.
 
     Args:
         counts: (n, S) of the recording.
@@ -211,18 +235,20 @@ def _followed_from_quietest(
     empty = moments.mean
     threshold = CONTACT_SIGMAS * moments.noise
     of_drift = CONTACT_SIGMAS * moments.drifted_noise
-    results = list[tuple[_Followed, int]]()
+    results = list[_Tried]()
     for start in dict.fromkeys((quietest(counts), quietest(counts, common=False))):
         begin = start
         baseline = counts[start : start + MIN_FRAMES].mean(axis=0)
-        if empty is not None and is_contact(baseline - empty, of_drift, sensors):
+        are_contact = empty is not None and is_contact(baseline - empty, of_drift, sensors)
+        if empty is not None and are_contact:
             begin = 0
             baseline = empty
         followed = _follow(counts, begin, baseline, threshold, sensors)
-        results.append((followed, start))
-        if not followed.fallen:
+        results.append(_Tried(followed, start, are_contact))
+        if not followed.fallen and not are_contact:
             break
-    return min(results, key=lambda result: result[0].fallen)
+    best = min(results, key=lambda tried: (tried.followed.fallen, tried.are_contact))
+    return best.followed, best.start
 
 
 class Follower:

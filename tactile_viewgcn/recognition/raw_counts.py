@@ -190,6 +190,21 @@ def untouched_note(plan: Plan, names: list[str], total: int, *, is_class: bool) 
     return Note(text, "warning", "contact")
 
 
+def no_contact_note(names: list[str], total: int) -> Note:
+    """Return a note on recordings in which no frame is in contact.
+
+    Args:
+        names: of these recordings.
+        total: number of all recordings.
+    """
+    text = (
+        f"{len(names)} of {several(total, 'recording')} have no frame in contact: {listed(names)}. "
+        "An object that is held from the first frame to the last can be taken for an open hand, so "
+        "begin each recording with an open hand."
+    )
+    return Note(text, "info", "contact")
+
+
 def rate_notes(plan: Plan, recordings: Recordings) -> list[Note]:
     """Return a warning if recordings are over a tenth slower or faster than in training."""
     rates = frame_rates(recordings.columns["time"], recordings.columns["recording"])

@@ -28,6 +28,7 @@ from tactile_viewgcn.recognition.raw_counts import (
     check_layouts,
     fault_of,
     is_untouched,
+    no_contact_note,
     rate_notes,
     untouched_note,
 )
@@ -97,7 +98,7 @@ class Recogniser:
         """Return the answers to the recordings of a table, and notes.
 
         The notes are on baselines that could not be measured, on frame rates, and on recordings
-        that read as if the hand touched nothing.
+        that have no contact, or read as if the hand touched nothing.
 
         Raises:
             UserError: recordings differ from the training set in layout, sensors or scale; the
@@ -110,6 +111,7 @@ class Recogniser:
         answers = list[Answer]()
         faults = dict[str, str]()
         untouched = list[str]()
+        without_contact = list[str]()
         index_of = frames_by_recording(recordings)
         for index in index_of:
             name = recordings.recordings[recordings.columns["recording"][index[0]]]
@@ -122,6 +124,8 @@ class Recogniser:
                 in_contact = np.zeros_like(in_contact)
                 excess = excess[:0]
             label = _label(recordings, index)
+            if not len(pressed) and label != EMPTY_HAND:
+                without_contact.append(name)
             with_object = in_contact & (label != EMPTY_HAND)
             fault = fault_of(self.plan, counts, with_object, excess)
             probabilities = self._probabilities(excess)
@@ -132,6 +136,8 @@ class Recogniser:
             answers.append(Answer(probabilities, len(excess), len(index), name, label))
         _raise_first(faults, len(index_of))
         notes = [*baseline.notes(recordings), *rate_notes(self.plan, recordings)]
+        if without_contact:
+            notes.append(no_contact_note(without_contact, len(index_of)))
         if untouched:
             is_class = EMPTY_HAND in self.classes
             notes.append(untouched_note(self.plan, untouched, len(index_of), is_class=is_class))

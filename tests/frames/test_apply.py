@@ -156,6 +156,32 @@ def test_the_training_set_s_baseline_has_the_drift_in_its_noise(tmp_path, sessio
     np.testing.assert_allclose(baseline.noise[0], np.hypot(plan.noise, drift), rtol=0.05)
 
 
+def test_a_plan_of_the_empty_hand_has_the_drift_between_its_recordings(tmp_path):
+    glove = drifting(recordings=4, between=4)
+    params = load(FILE, (*SPLIT, "preprocess.baseline=empty_hand", "preprocess.filter=contact"))
+    recordings = glove.table(tmp_path / "t")
+    plan = preprocess_recordings(recordings, params.preprocess, params.split).frames.plan
+    np.testing.assert_allclose(plan.drift, 4, rtol=0.4)
+
+
+def test_the_drift_counts_also_where_the_new_session_has_an_empty_hand(tmp_path):
+    """The new session's empty hand is recorded once, so it shows no drift of its own.
+
+    The objects are held from the first frame to the last.
+    """
+    glove = drifting(recordings=4, between=4, grasps=1)
+    is_new = glove.columns["recording"] % 4 == 3
+    is_held = np.arange(len(glove.open)) % (OPEN + CLOSED) >= OPEN
+    objects = ["empty_hand", "mug", "pen", "ball", "coin"]
+    params = load(FILE, (*SPLIT, "preprocess.baseline=grasp", "preprocess.filter=contact"))
+    training = glove.table(tmp_path / "training", ~is_new, objects=objects)
+    plan = preprocess_recordings(training, params.preprocess, params.split).frames.plan
+    is_kept = is_new & (is_held | (glove.columns["object"] == 0))
+    held = glove.table(tmp_path / "held", is_kept, objects=objects)
+    _, contact = apply(plan, held, new=True)
+    np.testing.assert_array_equal(contact, ~held.empty_hand)
+
+
 @pytest.mark.parametrize("baseline", ["empty_hand", "grasp"])
 def test_in_a_session_with_an_empty_hand_a_new_recording_is_measured_like_a_set(
     tmp_path, glove, baseline

@@ -94,3 +94,28 @@ def test_notes_count_the_frames_that_a_filter_drops(recordings, kind):
 @pytest.mark.parametrize(("live", "sensors"), [(15, 1), (16, 2), (80, 2), (81, 3), (999, 14)])
 def test_contact_is_a_fortieth_of_the_sensors_two_at_least_but_of_few_sensors_one(live, sensors):
     assert sensors_in_contact(live) == sensors
+
+
+@pytest.mark.parametrize(("lost", "level"), [(1, "info"), (2, "warning")])
+def test_more_than_a_twentieth_of_the_recordings_is_not_dropped_without_a_warning(
+    tmp_path, lost, level
+):
+    """Of twenty recordings of two objects, one or two of the first object have no contact."""
+    recording = np.repeat(np.arange(20), 3)
+    counts = np.zeros((60, *SHAPE), dtype=np.int16)
+    table = written(tmp_path / "t", counts, recording=recording, object=1 + recording // 10)
+    params = load(FILE, ("preprocess.filter=contact", "preprocess.contact_sensors=2"))
+    _, notes = passing(table, recording >= lost, params.preprocess)
+    (note,) = [note for note in notes if "recording" in note.text]
+    assert note.level == level
+    assert note.text.startswith(f"dropped {lost} of 20 recordings, since no frame has 2 sensors")
+
+
+def test_an_object_without_contact_is_named_in_one_warning(tmp_path):
+    recording = np.repeat(np.arange(20), 3)
+    counts = np.zeros((60, *SHAPE), dtype=np.int16)
+    table = written(tmp_path / "t", counts, recording=recording, object=1 + recording // 10)
+    params = load(FILE, ("preprocess.filter=contact", "preprocess.contact_sensors=2"))
+    _, notes = passing(table, recording >= 10, params.preprocess)
+    (warning,) = [note for note in notes if note.level == "warning"]
+    assert warning.text.startswith("dropped 1 of 2 objects")

@@ -93,8 +93,9 @@ def test_a_glove_is_inspected_and_preprocessed_alike_and_without_a_warning(
         above_baseline = result.frames.inputs(np.arange(160), "counts")
         np.testing.assert_array_equal(above_baseline, result.frames.counts)
         of_grasps = preprocessed(page.recordings, *changes, "preprocess.baseline=grasp")
-        (note,) = warnings_of(of_grasps.notes)
+        note, lost = warnings_of(of_grasps.notes)
         assert (note.key, note.value) == ("preprocess.baseline", "auto")
+        assert "they count in no error" in lost.text
         assert "subtract signal" in note.text
     if write is floats:
         assert sorted(page.recordings.objects) == sorted(FOREIGN_NAMES)

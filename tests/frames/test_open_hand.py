@@ -79,6 +79,26 @@ def test_drift_between_recordings_of_the_empty_hand_is_no_noise_of_a_grasp(tmp_p
     np.testing.assert_allclose(baseline.noise[baseline.of_frame].mean(), SD, atol=0.15)
 
 
+def test_the_open_hand_of_a_dense_grasp_is_found_though_sensors_drift(tmp_path):
+    """Ten of sixteen sensors are pressed, so the frames look quiet without the shared signal.
+
+    They are contact compared with the empty hand, so the frames with the smallest sums are tried.
+    """
+    glove = drifting(objects=3, recordings=4, between=3.0, shape=(4, 4))
+    states = states_of(glove.table(tmp_path / "t"), 2)
+    np.testing.assert_array_equal(states.contact, ~glove.open)
+    assert (states.open != away(glove.open)).mean() < 0.01
+
+
+def test_moments_have_the_drift_that_is_known_at_least():
+    noise = np.array([3.0, 3.0])
+    moments = Moments(np.zeros(2), noise, np.array([3.0, 9.0]), drift=1.0)
+    drifted = moments.with_drift(4.0)
+    assert drifted.drift == 4
+    np.testing.assert_allclose(drifted.session_noise, [5, 9])
+    assert moments.with_drift(0.5).drift == 1
+
+
 def test_a_few_sensors_that_drift_are_no_contact(tmp_path):
     """Each of the four sensors drifts by its signal; the drift of the median sensor is 0."""
     glove = drifting(objects=3, recordings=8)

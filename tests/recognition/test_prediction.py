@@ -61,6 +61,20 @@ def test_unlabelled_recordings_have_a_line_each(folder):
     assert head == "model: mvcnn, 3 classes; probabilities are not calibrated"
 
 
+def test_recordings_without_contact_are_named_with_the_reason_unless_they_are_of_an_empty_hand(
+    folder,
+):
+    write(folder / "new" / "open.h5", empty_hand(85))
+    _, note, _, *lines = call(folder / "classifier.pt", folder / "new")
+    assert note.startswith(
+        "contact: 1 of 4 recordings have no frame in contact: open. An object that is"
+    )
+    assert lines[3].split() == ["open", "0", "no", "contact"]
+    assert not any(
+        "no frame" in line for line in call(folder / "classifier.pt", folder / "labelled")
+    )
+
+
 def test_recordings_in_two_files_are_answered_as_whole_ones(folder):
     for index, name in enumerate(OBJECTS):
         left, right = np.split(recording(name, 80 + index), 2, axis=2)
