@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from tactile_viewgcn.device import Compute
-from tactile_viewgcn.frames.baseline import session_moments
+from tactile_viewgcn.frames.moments import session_moments
 from tactile_viewgcn.frames.open_hand import HandStates, hand_states
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.messages import EMPTY_HAND

@@ -28,12 +28,12 @@ import pandas as pd
 from tactile_viewgcn.frames.baseline import (
     Baseline,
     measure_baseline,
-    session_moments,
     sessions_with_empty_hand,
     without_empty_hand,
 )
 from tactile_viewgcn.frames.filter import flags_of, pressed_frames
-from tactile_viewgcn.frames.open_hand import HandStates, Moments, drift_between, hand_states
+from tactile_viewgcn.frames.moments import Moments, drift_between, session_moments
+from tactile_viewgcn.frames.open_hand import HandStates, hand_states
 from tactile_viewgcn.tables.plan import Plan
 from tactile_viewgcn.tables.recordings import NO_SESSION, Recordings
 

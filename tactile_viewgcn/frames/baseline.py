@@ -1,4 +1,4 @@
-"""The baseline of each frame, by `preprocess.baseline`, and the moments of the empty hand.
+"""The baseline of each frame, by `preprocess.baseline`.
 
 Training, validation and test set and new recordings are all measured in the same way.
 """
@@ -8,25 +8,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactile_viewgcn.frames.open_hand import MIN_FRAMES, HandStates, Moments, drift_between
+from tactile_viewgcn.frames.moments import (
+    MEAN_FRAMES,
+    MIN_FRAMES,
+    NOISE_FRAMES,
+    Moments,
+    trimmed_moments,
+    visible_noise,
+)
+from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.messages import Note, listed, several
 from tactile_viewgcn.params import PreprocessSection
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
-ROUNDING_SD = 12**-0.5  # standard deviation of rounding to whole steps, in steps
-# a frame this many standard deviations from the mean is an outlier: even the empty hand bumps into
-# objects
-OUTLIER_SD = 3.0
-MAX_PASSES = 5  # most passes over the frames that leave out outliers
-MEAN_FRAMES = 10_000  # most frames for a mean, which is then exact to a hundredth of the noise
-NOISE_FRAMES = 2000  # most frames for the noise
-LONG_FRAMES = 32  # fewest frames of a recording of the empty hand for its own noise
-# if a sensor reads the smallest count in more than this share of the frames, its noise is cut off
-CUT_OFF = 0.25
-# standard deviation of a normal distribution that is cut off at its mean, as a share of the
-# standard deviation of the whole distribution
-HALF_SD = 0.584
 #: Fallbacks for the baseline of a recording in which the hand never opens, as notes name them.
 EMPTY = "the session's empty hand"
 OPEN = "the session's open hand"
@@ -298,121 +293,3 @@ def without_empty_hand(recordings: Recordings) -> list[str]:
     is_enough = sessions_with_empty_hand(recordings)
     recorded = np.unique(recordings.columns["session"])
     return [recordings.sessions[number] for number in recorded if not is_enough[number]]
-
-
-def session_moments(recordings: Recordings, trained: list[Moments] | None = None) -> list[Moments]:
-    """Return the mean of the empty hand and the noise of the live sensors in each session.
-
-    If a session has too few frames of the empty hand, its moments come from `trained`. Without
-    `trained`, the mean is None, and the noise is measured on differences of successive frames:
-    drift adds little to them, and contact changes in few of them.
-
-    Args:
-        recordings: T frames.
-        trained: the moments that the training set has for each of these sessions.
-    """
-    session = recordings.columns["session"]
-    moments = []
-    for number in range(len(recordings.sessions)):
-        measured = _moments(recordings, np.flatnonzero(session == number))
-        if measured.mean is None and trained:
-            measured = trained[number]
-        moments.append(measured)
-    return moments
-
-
-def _moments(recordings: Recordings, index: np.ndarray) -> Moments:
-    """Return the moments of one session, whose frames are `index` (n,)."""
-    counts = recordings.live_counts()
-    if len(index) < 2:
-        unknown = np.ones(counts.shape[1])
-        return Moments(None, unknown, unknown)
-    visible = visible_noise(counts[evenly(index, NOISE_FRAMES)])
-    empty = index[recordings.empty_hand[index]]
-    if len(empty) >= MIN_FRAMES:
-        sample = evenly(empty, MEAN_FRAMES)
-        recording = recordings.columns["recording"][sample]
-        return _empty_hand_moments(counts[sample], recording, visible)
-    sample = evenly(np.arange(len(index) - 1), NOISE_FRAMES)
-    changes = counts[index[sample + 1]].astype(np.float64) - counts[index[sample]]
-    _, noise = trimmed_moments(changes, visible)
-    noise /= np.sqrt(2)
-    return Moments(None, noise, noise)
-
-
-def _empty_hand_moments(counts: np.ndarray, recording: np.ndarray, visible: float) -> Moments:
-    """Return the moments of a session's empty hand.
-
-    The noise and the drift are measured if two recordings or more have enough frames for it. Slow
-    changes hide in a shorter recording. Otherwise the noise is the session's.
-
-    Args:
-        counts: (n, S) of the empty hand.
-        recording: (n,) number of each frame's recording.
-        visible: see `visible_noise`.
-    """
-    mean, session_noise = trimmed_moments(counts, visible)
-    numbers, frames = np.unique(recording, return_counts=True)
-    long = numbers[frames >= LONG_FRAMES]
-    if len(long) < 2:
-        return Moments(mean, session_noise, session_noise)
-    # the middle of a recording's readings does not change if the hand bumps into an object
-    middles = np.stack([np.median(counts[recording == number], axis=0) for number in long])
-    of_long = np.isin(recording, long)
-    deviations = counts[of_long] - middles[np.searchsorted(long, recording[of_long])]
-    _, noise = trimmed_moments(deviations, visible)
-    noise = np.maximum(noise, ROUNDING_SD * _step(counts)).astype(session_noise.dtype)
-    return Moments(mean, noise, session_noise, drift_between(middles))
-
-
-def trimmed_moments(counts: np.ndarray, visible: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean and the standard deviation (...) of each sensor, without outliers.
-
-    Readings further than three standard deviations from the mean are left out. A median would not
-    do: it is no finer than whole counts, and the median of the signal is one count. Differences
-    from the first frame are summed, so that an offset costs no digits.
-
-    Args:
-        counts: (T, ...).
-        visible: see `visible_noise`. The standard deviation is divided by it. It never becomes
-            smaller than the standard deviation of rounding, see `_step`.
-    """
-    dtype = np.result_type(counts.dtype, np.float32)
-    first = counts[0].astype(np.float64)
-    rounding = ROUNDING_SD * _step(counts)
-    values = counts - first
-    inside = np.ones(values.shape, dtype=bool)
-    for _ in range(MAX_PASSES):
-        mean = values.mean(axis=0, where=inside)
-        spread = values.std(axis=0, where=inside)
-        tighter = np.abs(values - mean) <= OUTLIER_SD * np.maximum(spread, rounding)
-        if (tighter == inside).all():
-            break
-        inside = tighter
-    return (first + mean).astype(dtype), np.maximum(spread / visible, rounding).astype(dtype)
-
-
-def visible_noise(counts: np.ndarray) -> float:
-    """Return the share of the noise's standard deviation that counts (n, S) of live sensors show.
-
-    The share is 0.584 if most sensors often read the smallest of all counts, because half of their
-    noise is cut off there. Otherwise it is 1.
-    """
-    is_smallest = counts == counts.min()
-    if np.median(is_smallest.mean(axis=0)) > CUT_OFF:
-        return HALF_SD
-    return 1.0
-
-
-def _step(counts: np.ndarray) -> float:
-    """Return the step that counts (T, ...) are rounded to.
-
-    The step of integers is 1. The step of real numbers is the smallest gap between two of them,
-    where gaps below eight units of the last digit are rounding errors. If all counts are equal, the
-    step is one unit of the last digit.
-    """
-    if counts.dtype.kind in "iu":
-        return 1.0
-    last_digit = float(np.spacing(np.abs(counts).max()))
-    gaps = np.diff(np.unique(counts).astype(np.float64))
-    return float(min(gaps[gaps > 8 * last_digit], default=last_digit))

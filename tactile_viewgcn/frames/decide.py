@@ -9,16 +9,12 @@ from typing import Any, cast
 import numpy as np
 import pandas as pd
 
-from tactile_viewgcn.frames.baseline import (
-    Baseline,
-    measure_baseline,
-    session_moments,
-    without_empty_hand,
-)
+from tactile_viewgcn.frames.baseline import Baseline, measure_baseline, without_empty_hand
 from tactile_viewgcn.frames.columns import column_notes
 from tactile_viewgcn.frames.filter import MOST_LOST, flags_of, sensors_in_contact
 from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_note
-from tactile_viewgcn.frames.open_hand import MIN_FRAMES, HandStates, Moments, hand_states
+from tactile_viewgcn.frames.moments import MIN_FRAMES, Moments, session_moments
+from tactile_viewgcn.frames.open_hand import HandStates, hand_states
 from tactile_viewgcn.frames.split import has_published_split
 from tactile_viewgcn.frames.training_readings import drift_within_sessions
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, several

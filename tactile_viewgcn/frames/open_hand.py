@@ -28,11 +28,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
+from tactile_viewgcn.frames.moments import MIN_FRAMES, Moments
 from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.tables.counts import Counts
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
-MIN_FRAMES = 5  # for a mean
 # most sensors of an open hand that read contact, since one can be faulty. If a single sensor is
 # enough for contact, an open hand has none
 OPEN_SENSORS = 1
@@ -50,58 +50,6 @@ FOLLOWED = 0.1
 UNMOVED = 0.25
 # enough sensors to estimate the signal that all share, in a fifth of the time that 548 take
 COMMON_SENSORS = 100
-
-
-class Moments(NamedTuple):
-    """Mean and noise of the S live sensors of a session, in counts.
-
-    Attributes:
-        mean: (S,) of the open hand; None if it is not known.
-        noise: (S,) standard deviation of an open hand about its own mean.
-        session_noise: (S,) standard deviation of all open hands about `mean`.
-        drift: standard deviation of the means of open hands, see `drift_between`.
-    """
-
-    mean: np.ndarray | None
-    noise: np.ndarray
-    session_noise: np.ndarray
-    drift: float = 0.0
-
-    @property
-    def drifted_noise(self) -> np.ndarray:
-        """Return the standard deviation (S,) of a further open hand about `mean`.
-
-        A few open hands can lie close together by chance in some sensors, so the drift of the
-        median sensor is the least that any sensor has.
-        """
-        least = np.hypot(self.noise, self.drift)
-        drifted: np.ndarray = np.maximum(self.session_noise, least)
-        return drifted
-
-    def with_drift(self, drift: float) -> "Moments":
-        """Return moments that have this drift at least, also in the session's noise.
-
-        A single recording of the empty hand shows no drift.
-        """
-        session_noise = np.maximum(self.session_noise, np.hypot(self.noise, drift))
-        return self._replace(session_noise=session_noise, drift=max(self.drift, drift))
-
-
-def drift_between(means: np.ndarray) -> float:
-    """Return by how much a sensor differs between open hands, as a standard deviation in counts.
-
-    The median sensor is taken. A shift that all sensors share is left out, since `is_contact`
-    leaves it out too. The drift of fewer than two open hands is 0.
-
-    Args:
-        means: (R, S) mean counts of each open hand.
-    """
-    if len(means) < 2:
-        return 0.0
-    own = means.astype(np.float64)
-    if means.shape[1] > 1:
-        own -= np.median(own, axis=1, keepdims=True)
-    return float(np.median(np.std(own, axis=0, ddof=1)))
 
 
 @dataclass(frozen=True)

@@ -30,15 +30,8 @@ from typing import Literal
 import numpy as np
 
 from tactile_viewgcn.frames.apply import keeps_every_frame, new_session_drift
-from tactile_viewgcn.frames.baseline import trimmed_moments, visible_noise
-from tactile_viewgcn.frames.open_hand import (
-    MARGIN,
-    MIN_FRAMES,
-    WEAK,
-    Follower,
-    is_contact,
-    most_weak_sensors,
-)
+from tactile_viewgcn.frames.moments import MIN_FRAMES, trimmed_moments, visible_noise
+from tactile_viewgcn.frames.open_hand import MARGIN, WEAK, Follower, is_contact, most_weak_sensors
 from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.tables.plan import Plan
 

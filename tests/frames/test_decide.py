@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames import decide as module
-from tactile_viewgcn.frames.baseline import MIN_FRAMES, Baseline
+from tactile_viewgcn.frames.baseline import Baseline
 from tactile_viewgcn.frames.decide import contact_readings, smallest_reading
 from tactile_viewgcn.frames.filter import sensors_in_contact
+from tactile_viewgcn.frames.moments import MIN_FRAMES
 from tactile_viewgcn.frames.open_hand import HandStates
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.messages import UserError

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames.baseline import measure_baseline, session_moments
+from tactile_viewgcn.frames.baseline import measure_baseline
 from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_note, quick_error
+from tactile_viewgcn.frames.moments import session_moments
 from tactile_viewgcn.frames.split import split_groups
 from tactile_viewgcn.messages import warnings_of
 from tactile_viewgcn.params import PreprocessSection

@@ -7,16 +7,12 @@ import pytest
 
 from tactile_viewgcn.frames import baseline as fallbacks
 from tactile_viewgcn.frames import open_hand as module
-from tactile_viewgcn.frames.baseline import (
-    grasps,
-    measure_baseline,
-    session_moments,
-    trimmed_moments,
-)
+from tactile_viewgcn.frames.baseline import grasps, measure_baseline
 from tactile_viewgcn.frames.filter import pressed_frames
-from tactile_viewgcn.frames.open_hand import MARGIN, Moments, drift_between
+from tactile_viewgcn.frames.moments import Moments, session_moments, trimmed_moments
+from tactile_viewgcn.frames.open_hand import MARGIN
 from tactile_viewgcn.params import PreprocessSection
-from tests.glove_data import CLOSED, NOISE, OPEN, SIGNAL, drifting, states_of, written
+from tests.glove_data import CLOSED, NOISE, OPEN, SIGNAL, drifting, states_of
 
 CONTACT = 5  # sensors
 SD = np.hypot(NOISE, 12**-0.5)  # standard deviation of the counts, which are rounded
@@ -90,15 +86,6 @@ def test_the_open_hand_of_a_dense_grasp_is_found_though_sensors_drift(tmp_path):
     assert (states.open != away(glove.open)).mean() < 0.01
 
 
-def test_moments_have_the_drift_that_is_known_at_least():
-    noise = np.array([3.0, 3.0])
-    moments = Moments(np.zeros(2), noise, np.array([3.0, 9.0]), drift=1.0)
-    drifted = moments.with_drift(4.0)
-    assert drifted.drift == 4
-    np.testing.assert_allclose(drifted.session_noise, [5, 9])
-    assert moments.with_drift(0.5).drift == 1
-
-
 def test_a_few_sensors_that_drift_are_no_contact(tmp_path):
     """Each of the four sensors drifts by its signal; the drift of the median sensor is 0."""
     glove = drifting(objects=3, recordings=8)
@@ -110,26 +97,6 @@ def test_a_few_sensors_that_drift_are_no_contact(tmp_path):
     (moments,) = session_moments(recordings)
     assert moments.drift < 1
     np.testing.assert_array_equal(states_of(recordings, 2).contact, ~glove.open)
-
-
-def test_the_drift_between_open_hands_is_the_one_of_the_median_sensor():
-    # without the shift of 2 counts that all share, the standard deviations are sqrt(8), 0 and
-    # sqrt(18) counts
-    means = np.array([[500.0, 504.0, 512.0], [498.0, 506.0, 520.0]])
-    assert drift_between(means) == pytest.approx(8**0.5)
-    assert drift_between(means[:1]) == 0
-    assert drift_between(means[:, :1]) == pytest.approx(2**0.5)
-
-
-@pytest.mark.parametrize("recordings", [2, 4])
-def test_a_bump_of_the_empty_hand_is_no_noise_and_no_drift(tmp_path, recordings):
-    glove = drifting(objects=3, recordings=recordings)
-    bumped = glove.columns["recording"] == 1
-    counts = glove.counts.copy()
-    counts[np.flatnonzero(bumped)[:15]] += 300
-    (moments,) = session_moments(replace(glove, counts=counts).table(tmp_path / "t"))
-    np.testing.assert_allclose(moments.noise, SD, atol=0.15)
-    assert moments.drift < 1
 
 
 def test_a_baseline_that_a_session_shares_has_the_drift_in_its_noise(tmp_path):
@@ -147,36 +114,6 @@ def test_a_baseline_that_a_session_shares_has_the_drift_in_its_noise(tmp_path):
     never_open = replace(states, open=np.zeros_like(states.open))
     baseline = of_grasps(recordings, never_open)
     np.testing.assert_array_equal(baseline.noise[0].ravel(), moments.session_noise)
-
-
-def test_noise_that_is_cut_off_is_measured_in_each_recording_of_the_empty_hand(tmp_path):
-    rng = np.random.default_rng(0)
-    recording = np.repeat([0, 1], 500)
-    counts = np.maximum(rng.normal(0, 4, (1000, 4, 5)), 0)
-    recordings = written(tmp_path / "t", counts, recording=recording, object=0)
-    (moments,) = session_moments(recordings)
-    np.testing.assert_allclose(np.median(moments.noise), 4, rtol=0.25)
-
-
-def test_a_sensor_that_is_constant_in_each_recording_has_the_noise_of_rounding(tmp_path):
-    """The middle of the other sensor is half a count, which is no step of the readings."""
-    counts = np.full((80, 2, 1), 510)
-    counts[:, 1] = np.tile([500, 501, 502, 503], 20)[:, None]
-    recording = np.repeat([0, 1], 40)
-    counts[recording == 1] += 3
-    recordings = written(tmp_path / "t", counts.astype(np.int16), recording=recording, object=0)
-    (moments,) = session_moments(recordings)
-    np.testing.assert_allclose(moments.noise, [12**-0.5, 1.25**0.5], rtol=1e-6)
-
-
-def test_short_recordings_of_the_empty_hand_have_the_noise_of_their_session(tmp_path):
-    rng = np.random.default_rng(0)
-    recording = np.repeat(np.arange(6), 20)
-    drift = 40 * recording[:, None, None]
-    counts = np.rint(500 + drift + rng.normal(0, 3, (len(recording), 4, 5))).astype(np.int16)
-    (moments,) = session_moments(written(tmp_path / "t", counts, recording=recording, object=0))
-    np.testing.assert_array_equal(moments.noise, moments.session_noise)
-    assert moments.drift == 0
 
 
 @pytest.mark.parametrize(

@@ -12,13 +12,9 @@ import pandas as pd
 import pytest
 
 from benchmarks.stability.rows import max_rel_error, share_different
-from tactile_viewgcn.frames.baseline import (
-    ROUNDING_SD,
-    measure_baseline,
-    session_moments,
-    trimmed_moments,
-)
+from tactile_viewgcn.frames.baseline import measure_baseline
 from tactile_viewgcn.frames.filter import pressed_frames
+from tactile_viewgcn.frames.moments import ROUNDING_SD, session_moments, trimmed_moments
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tests.glove_data import recipe, table, with_settings, written
 from tests.readers.files import read_here

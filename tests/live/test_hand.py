@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames.apply import apply
-from tactile_viewgcn.frames.open_hand import MIN_FRAMES
+from tactile_viewgcn.frames.moments import MIN_FRAMES
 from tactile_viewgcn.live.hand import OPEN_FRAMES, hand_of
 from tactile_viewgcn.params import CONTACT_SIGMAS
 from tests.glove_data import SHAPE, empty_hand, of_arrays, pressed, recogniser, recording

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames.apply import apply
-from tactile_viewgcn.frames.baseline import MIN_FRAMES
+from tactile_viewgcn.frames.moments import MIN_FRAMES
 from tests.glove_data import (
     BEFORE,
     HELD,
