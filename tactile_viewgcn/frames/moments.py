@@ -58,8 +58,8 @@ class Moments(NamedTuple):
 
         A single recording of the empty hand shows no drift.
         """
-        session_noise = np.maximum(self.session_noise, np.hypot(self.noise, drift))
-        return self._replace(session_noise=session_noise, drift=max(self.drift, drift))
+        drifting = self._replace(drift=max(self.drift, drift))
+        return drifting._replace(session_noise=drifting.drifted_noise)
 
 
 def drift_between(means: np.ndarray) -> float:

@@ -105,18 +105,23 @@ class _Followed(NamedTuple):
 
 
 class _Tried(NamedTuple):
-    """The quietest frames that were tried as the open hand of a recording.
+    """The frames of a recording, compared with a baseline that begins at five quiet frames.
 
     Attributes:
-        followed: the recording's frames above a baseline that begins with these frames or, if they
-            are contact, with the empty hand.
-        start: index of the first of them.
-        are_contact: whether these frames are contact.
+        followed: the recording's frames above the baseline.
+        start: index of the first of the five frames.
+        are_contact: whether the five frames are contact compared with the session's empty hand. The
+            baseline then begins with the empty hand.
     """
 
     followed: _Followed
     start: int
     are_contact: bool
+
+    @property
+    def fits(self) -> bool:
+        """Return whether nothing speaks against an open hand in the five frames."""
+        return not self.followed.fallen and not self.are_contact
 
 
 def hand_states(
@@ -146,11 +151,11 @@ def hand_states(
     for index in frames_by_recording(recordings):
         of_session = moments[recordings.columns["session"][index[0]]]
         of_recording = counts[index].astype(np.float64)
-        followed, start = _followed_from_quietest(of_recording, of_session, contact_sensors)
-        contact[index] = (followed.pressed >= contact_sensors) | is_held[index]
-        still = followed.still & ~contact[index]
+        tried = _above_open_hand(of_recording, of_session, contact_sensors)
+        contact[index] = (tried.followed.pressed >= contact_sensors) | is_held[index]
+        still = tried.followed.still & ~contact[index]
         opened[index] = minimum_filter1d(still, 2 * MARGIN + 1, mode="nearest")
-        quiet.append(of_recording[start : start + MIN_FRAMES].mean(axis=0))
+        quiet.append(of_recording[tried.start : tried.start + MIN_FRAMES].mean(axis=0))
     return HandStates(counts, noise, contact, opened, np.array(quiet))
 
 
@@ -164,39 +169,50 @@ def _flagged_as_held(recordings: Recordings) -> np.ndarray:
     return is_held
 
 
-def _followed_from_quietest(
-    counts: np.ndarray, moments: Moments, sensors: int
-) -> tuple[_Followed, int]:
-    """Return a recording's frames above a baseline, and the index of the first quietest frame.
+def _above_open_hand(counts: np.ndarray, moments: Moments, sensors: int) -> _Tried:
+    """Return a recording's frames above a baseline that begins with its open hand.
 
-    The baseline begins at the quietest frames. If later frames fall below it by as much as contact,
-    the hand was not open there. It was not open either if these frames are contact compared with
-    the session's empty hand and its drift; then the baseline begins with the empty hand. In both
-    cases the frames with the smallest sums are tried too. The signal that all sensors share stays
-    in these sums, because a dense grasp is shared too.
+    The five quietest frames are tried first. They show no open hand if later frames fall below
+    their mean by as much as contact rises above it, or if they are contact compared with the
+    session's empty hand. Then the five frames with the smallest sums are tried too. The signal that
+    all sensors share stays in these sums, because a dense grasp is shared too.
 
     Args:
         counts: (n, S) of the recording.
         moments: the moments of the recording's session.
         sensors: fewest sensors in a frame of contact.
     """
-    empty = moments.mean
+    first = _tried(counts, quietest(counts), moments, sensors)
+    if first.fits:
+        return first
+    second = _tried(counts, quietest(counts, common=False), moments, sensors)
+    if second.followed.fallen != first.followed.fallen:
+        return min(first, second, key=lambda tried: tried.followed.fallen)
+    if first.are_contact:
+        return second
+    return first
+
+
+def _tried(counts: np.ndarray, start: int, moments: Moments, sensors: int) -> _Tried:
+    """Return a recording's frames above a baseline that begins at five of its frames.
+
+    Drift between the recording and the session's empty hand is no contact.
+
+    Args:
+        counts: (n, S) of the recording.
+        start: index of the first of the five frames.
+        moments: the moments of the recording's session.
+        sensors: fewest sensors in a frame of contact.
+    """
     threshold = CONTACT_SIGMAS * moments.noise
-    of_drift = CONTACT_SIGMAS * moments.drifted_noise
-    results = list[_Tried]()
-    for start in dict.fromkeys((quietest(counts), quietest(counts, common=False))):
-        begin = start
-        baseline = counts[start : start + MIN_FRAMES].mean(axis=0)
-        are_contact = empty is not None and is_contact(baseline - empty, of_drift, sensors)
-        if empty is not None and are_contact:
-            begin = 0
-            baseline = empty
-        followed = _follow(counts, begin, baseline, threshold, sensors)
-        results.append(_Tried(followed, start, are_contact))
-        if not followed.fallen and not are_contact:
-            break
-    best = min(results, key=lambda tried: (tried.followed.fallen, tried.are_contact))
-    return best.followed, best.start
+    baseline = counts[start : start + MIN_FRAMES].mean(axis=0)
+    if moments.mean is not None:
+        excess = baseline - moments.mean
+        if is_contact(excess, CONTACT_SIGMAS * moments.drifted_noise, sensors):
+            followed = _follow(counts, 0, moments.mean, threshold, sensors)
+            return _Tried(followed, start, are_contact=True)
+    followed = _follow(counts, start, baseline, threshold, sensors)
+    return _Tried(followed, start, are_contact=False)
 
 
 class Follower:

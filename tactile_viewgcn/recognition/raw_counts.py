@@ -198,9 +198,9 @@ def no_contact_note(names: list[str], total: int) -> Note:
         total: number of all recordings.
     """
     text = (
-        f"{len(names)} of {several(total, 'recording')} have no frame in contact: {listed(names)}. "
-        "An object that is held from the first frame to the last can be taken for an open hand, so "
-        "begin each recording with an open hand."
+        f"no frame is in contact in {len(names)} of {several(total, 'recording')}: "
+        f"{listed(names)}. An object that presses too little, or that is held from the first frame "
+        "to the last, can be taken for an open hand. Begin each recording with an open hand."
     )
     return Note(text, "info", "contact")
 

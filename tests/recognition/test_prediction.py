@@ -67,7 +67,7 @@ def test_recordings_without_contact_are_named_with_the_reason_unless_they_are_of
     write(folder / "new" / "open.h5", empty_hand(85))
     _, note, _, *lines = call(folder / "classifier.pt", folder / "new")
     assert note.startswith(
-        "contact: 1 of 4 recordings have no frame in contact: open. An object that is"
+        "contact: no frame is in contact in 1 of 4 recordings: open. An object that presses"
     )
     assert lines[3].split() == ["open", "0", "no", "contact"]
     assert not any(
