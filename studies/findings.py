@@ -195,19 +195,33 @@ def real_table() -> str:
     rows = []
     for study, title in _measured_sets().items():
         for variant, label in METHODS.items():
-            cells = {
-                "recordings": title,
-                "method": label,
-                "whole recordings, %": error_or_not(study, variant),
-                "points more than `kernels`": "",
-                "seconds of training": "",
-            }
-            if has(study, variant, WHOLE):
-                cells["seconds of training"] = _training_seconds(study, variant)
-                if variant != KERNELS:
-                    cells["points more than `kernels`"] = difference(study, variant, KERNELS, WHOLE)
-            rows.append(cells)
+            cells = _compared(study, variant, label, KERNELS, "`kernels`")
+            rows.append({"recordings": title} | cells)
     return markdown(rows)
+
+
+def _compared(study: str, variant: str, label: str, reference: str, name: str) -> dict[str, str]:
+    """Return a row of a table: error on whole recordings, difference, and seconds of training.
+
+    Args:
+        study: name of the folder in studies/.
+        variant: its name there.
+        label: text in the first column.
+        reference: variant that it is compared with.
+        name: what the table calls the reference.
+    """
+    cells = {
+        "method": label,
+        "whole recordings, %": error_or_not(study, variant),
+        f"points more than {name}": "",
+        "seconds of training": "",
+    }
+    if has(study, variant, WHOLE):
+        cells["whole recordings, %"] += untrained_mark(study, variant, WHOLE)
+        cells["seconds of training"] = _training_seconds(study, variant)
+        if variant != reference:
+            cells[f"points more than {name}"] = difference(study, variant, reference, WHOLE)
+    return cells
 
 
 def _measured_sets() -> dict[str, str]:
@@ -302,18 +316,27 @@ def worlds_table() -> str:
     labels = METHODS | {"paper, reuse 8": "the recipe with `feature_reuse` 8"}
     for claim in CLAIMS:
         labels[claim.variant] = claim.label
-    rows = []
-    for variant in sorted(labels, key=lambda variant: row("claims", variant, WHOLE)["error"]):
-        more = "" if variant == "paper" else difference("claims", variant, "paper", WHOLE)
-        rows.append(
-            {
-                "method": labels[variant],
-                "whole recordings, %": error("claims", variant, WHOLE),
-                "points more than the recipe": more,
-                "seconds of training": _training_seconds("claims", variant),
-            }
-        )
-    return markdown(rows)
+    return _compared_table("claims", labels, "paper", "the recipe")
+
+
+def graph_table() -> str:
+    """Return the table of ways to join the frames on the backbone of the preset `network`."""
+    labels = {
+        "vote": "`network`: the mean of the frames' answers",
+        "view-graph": "the view-graph",
+        "mean": "a mean of the features",
+        "maximum": "a maximum of the features",
+    }
+    for variant, label in list(labels.items()):
+        if has("graph", f"{variant}, random sets", WHOLE):
+            labels[f"{variant}, random sets"] = f"{label}, random view sets"
+    return _compared_table("graph", labels, "vote", "`network`")
+
+
+def _compared_table(study: str, labels: Mapping[str, str], reference: str, name: str) -> str:
+    """Return a table with a row for each variant, see `_compared`, the lowest error first."""
+    variants = sorted(labels, key=lambda variant: row(study, variant, WHOLE)["error"])
+    return markdown([_compared(study, v, labels[v], reference, name) for v in variants])
 
 
 def time_table() -> str:
