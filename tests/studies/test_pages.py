@@ -8,10 +8,11 @@ import pandas as pd
 import pytest
 from matplotlib.colors import to_hex
 
-from studies import findings, forest
+from studies import findings, forest, page_tables
 from studies.comparison import HIGHER, ONE_WORLD, UNTRAINED
-from studies.findings import CLAIMS, DESIGNS, Design, difference, differences_table, error
+from studies.findings import CLAIMS, DESIGNS, Design, difference, error
 from studies.grid import FOLDER
+from studies.page_tables import differences_table
 from studies.pages import PAGES
 from studies.pictures import learning_curve
 from tactile_viewgcn.messages import UserError
@@ -99,7 +100,7 @@ def test_a_table_has_the_numbers_of_the_file_and_says_what_is_missing(results):
 def test_the_table_of_claims_has_no_column_for_a_study_that_tests_none(results):
     results("claims", result("paper"), result("mean", more=4.0))
     results("real_blindfolded_lite", result("paper"))
-    lines = findings.claims_table().splitlines()
+    lines = page_tables.claims_table().splitlines()
     assert lines[0] == "|  | 96 frames, 5 worlds | published |"
     assert "| a mean in place of the view-graph | 4.0 (3.0 to 6.0; 0.0 to 9.0) | higher |" in lines
 
@@ -110,7 +111,7 @@ def test_the_table_of_real_recordings_has_differences_to_kernels_and_seconds(res
     row = result("paper", "whole recordings", more=7.0, **values)
     rows.append({name.replace("vs paper", "vs preset kernels"): row[name] for name in row})
     results("real_weights_lite", *rows)
-    lines = findings.real_table().splitlines()
+    lines = page_tables.real_table().splitlines()
     assert lines[2] == "| `weights_lite` | preset `kernels` | 20.0 (18.0 to 23.0) |  | 1,201 |"
     difference_and_seconds = "7.0 (6.0 to 9.0; 3.0 to 12.0) | 1,201 |"
     assert lines[5] == (

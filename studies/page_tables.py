@@ -1,0 +1,314 @@
+"""The tables of README.md and docs/results.md, made from the results files of the studies.
+
+The pages call these functions in blocks of Cog. `python -m studies --pages` writes the blocks and
+the figures anew. A test says whether a block is out of date.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import TypeVar
+
+from studies.comparison import UNTRAINED
+from studies.findings import (
+    CLAIMED,
+    CLAIMS,
+    DESIGNS,
+    KERNELS,
+    METHODS,
+    NOT_MEASURED,
+    UNTRAINED_MARK,
+    Design,
+    difference,
+    error,
+    error_or_not,
+    has,
+    row,
+    runs,
+    untrained_mark,
+)
+from tactile_viewgcn.evaluation.trials import TITLES, WHOLE
+
+RowKey = TypeVar("RowKey", int, str)
+
+SIZES = "data_size_one_world"
+PUBLISHED_ERROR = "18.18"  # %, of the paper's network on STAG's `classification`
+STAG_SETS = {"real_blindfolded_lite": "`blindfolded_lite`", "real_weights_lite": "`weights_lite`"}
+
+
+def show(text: str) -> None:
+    """Print a text for a block of Cog, between blank lines, which Markdown needs around a table."""
+    print(f"\n{text}\n")
+
+
+def differences_table(variants: Mapping[str, str], designs: Sequence[Design], protocol: str) -> str:
+    """Return a table of paired differences to the paper's recipe, with their intervals.
+
+    A dagger marks a difference in which a network is not trained to its end.
+
+    Args:
+        variants: labels of the rows, by name of the variant without a suffix.
+        designs: a column for each.
+        protocol: a key of `trials.TITLES`.
+    """
+    columns = {design.label: partial(_claim_in, design, protocol) for design in designs}
+    return table("", variants, columns)
+
+
+def _claim_in(design: Design, protocol: str, variant: str) -> str:
+    """Return a variant's difference to the paper's recipe in a design, or that there is none."""
+    name = f"{variant}{design.suffix}"
+    if not has(design.study, name, protocol):
+        return NOT_MEASURED
+    text = difference(design.study, name, design.reference, protocol)
+    if row(design.study, name, protocol)[f"vs {design.reference} verdict"] == UNTRAINED:
+        text += UNTRAINED_MARK
+    return text
+
+
+def real_table() -> str:
+    """Return the table of STAG's public sets: errors on whole recordings, and seconds of training.
+
+    The seconds are summed over all folds.
+    """
+    rows = []
+    for study, title in _measured_sets().items():
+        for variant, label in METHODS.items():
+            cells = _compared(study, variant, label, KERNELS, "`kernels`")
+            rows.append({"recordings": title} | cells)
+    return markdown(rows)
+
+
+def _compared(study: str, variant: str, label: str, reference: str, name: str) -> dict[str, str]:
+    """Return a row of a table: error on whole recordings, difference, and seconds of training.
+
+    Args:
+        study: name of the folder in studies/.
+        variant: its name there.
+        label: text in the first column.
+        reference: variant that it is compared with.
+        name: what the table calls the reference.
+    """
+    cells = {
+        "method": label,
+        "whole recordings, %": error_or_not(study, variant),
+        f"points more than {name}": "",
+        "seconds of training": "",
+    }
+    if has(study, variant, WHOLE):
+        cells["whole recordings, %"] += untrained_mark(study, variant, WHOLE)
+        cells["seconds of training"] = _training_seconds(study, variant)
+        if variant != reference:
+            cells[f"points more than {name}"] = difference(study, variant, reference, WHOLE)
+    return cells
+
+
+def _measured_sets() -> dict[str, str]:
+    """Return STAG's sets that have been measured: titles by name of the study."""
+    sets = {}
+    for study, title in STAG_SETS.items():
+        if has(study, KERNELS, WHOLE):
+            sets[study] = title
+    return sets
+
+
+def short_table() -> str:
+    """Return README's table of errors on whole recordings, by method, real recordings first."""
+    columns = dict[str, Callable[[str], str]]()
+    for study, title in _measured_sets().items():
+        columns[f"real: {title}"] = partial(error_or_not, study)
+    columns["simulated: 96 training frames, 5 worlds"] = partial(error_or_not, "claims")
+    for frames in (48, 624):
+        title = f"simulated: {frames} training frames, 1 world"
+        columns[title] = partial(_error_at_size, frames=frames)
+    return table("method", METHODS, columns)
+
+
+def size_table() -> str:
+    """Return the table of errors on whole recordings by the number of training frames."""
+    labels = {frames: str(frames) for frames in (12, 24, 48, 96, 192, 384, 624)}
+    columns: dict[str, Callable[[int], str]] = {}
+    for variant in ("preset network", KERNELS, "paper"):
+        columns[METHODS[variant]] = partial(_error_at_size, variant)
+    columns["`network` minus `kernels`"] = _network_minus_kernels
+    return table("training frames of an object", labels, columns)
+
+
+def _at_size(variant: str, frames: int) -> str:
+    """Return the name in the study `SIZES` of a variant that is trained on so many frames."""
+    return f"{variant} / {frames} frames of an object"
+
+
+def _error_at_size(variant: str, frames: int) -> str:
+    """Return a variant's error by its number of training frames, or that it was not measured."""
+    return error_or_not(SIZES, _at_size(variant, frames))
+
+
+def _network_minus_kernels(frames: int) -> str:
+    """Return the paired difference of the two presets at a number of training frames."""
+    return difference(SIZES, _at_size("preset network", frames), KERNELS, WHOLE)
+
+
+def claims_table() -> str:
+    """Return the table of the paper's claims, a column for each design that tests any of them."""
+    designs = [design for design in DESIGNS if _is_tested(design)]
+    variants = {claim.variant: claim.label for claim in CLAIMS}
+    differences = differences_table(variants, designs, CLAIMED)
+    errors = ["the recipe's own error, %"]
+    for design in designs:
+        errors.append(error(design.study, design.reference, CLAIMED))
+    published = ["published"]
+    for claim in CLAIMS:
+        published.append("higher" if claim.published is None else f"{claim.published:.2f}")
+    published.append(PUBLISHED_ERROR)
+    lines = [*differences.splitlines(), f"| {' | '.join(errors)} |"]
+    heads = [published[0], "---", *published[1:]]
+    return "\n".join(f"{line} {head} |" for line, head in zip(lines, heads, strict=True))
+
+
+def _is_tested(design: Design) -> bool:
+    """Return whether any claim of the paper has been measured in a design."""
+    variants = [f"{claim.variant}{design.suffix}" for claim in CLAIMS]
+    return any(has(design.study, variant, CLAIMED) for variant in variants)
+
+
+def reuse_table() -> str:
+    """Return the table of the paper's recipe with `feature_reuse` 1, as in the paper, and 8."""
+    labels = {"paper": "1, the paper's", "paper, reuse 8": "8, the default"}
+    rows = []
+    for protocol in (CLAIMED, "recording", WHOLE):
+        cells = {"": TITLES[protocol]}
+        for variant, label in labels.items():
+            std = row("claims", variant, protocol)["std"]
+            cells[label] = f"{error('claims', variant, protocol)}, std {std:.1f}"
+        cells["8 less 1"] = difference("claims", "paper, reuse 8", "paper", protocol)
+        rows.append(cells)
+    seconds = {"": "fine-tuning, s"}
+    for variant, label in labels.items():
+        seconds[label] = f"{row('claims', variant, CLAIMED)['finetune s']:,.0f}"
+    rows.append(seconds | {"8 less 1": ""})
+    return markdown(rows)
+
+
+def worlds_table() -> str:
+    """Return the table of errors on whole recordings in five worlds, with seconds of training."""
+    labels = METHODS | {"paper, reuse 8": "the recipe with `feature_reuse` 8"}
+    for claim in CLAIMS:
+        labels[claim.variant] = claim.label
+    return _compared_table("claims", labels, "paper", "the recipe")
+
+
+def graph_table() -> str:
+    """Return the table of ways to join the frames on the backbone of the preset `network`."""
+    labels = {
+        "vote": "`network`: the mean of the frames' answers",
+        "view-graph": "the view-graph",
+        "mean": "a mean of the features",
+        "maximum": "a maximum of the features",
+    }
+    for variant, label in list(labels.items()):
+        if has("graph", f"{variant}, random sets", WHOLE):
+            labels[f"{variant}, random sets"] = f"{label}, random view sets"
+    return _compared_table("graph", labels, "vote", "`network`")
+
+
+def _compared_table(study: str, labels: Mapping[str, str], reference: str, name: str) -> str:
+    """Return a table with a row for each variant, see `_compared`, the lowest error first."""
+    variants = sorted(labels, key=lambda variant: row(study, variant, WHOLE)["error"])
+    return markdown([_compared(study, v, labels[v], reference, name) for v in variants])
+
+
+def time_table() -> str:
+    """Return the table of errors and seconds of training, the fastest first."""
+    study = "error_time"
+    labels = {
+        KERNELS: "preset `kernels`",
+        "svm": "`svm`",
+        "network, 1 epoch": "`network` in 1 epoch",
+        "network, 2 epochs": "`network` in 2 epochs",
+        "network, 4 epochs": "`network` in 4 epochs",
+        "preset network": "preset `network`",
+        "1/4 of the epochs": "the paper's recipe in 1/4 of its epochs",
+        "Tactile-ViewGCN": "the paper's recipe",
+    }
+    columns = {
+        "seeds": partial(runs, study),
+        "whole recordings": partial(error, study, protocol=WHOLE),
+        "eight frames of a recording": partial(error, study, protocol="recording"),
+        "seconds": partial(_training_seconds, study),
+    }
+    return table("method", labels, columns)
+
+
+def _training_seconds(study: str, variant: str) -> str:
+    """Return the seconds of pretraining and fine-tuning together."""
+    result = row(study, variant, WHOLE)
+    return f"{result['pretrain s'] + result['finetune s']:,.0f}"
+
+
+def systems_table() -> str:
+    """Return the table of the systems that join views, the lowest error under `object` first."""
+    study = "compare"
+    systems = {
+        "view_gcn": "`view_gcn`, the paper's",
+        "vote": "`vote`",
+        "conv_lstm": "`conv_lstm`",
+        "cnn_lstm": "`cnn_lstm`",
+        "mean": "`mean`",
+        "gvcnn": "`gvcnn`",
+        "mvcnn": "`mvcnn`",
+        "rotationnet": "`rotationnet`",
+        "gcn": "`gcn`",
+        "stag": "`stag`",
+        "Wang et al.": "Wang et al.",
+    }
+    labels = {}
+    for name in sorted(systems, key=lambda name: row(study, name, CLAIMED)["error"]):
+        labels[name] = systems[name] + untrained_mark(study, name, CLAIMED)
+    columns = {
+        "runs": partial(runs, study),
+        "`object`": partial(error, study, protocol=CLAIMED),
+        "whole recordings": partial(error, study, protocol=WHOLE),
+    }
+    return table("", labels, columns)
+
+
+def views_table() -> str:
+    """Return the table of errors by the number of views."""
+    labels = {views: views for views in ("1 view", "2 views", "4 views", "8 views")}
+    columns = {
+        "clusters": partial(_error_of_views, "clusters"),
+        "random view sets": partial(_error_of_views, "random sets"),
+    }
+    return table("", labels, columns)
+
+
+def _error_of_views(variant: str, views: str) -> str:
+    """Return a variant's error with a number of views, and a dagger if it is not trained."""
+    name = f"{variant} / {views}"
+    return error("views", name, CLAIMED) + untrained_mark("views", name, CLAIMED)
+
+
+def table(
+    corner: str, labels: Mapping[RowKey, str], columns: Mapping[str, Callable[[RowKey], str]]
+) -> str:
+    """Return a table of Markdown: a row for each label, with a text in each column.
+
+    Args:
+        corner: title of the column of labels.
+        labels: labels of the rows, by the key that the columns' functions take.
+        columns: functions that return the text of a row, by title of the column.
+    """
+    rows = []
+    for key, label in labels.items():
+        cells = {corner: label}
+        for title, text_of in columns.items():
+            cells[title] = text_of(key)
+        rows.append(cells)
+    return markdown(rows)
+
+
+def markdown(rows: Sequence[Mapping[str, str]]) -> str:
+    """Return a table of Markdown, a row for each dictionary, without padding."""
+    titles = list(rows[0])
+    lines = [titles, ["---"] * len(titles), *(list(cells.values()) for cells in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
