@@ -52,7 +52,7 @@ from tactile_viewgcn.provenance import committed_params
 @click.option(
     "--pages",
     is_flag=True,
-    help="Write the figures and tables of README.md and docs/results.md anew; no cell runs.",
+    help="Write the figures and tables of README.md and the manual anew; no cell runs.",
 )
 def main(name: str | None, changes: tuple[str, ...], pages: bool, **options: Any) -> None:
     """Run the missing cells of the study NAME, or list all studies if there is no NAME."""

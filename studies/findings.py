@@ -107,9 +107,15 @@ def has(study: str, variant: str, protocol: str) -> bool:
 
 
 def error(study: str, variant: str, protocol: str) -> str:
-    """Return an error with its interval over recordings, as in `17.8 (15.8 to 19.8)`."""
+    """Return an error with its interval over recordings, as in `17.8 (15.8 to 19.8)`.
+
+    A dagger follows if a network is not trained to its end.
+    """
     result = row(study, variant, protocol)
-    return f"{result['error']:.1f} ({result['low']:.1f} to {result['high']:.1f})"
+    text = f"{result['error']:.1f} ({result['low']:.1f} to {result['high']:.1f})"
+    if not result["trained"]:
+        text += UNTRAINED_MARK
+    return text
 
 
 def error_or_not(study: str, variant: str) -> str:
@@ -130,13 +136,6 @@ def difference(study: str, variant: str, reference: str, protocol: str) -> str:
     if pd.notna(result[f"{head}seeds_low"]):
         intervals.append(f"{result[f'{head}seeds_low']:.1f} to {result[f'{head}seeds_high']:.1f}")
     return f"{result[f'{head}more']:.1f} ({'; '.join(intervals)})"
-
-
-def untrained_mark(study: str, variant: str, protocol: str) -> str:
-    """Return the dagger of a network that is not trained to its end; empty for any other."""
-    if row(study, variant, protocol)["trained"]:
-        return ""
-    return UNTRAINED_MARK
 
 
 def runs(study: str, variant: str) -> str:

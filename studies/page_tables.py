@@ -1,4 +1,4 @@
-"""The tables of README.md and docs/results.md, made from the results files of the studies.
+"""The tables of studies in README.md and docs/results.md, made from the results files.
 
 The pages call these functions in blocks of Cog. `python -m studies --pages` writes the blocks and
 the figures anew. A test says whether a block is out of date.
@@ -24,7 +24,6 @@ from studies.findings import (
     has,
     row,
     runs,
-    untrained_mark,
 )
 from tactile_viewgcn.evaluation.trials import TITLES, WHOLE
 
@@ -95,7 +94,6 @@ def _compared(study: str, variant: str, label: str, reference: str, name: str) -
         "seconds of training": "",
     }
     if has(study, variant, WHOLE):
-        cells["whole recordings, %"] += untrained_mark(study, variant, WHOLE)
         cells["seconds of training"] = _training_seconds(study, variant)
         if variant != reference:
             cells[f"points more than {name}"] = difference(study, variant, reference, WHOLE)
@@ -261,9 +259,8 @@ def systems_table() -> str:
         "stag": "`stag`",
         "Wang et al.": "Wang et al.",
     }
-    labels = {}
-    for name in sorted(systems, key=lambda name: row(study, name, CLAIMED)["error"]):
-        labels[name] = systems[name] + untrained_mark(study, name, CLAIMED)
+    names = sorted(systems, key=lambda name: row(study, name, CLAIMED)["error"])
+    labels = {name: systems[name] for name in names}
     columns = {
         "runs": partial(runs, study),
         "`object`": partial(error, study, protocol=CLAIMED),
@@ -283,9 +280,8 @@ def views_table() -> str:
 
 
 def _error_of_views(variant: str, views: str) -> str:
-    """Return a variant's error with a number of views, and a dagger if it is not trained."""
-    name = f"{variant} / {views}"
-    return error("views", name, CLAIMED) + untrained_mark("views", name, CLAIMED)
+    """Return a variant's error with a number of views."""
+    return error("views", f"{variant} / {views}", CLAIMED)
 
 
 def table(
