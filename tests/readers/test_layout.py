@@ -170,11 +170,7 @@ def test_left_and_right_of_two_objects_are_two_recordings(tmp_path):
     ],
 )
 @pytest.mark.parametrize("ending", ["npy", "h5"])
-@pytest.mark.parametrize("labelled", [True, False])
-def test_folders_are_objects_and_above_them_sessions(
-    tmp_path, folders, order, level, ending, labelled
-):
-    """The names are read in the same way whether or not each recording needs an object."""
+def test_folders_are_objects_and_above_them_sessions(tmp_path, folders, order, level, ending):
     folders = folders.split()
     for folder in folders:
         file = tmp_path / "lab" / folder / f"x.{ending}"
@@ -182,7 +178,7 @@ def test_folders_are_objects_and_above_them_sessions(
             save(file)
         else:
             record(file, attributes={"object": None, "session": None})
-    table = ingested(tmp_path / "lab", form=Form(labelled=labelled))[1]
+    table = ingested(tmp_path / "lab")[1]
     words = order.split("/")
     for word, found in (("OBJECT", table.objects), ("SESSION", table.sessions)):
         if word in words:
