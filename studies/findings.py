@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from studies.comparison import UNTRAINED
 from studies.grid import FOLDER
 from tactile_viewgcn.evaluation.trials import TITLES, WHOLE
 from tactile_viewgcn.messages import UserError
@@ -128,14 +129,18 @@ def error_or_not(study: str, variant: str) -> str:
 def difference(study: str, variant: str, reference: str, protocol: str) -> str:
     """Return a paired difference with both intervals, as in `8.6 (6.8 to 10.7; 3.5 to 13.8)`.
 
-    The first interval is over split groups, the second over seeds. The second can be missing.
+    The first interval is over split groups, the second over seeds. The second can be missing. A
+    dagger follows if one of the two networks is not trained to its end.
     """
     result = row(study, variant, protocol)
     head = f"vs {reference} "
     intervals = [f"{result[f'{head}low']:.1f} to {result[f'{head}high']:.1f}"]
     if pd.notna(result[f"{head}seeds_low"]):
         intervals.append(f"{result[f'{head}seeds_low']:.1f} to {result[f'{head}seeds_high']:.1f}")
-    return f"{result[f'{head}more']:.1f} ({'; '.join(intervals)})"
+    text = f"{result[f'{head}more']:.1f} ({'; '.join(intervals)})"
+    if result[f"{head}verdict"] == UNTRAINED:
+        text += UNTRAINED_MARK
+    return text
 
 
 def runs(study: str, variant: str) -> str:

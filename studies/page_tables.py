@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TypeVar
 
-from studies.comparison import UNTRAINED
 from studies.findings import (
     CLAIMED,
     CLAIMS,
@@ -16,7 +15,6 @@ from studies.findings import (
     KERNELS,
     METHODS,
     NOT_MEASURED,
-    UNTRAINED_MARK,
     Design,
     difference,
     error,
@@ -58,10 +56,7 @@ def _claim_in(design: Design, protocol: str, variant: str) -> str:
     name = f"{variant}{design.suffix}"
     if not has(design.study, name, protocol):
         return NOT_MEASURED
-    text = difference(design.study, name, design.reference, protocol)
-    if row(design.study, name, protocol)[f"vs {design.reference} verdict"] == UNTRAINED:
-        text += UNTRAINED_MARK
-    return text
+    return difference(design.study, name, design.reference, protocol)
 
 
 def real_table() -> str:
@@ -72,32 +67,37 @@ def real_table() -> str:
     rows = []
     for study, title in _measured_sets().items():
         for variant, label in METHODS.items():
-            cells = _compared(study, variant, label, KERNELS, "`kernels`")
+            cells = _comparison_row(
+                study, variant, label, reference=KERNELS, reference_label="`kernels`"
+            )
             rows.append({"recordings": title} | cells)
     return markdown(rows)
 
 
-def _compared(study: str, variant: str, label: str, reference: str, name: str) -> dict[str, str]:
+def _comparison_row(
+    study: str, variant: str, label: str, *, reference: str, reference_label: str
+) -> dict[str, str]:
     """Return a row of a table: error on whole recordings, difference, and seconds of training.
 
     Args:
         study: name of the folder in studies/.
         variant: its name there.
-        label: text in the first column.
+        label: what the table calls the variant.
         reference: variant that it is compared with.
-        name: what the table calls the reference.
+        reference_label: what the table calls the reference.
     """
-    cells = {
+    more = ""
+    seconds = ""
+    if has(study, variant, WHOLE):
+        seconds = _training_seconds(study, variant)
+        if variant != reference:
+            more = difference(study, variant, reference, WHOLE)
+    return {
         "method": label,
         "whole recordings, %": error_or_not(study, variant),
-        f"points more than {name}": "",
-        "seconds of training": "",
+        f"points more than {reference_label}": more,
+        "seconds of training": seconds,
     }
-    if has(study, variant, WHOLE):
-        cells["seconds of training"] = _training_seconds(study, variant)
-        if variant != reference:
-            cells[f"points more than {name}"] = difference(study, variant, reference, WHOLE)
-    return cells
 
 
 def _measured_sets() -> dict[str, str]:
@@ -192,7 +192,7 @@ def worlds_table() -> str:
     labels = METHODS | {"paper, reuse 8": "the recipe with `feature_reuse` 8"}
     for claim in CLAIMS:
         labels[claim.variant] = claim.label
-    return _compared_table("claims", labels, "paper", "the recipe")
+    return _comparison_table("claims", labels, reference="paper", reference_label="the recipe")
 
 
 def graph_table() -> str:
@@ -203,16 +203,27 @@ def graph_table() -> str:
         "mean": "a mean of the features",
         "maximum": "a maximum of the features",
     }
-    for variant, label in list(labels.items()):
-        if has("graph", f"{variant}, random sets", WHOLE):
-            labels[f"{variant}, random sets"] = f"{label}, random view sets"
-    return _compared_table("graph", labels, "vote", "`network`")
+    return _comparison_table("graph", labels, reference="vote", reference_label="`network`")
 
 
-def _compared_table(study: str, labels: Mapping[str, str], reference: str, name: str) -> str:
-    """Return a table with a row for each variant, see `_compared`, the lowest error first."""
-    variants = sorted(labels, key=lambda variant: row(study, variant, WHOLE)["error"])
-    return markdown([_compared(study, v, labels[v], reference, name) for v in variants])
+def _comparison_table(
+    study: str, labels: Mapping[str, str], *, reference: str, reference_label: str
+) -> str:
+    """Return a table with a row for each variant, the lowest error first.
+
+    Args:
+        study: name of the folder in studies/.
+        labels: what the table calls the variants, by their names there.
+        reference: variant that the others are compared with.
+        reference_label: what the table calls the reference.
+    """
+    rows = []
+    for variant in sorted(labels, key=lambda variant: row(study, variant, WHOLE)["error"]):
+        cells = _comparison_row(
+            study, variant, labels[variant], reference=reference, reference_label=reference_label
+        )
+        rows.append(cells)
+    return markdown(rows)
 
 
 def time_table() -> str:

@@ -99,6 +99,7 @@ CLOSED = 20  # frames of a grasp
 SIGNAL = 30.0  # counts of a pressed sensor
 PRESSED = 10  # sensors of a grasp
 NOISE = 0.95
+SD = np.hypot(NOISE, 12**-0.5)  # standard deviation of the counts, which are rounded
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """The moments of a session: the mean of its open hand, its noise, and its drift.
 
 Noise is how much an open hand's readings vary within a recording. Drift is how much the means of
-open hands differ between recordings.
+open hands differ between recordings. A recording of the empty hand is an open hand from its first
+frame to its last.
 """
 
 from typing import NamedTuple
@@ -11,7 +12,7 @@ import numpy as np
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings
 
-MIN_FRAMES = 5  # for a mean
+MIN_FRAMES = 5  # fewest frames for a mean
 ROUNDING_SD = 12**-0.5  # standard deviation of rounding to whole steps, in steps
 # a frame this many standard deviations from the mean is an outlier: even the empty hand bumps into
 # objects
@@ -28,7 +29,7 @@ HALF_SD = 0.584
 
 
 class Moments(NamedTuple):
-    """Mean and noise of the S live sensors of a session, in counts.
+    """Mean, noise and drift of the S live sensors of a session, in counts.
 
     Attributes:
         mean: (S,) of the open hand; None if it is not known.
@@ -58,15 +59,15 @@ class Moments(NamedTuple):
 
         A single recording of the empty hand shows no drift.
         """
-        drifting = self._replace(drift=max(self.drift, drift))
-        return drifting._replace(session_noise=drifting.drifted_noise)
+        session_noise = np.maximum(self.session_noise, np.hypot(self.noise, drift))
+        return self._replace(session_noise=session_noise, drift=max(self.drift, drift))
 
 
 def drift_between(means: np.ndarray) -> float:
     """Return by how much a sensor differs between open hands, as a standard deviation in counts.
 
-    The median sensor is taken. A shift that all sensors share is left out, since `is_contact`
-    leaves it out too. The drift of fewer than two open hands is 0.
+    The median sensor is taken. A shift that all sensors share is left out, since it is never taken
+    for contact. The drift of fewer than two open hands is 0.
 
     Args:
         means: (R, S) mean counts of each open hand.

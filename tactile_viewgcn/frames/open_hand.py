@@ -105,23 +105,18 @@ class _Followed(NamedTuple):
 
 
 class _Tried(NamedTuple):
-    """The frames of a recording, compared with a baseline that begins at five quiet frames.
+    """Five frames of a recording that were tried as its open hand.
 
     Attributes:
-        followed: the recording's frames above the baseline.
-        start: index of the first of the five frames.
-        are_contact: whether the five frames are contact compared with the session's empty hand. The
-            baseline then begins with the empty hand.
+        followed: the recording's frames above a baseline that begins with these frames or, if they
+            are contact, with the session's empty hand.
+        start: index of the first of them.
+        are_contact: whether they are contact compared with the session's empty hand.
     """
 
     followed: _Followed
     start: int
     are_contact: bool
-
-    @property
-    def fits(self) -> bool:
-        """Return whether nothing speaks against an open hand in the five frames."""
-        return not self.followed.fallen and not self.are_contact
 
 
 def hand_states(
@@ -151,7 +146,7 @@ def hand_states(
     for index in frames_by_recording(recordings):
         of_session = moments[recordings.columns["session"][index[0]]]
         of_recording = counts[index].astype(np.float64)
-        tried = _above_open_hand(of_recording, of_session, contact_sensors)
+        tried = _find_open_hand(of_recording, of_session, contact_sensors)
         contact[index] = (tried.followed.pressed >= contact_sensors) | is_held[index]
         still = tried.followed.still & ~contact[index]
         opened[index] = minimum_filter1d(still, 2 * MARGIN + 1, mode="nearest")
@@ -169,34 +164,29 @@ def _flagged_as_held(recordings: Recordings) -> np.ndarray:
     return is_held
 
 
-def _above_open_hand(counts: np.ndarray, moments: Moments, sensors: int) -> _Tried:
-    """Return a recording's frames above a baseline that begins with its open hand.
+def _find_open_hand(counts: np.ndarray, moments: Moments, sensors: int) -> _Tried:
+    """Return the five frames that are taken for the open hand of a recording.
 
-    The five quietest frames are tried first. They show no open hand if later frames fall below
-    their mean by as much as contact rises above it, or if they are contact compared with the
-    session's empty hand. Then the five frames with the smallest sums are tried too. The signal that
-    all sensors share stays in these sums, because a dense grasp is shared too.
+    The five quietest frames are tried first. If some frames fall below the baseline, or if the five
+    are contact, the hand may have held something in them. Then the five frames with the smallest
+    sums are tried too. The signal that all sensors share stays in these sums, because a dense grasp
+    is shared too. Of the two, the try with fewer fallen frames is taken, then the one without
+    contact.
 
     Args:
         counts: (n, S) of the recording.
         moments: the moments of the recording's session.
         sensors: fewest sensors in a frame of contact.
     """
-    first = _tried(counts, quietest(counts), moments, sensors)
-    if first.fits:
+    first = _try(counts, quietest(counts), moments, sensors)
+    if first.followed.fallen == 0 and not first.are_contact:
         return first
-    second = _tried(counts, quietest(counts, common=False), moments, sensors)
-    if second.followed.fallen != first.followed.fallen:
-        return min(first, second, key=lambda tried: tried.followed.fallen)
-    if first.are_contact:
-        return second
-    return first
+    second = _try(counts, quietest(counts, common=False), moments, sensors)
+    return min(first, second, key=lambda tried: (tried.followed.fallen, tried.are_contact))
 
 
-def _tried(counts: np.ndarray, start: int, moments: Moments, sensors: int) -> _Tried:
-    """Return a recording's frames above a baseline that begins at five of its frames.
-
-    Drift between the recording and the session's empty hand is no contact.
+def _try(counts: np.ndarray, start: int, moments: Moments, sensors: int) -> _Tried:
+    """Return five frames of a recording, tried as its open hand.
 
     Args:
         counts: (n, S) of the recording.
@@ -204,15 +194,17 @@ def _tried(counts: np.ndarray, start: int, moments: Moments, sensors: int) -> _T
         moments: the moments of the recording's session.
         sensors: fewest sensors in a frame of contact.
     """
-    threshold = CONTACT_SIGMAS * moments.noise
+    begin = start
     baseline = counts[start : start + MIN_FRAMES].mean(axis=0)
+    are_contact = False
     if moments.mean is not None:
-        excess = baseline - moments.mean
-        if is_contact(excess, CONTACT_SIGMAS * moments.drifted_noise, sensors):
-            followed = _follow(counts, 0, moments.mean, threshold, sensors)
-            return _Tried(followed, start, are_contact=True)
-    followed = _follow(counts, start, baseline, threshold, sensors)
-    return _Tried(followed, start, are_contact=False)
+        of_drift = CONTACT_SIGMAS * moments.drifted_noise
+        are_contact = is_contact(baseline - moments.mean, of_drift, sensors)
+        if are_contact:
+            begin = 0
+            baseline = moments.mean
+    followed = _follow(counts, begin, baseline, CONTACT_SIGMAS * moments.noise, sensors)
+    return _Tried(followed, start, are_contact)
 
 
 class Follower:

@@ -12,7 +12,7 @@ from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
 from tactile_viewgcn.params import SIDES
 from tactile_viewgcn.readers.catalogue import BY_FRAME, COLUMNS
 from tactile_viewgcn.readers.discovery import Source
-from tactile_viewgcn.readers.formats import TEXTS, has_ending
+from tactile_viewgcn.readers.formats import ARRAYS, TEXTS, has_ending
 from tactile_viewgcn.readers.layout import layout_of, names_in, names_of, raw_names, stem_of
 from tactile_viewgcn.readers.lines import runs_of
 from tactile_viewgcn.readers.source import (
@@ -222,8 +222,8 @@ class Naming:
     ) -> tuple[dict[str, str], list[Note]]:
         """Return the names in a file's path, and notes on the layout if it was guessed.
 
-        The path names the object if the file holds only one array or table and names no object
-        itself. It must, if each recording needs an object.
+        The path must name the object if the file holds only one array or table and names no object
+        itself.
         """
         file = found.file
         if self._source.given is not None:
@@ -231,7 +231,8 @@ class Naming:
         if self._source.is_raw:
             return raw_names(file), []
         said = {**self._labels.get(file.stem, {}), **found.recording.names}
-        if found.is_only_array and not said.get("object"):
+        needs_names = self._form.labelled or has_ending(file, [*TEXTS, *ARRAYS])
+        if found.is_only_array and needs_names and not said.get("object"):
             hint = partial(hint_of, found, read_frames)
             place = self._source.place_of(file)
             return names_of(file, place, self.layout, self._form, hint), self._guessed

@@ -13,14 +13,12 @@ from tactile_viewgcn.frames.moments import (
     trimmed_moments,
     visible_noise,
 )
-from tests.glove_data import NOISE, drifting, written
-
-SD = np.hypot(NOISE, ROUNDING_SD)  # standard deviation of the counts, which are rounded
+from tests.glove_data import NOISE, SD, drifting, written
 
 
 def test_each_sensor_loses_its_own_outliers_and_no_other_s():
-    noise = np.random.default_rng(0).normal(0, 1, (60, 2, 2))
-    counts = np.rint(514 + noise).astype(np.int16)
+    drawn = np.random.default_rng(0).normal(514, NOISE, (60, 2, 2))
+    counts = np.rint(drawn).astype(np.int16)
     # the smallest is an outlier only after the other two are left out
     counts[:3, 0, 0] += np.array([400, 30, 9], dtype=np.int16)
     mean, noise = trimmed_moments(counts)
@@ -62,7 +60,9 @@ def test_moments_have_the_drift_that_is_known_at_least():
     drifted = moments.with_drift(4.0)
     assert drifted.drift == 4
     np.testing.assert_allclose(drifted.session_noise, [5, 9])
-    assert moments.with_drift(0.5).drift == 1
+    less = moments.with_drift(0.5)
+    assert less.drift == 1
+    np.testing.assert_allclose(less.session_noise, [9.25**0.5, 9])
 
 
 def test_the_drift_between_open_hands_is_the_one_of_the_median_sensor():
@@ -102,7 +102,7 @@ def test_a_sensor_that_is_constant_in_each_recording_has_the_noise_of_rounding(t
     counts[recording == 1] += 3
     recordings = written(tmp_path / "t", counts.astype(np.int16), recording=recording, object=0)
     (moments,) = session_moments(recordings)
-    np.testing.assert_allclose(moments.noise, [12**-0.5, 1.25**0.5], rtol=1e-6)
+    np.testing.assert_allclose(moments.noise, [ROUNDING_SD, 1.25**0.5], rtol=1e-6)
 
 
 def test_short_recordings_of_the_empty_hand_have_the_noise_of_their_session(tmp_path):

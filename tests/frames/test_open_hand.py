@@ -12,10 +12,9 @@ from tactile_viewgcn.frames.filter import pressed_frames
 from tactile_viewgcn.frames.moments import Moments, session_moments, trimmed_moments
 from tactile_viewgcn.frames.open_hand import MARGIN
 from tactile_viewgcn.params import PreprocessSection
-from tests.glove_data import CLOSED, NOISE, OPEN, SIGNAL, drifting, states_of
+from tests.glove_data import CLOSED, OPEN, SD, SIGNAL, drifting, states_of
 
 CONTACT = 5  # sensors
-SD = np.hypot(NOISE, 12**-0.5)  # standard deviation of the counts, which are rounded
 DRIFTS = {
     "none": {},
     "each sensor between recordings": {"between": 2 * SIGNAL},
