@@ -164,7 +164,8 @@ def predict(changes: tuple[str, ...], **options: Any) -> None:
 @click.option(
     "--tare",
     is_flag=True,
-    help="Take the first steady frames as the open hand, whatever the open hand read in training.",
+    help="Take the first steady frames as the open hand, whatever the open hand read in training. "
+    "It has no effect if the training showed no open hand.",
 )
 def live(model: str, as_json: bool, every: int | None, **options: Any) -> None:
     """Say with MODEL which object the hand holds, while it still holds the object.
@@ -287,7 +288,8 @@ def compare(names: tuple[str, ...]) -> None:
 
     A and B are names of DVC experiments or revisions, ids of MLflow runs, folders with the `runs`
     and `results` of a run, or `workspace`. B is by default the workspace. A is by default the run
-    of the workspace's commit, or the workspace if the results of the commit are not here.
+    of the workspace's commit. If the results of the commit are not here, A is the workspace, and B
+    has to be named.
     """
     from tactile_viewgcn.pages.comparison import comparison_lines, read_both
 

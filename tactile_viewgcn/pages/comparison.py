@@ -87,7 +87,7 @@ def read_both(names: Sequence[str]) -> tuple[FinishedRun, FinishedRun]:
     Args:
         names: no name, B, or A and B; each is a name that `read_run` takes. B is the workspace by
             default. A is by default the run of the workspace's commit. If the results of the commit
-            are not here, as after the first `dvc repro`, A is the workspace.
+            are not here, A is the workspace, and B has to be named.
 
     Raises:
         UserError: there is no such run, its results are not here, or there are over two names.

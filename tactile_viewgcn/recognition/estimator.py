@@ -54,7 +54,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
             system is named.
         system: a value of `model.system`, or a member of `sensors`. It changes the preset, or the
             paper's recipe if no preset is named. `network` is the preset of this name, which trains
-            for minutes; in memory `best` does not use it.
+            for minutes; in memory `best` does not use it. No other preset can be named with it.
         views: V, the number of frames in a network's view set.
         params: values by dotted key of params.yaml, such as `{"preprocess.transform": "log"}`. They
             replace all other values.
@@ -266,6 +266,12 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
     def _preset_changes(self) -> list[str]:
         """Return what the preset changes in the paper's recipe; nothing if a system is named."""
         if self.preset is not None:
+            is_another = self.preset != "network"
+            if self.system == "network" and is_another:
+                raise UserError(
+                    f"preset is {self.preset!r} and system is 'network', which is a preset too; "
+                    "leave one of them out"
+                )
             return list(preset_changes(self.preset))
         if self.system is None:
             return list(preset_changes("best"))

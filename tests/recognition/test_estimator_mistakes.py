@@ -71,6 +71,13 @@ def mistake_has_one_line(message: str, call, *arguments, **options) -> None:
         assert len(str(error.value).splitlines()) == 1
 
 
+def test_two_presets_are_refused():
+    classifier = TactileClassifier(preset="kernels", system="network")
+    mistake_has_one_line(
+        "'kernels' and system is 'network'", classifier.fit, recordings(), [*"aabb"]
+    )
+
+
 @pytest.mark.parametrize("argument, value, message", IN_FIT.values(), ids=IN_FIT)
 def test_a_mistake_in_fit_ends_in_one_line(argument, value, message):
     data = {"X": recordings(), "y": Y, "groups": None}
