@@ -130,15 +130,18 @@ def run(
         _take(study, take, changes)
     finish = partial(_finish, changes=changes, run_missing=not take, jobs=jobs, scheduler=scheduler)
     choices = None
+    untested = list[str]()
     failed = 0
     if study.choice:
         answers, failed = finish(study.candidates())
         choices = choices_of(study, answers)
-        study = study.chosen(names_of(choices))
+        tested = study.chosen(names_of(choices))
+        untested = [variant for variant in study.variants if variant not in tested.variants]
+        study = tested
     answers, failed_later = finish(study)
     failed += failed_later
     if answers:
-        print(write_report(study, answers, folder, changes, choices))
+        print(write_report(study, answers, folder, changes, choices, untested))
         print(f"written to {folder}: results.csv, results.md, and a picture if the study has one")
     if failed:
         raise UserError(

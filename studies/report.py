@@ -57,6 +57,7 @@ def write_report(
     folder: Path,
     on_top: tuple[str, ...] = (),
     choices: pd.DataFrame | None = None,
+    untested: Sequence[str] = (),
 ) -> str:
     """Write results.csv, results.md and the picture, if any, and return the text of results.md.
 
@@ -67,6 +68,7 @@ def write_report(
         on_top: changes that every cell has, `key=value`.
         choices: table of the choices on validation groups, see `choice.choices_of`; None if the
             study has none.
+        untested: variants that were not tested, since not all of their choices have been tried.
 
     Raises:
         UserError: no training run has finished on all folds, or variants cannot be compared.
@@ -85,7 +87,7 @@ def write_report(
         f"Primary outcome: {primary}. The outcomes of the other tables are secondary.",
         power(rows, primary, _count_groups(answers)),
         f"{_sizes(answers, params)} {EXPLAINED}",
-        *_remarks(cells, answers, compared=bool(references)),
+        *_remarks(cells, answers, untested, compared=bool(references)),
     ]
     parts = [*map(_paragraph, text)]
     if study.each:
@@ -116,7 +118,9 @@ def _question(study: Study, data: str, on_top: tuple[str, ...]) -> str:
     return text
 
 
-def _remarks(cells: list[Cell], answers: list[Answers], *, compared: bool) -> list[str]:
+def _remarks(
+    cells: list[Cell], answers: list[Answers], untested: Sequence[str], *, compared: bool
+) -> list[str]:
     """Return paragraphs about deals, missing training runs, differences and worlds, if needed."""
     text = []
     deals = len({answer.cell.deal for answer in answers})
@@ -125,6 +129,11 @@ def _remarks(cells: list[Cell], answers: list[Answers], *, compared: bool) -> li
     absent = missing(cells, answers)
     if absent:
         text.append(f"Missing training runs: {', '.join(absent)}.")
+    if untested:
+        text.append(
+            "Not tested, since not all of their settings have been tried on validation groups: "
+            f"{'; '.join(untested)}."
+        )
     if compared:
         text.append(COMPARED)
     worlds = {answer.cell.world for answer in answers} - {""}

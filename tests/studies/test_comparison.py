@@ -293,7 +293,8 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
         "picture": picture,
     }
     study = Study(name="made", question="Which?", variants={"a": {}, "b": {"views": 4}}, **settings)
-    text = write_report(study, cells, tmp_path, ("split.by=grasp",)).replace("\n", " ")
+    text = write_report(study, cells, tmp_path, ("split.by=grasp",), untested=["c", "d"])
+    text = text.replace("\n", " ")
     pictures = {"results.png"} if picture else set()
     assert {file.name for file in tmp_path.glob("*.png") if file.stat().st_size > 1000} == pictures
     rows = pd.read_csv(tmp_path / "results.csv")
@@ -304,6 +305,7 @@ def test_the_report_has_a_row_each_with_the_columns_asked_for_and_says_what_is_m
     assert "| b †       | 30.0 (" in text
     assert "| 20.0 (20.0 to 20.0) | not trained to its end |" in text
     assert "Missing training runs: a 1 of 2, b 1 of 2." in text
+    assert "have been tried on validation groups: c; d." in text
     for words in (
         "`split.by=grasp`",
         "160 view sets, 160 whole recordings, 2 classes",
