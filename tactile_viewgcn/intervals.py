@@ -4,7 +4,7 @@ import numpy as np
 
 RESAMPLES = 2000
 OUTSIDE = 0.05  # share of the resampled means outside an interval
-FEW = 10  # groups; an interval of fewer groups says little
+FEW = 10  # groups; an interval of fewer groups says little, and decides no comparison
 DRAWN_AT_ONCE = 2_000_000  # groups of all resamples that are in memory together
 
 

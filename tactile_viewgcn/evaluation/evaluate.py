@@ -88,7 +88,7 @@ def evaluate_table(
         "classes": len(table.classes),
         "trials": params.evaluate.trials,
         "frames": anchors,
-        "recordings": {side: len(whole.labels)},
+        "recordings": {side: len(np.unique(table.recording[tested]))},
         "groups": {side: len(np.unique(whole.groups))},
         "new_sessions": not known_sessions.any(),
     }

@@ -87,7 +87,7 @@ class FinishedRun:
         tested = np.flatnonzero(self.counts.any(axis=1)).tolist()
         rows = [self._object(label) for label in tested]
         self.objects = sorted(rows, key=lambda row: -row[2])
-        self.tested = _recordings_in_words([row[1] for row in rows])
+        self.tested = _numbers_in_words([row[1] for row in rows], self.undivided)
         self.weights = [note.value for note in self.notes("info") if note.topic == "members"]
         choices = {note.key: note.value for note in self.notes("choice")}
         self.members = choices.get("model.members", self.params["model.members"])
@@ -99,6 +99,13 @@ class FinishedRun:
             return True
         low, high = self.ends
         return high - low > WIDE
+
+    @property
+    def undivided(self) -> str:
+        """Return what has one answer: a `recording`, or with `split.by: grasp` a `grasp`."""
+        if self.params["split.by"] == "grasp":
+            return "grasp"
+        return "recording"
 
     @property
     def repeated(self) -> dict[str, Any]:
@@ -130,14 +137,19 @@ class FinishedRun:
         return str(classes[label]), recordings, float(wrong.sum() / recordings), taken_for
 
 
-def _recordings_in_words(recordings: list[int]) -> str:
-    """Return in words how many recordings the tested objects have."""
-    fewest = min(recordings)
-    most = max(recordings)
+def _numbers_in_words(numbers: list[int], thing: str) -> str:
+    """Return in words how many recordings or grasps the tested objects have.
+
+    Args:
+        numbers: of each object.
+        thing: `recording` or `grasp`.
+    """
+    fewest = min(numbers)
+    most = max(numbers)
     of_each = str(fewest)
     if fewest < most:
         of_each = f"{fewest} to {most}"
-    return f"{several(sum(recordings), 'recording')}, {of_each} of each object"
+    return f"{several(sum(numbers), thing)}, {of_each} of each object"
 
 
 def read_run(name: str = "", *, fetch: bool = True) -> FinishedRun:

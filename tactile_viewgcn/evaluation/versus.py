@@ -14,8 +14,8 @@ import pandas as pd
 
 from tactile_viewgcn.evaluation.finished_run import FinishedRun, read_run
 from tactile_viewgcn.evaluation.trials import TITLES, WHOLE, Predictions, Trials
-from tactile_viewgcn.intervals import group_interval
-from tactile_viewgcn.messages import Note, UserError
+from tactile_viewgcn.intervals import FEW, group_interval
+from tactile_viewgcn.messages import Note, UserError, several
 from tactile_viewgcn.provenance import ROW, Record
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.schema import as_change
@@ -39,6 +39,7 @@ class Difference:
         high: upper end of this interval.
         groups: number of common split groups.
         same: whether both runs gave the same answers.
+        alike: whether both runs are wrong equally often on every recording.
     """
 
     protocol: str
@@ -48,6 +49,7 @@ class Difference:
     high: float | None
     groups: int
     same: bool
+    alike: bool
 
     @property
     def more(self) -> float:
@@ -79,8 +81,11 @@ class Difference:
             return "both give the same answers"
         if self.low is None or self.high is None or self.detects is None:
             return "only one split group was tested, which says nothing about other groups"
-        if self.low == self.high == 0:
+        if self.alike:
             return "both are wrong equally often on every recording"
+        if self.groups < FEW:
+            tested = several(self.groups, "split group")
+            return f"undecided; {tested} were tested, and fewer than {FEW} decide nothing"
         if self.low > 0:
             return f"{name} has the higher error"
         if self.high < 0:
@@ -130,6 +135,7 @@ def _difference(protocol: str, first: Predictions, second: Predictions) -> Diffe
         high=high,
         groups=len(np.unique(groups)),
         same=_are_same(first, second, protocol),
+        alike=bool((more == 0).all()),
     )
 
 

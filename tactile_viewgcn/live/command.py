@@ -56,6 +56,7 @@ class LiveCommand:
         self._skips = skips
         self._is_paced = is_paced
         self._frames = 0
+        self._first_frame_at: float | None = None  # in seconds of the monotonic clock
         self._refused = 0
         self._ended_by = 0  # number of the signal
         self._time: float | None = None  # of the last frame, if a column has it
@@ -76,12 +77,11 @@ class LiveCommand:
             UserError: the input holds no frame, or names other sensors than the model has.
         """
         self._began_at = source.came_at
-        reading_since = time.monotonic()
         with self._ended_by_signals():
             try:
                 while not (source.has_ended or self._ended_by):
                     self._step(source)
-                    if not self._was_ready and time.monotonic() - reading_since > MOST_WAITING:
+                    if self._waits_too_long():
                         self._miss_open_hand(source.number)
                     self._view.draw()
             finally:
@@ -94,6 +94,12 @@ class LiveCommand:
         if self._ended_by:
             return 128 + self._ended_by
         return 0
+
+    def _waits_too_long(self) -> bool:
+        """Return whether no open hand was seen for long, since the first frame came."""
+        if self._was_ready or self._first_frame_at is None:
+            return False
+        return time.monotonic() - self._first_frame_at > MOST_WAITING
 
     @contextmanager
     def _ended_by_signals(self) -> Iterator[None]:
@@ -158,6 +164,8 @@ class LiveCommand:
             raise LineError(str(error).removeprefix(f"frame {self._frames}: ")) from None
         self._time = frame.time
         self._frames += 1
+        if self._first_frame_at is None:
+            self._first_frame_at = time.monotonic()
         self._view.count_frame()
         for update in updates:
             self._show(update, source.number)

@@ -299,8 +299,12 @@ class FrameLines:
         if self._has_frame or len(words.names) < self._count:
             return None
         columns = list(range(len(words.names)))
-        if len(words.names) != self._count:
-            columns = [column for column in columns if not kinds[column]]
+        if len(columns) == self._count:
+            return columns
+        columns = [column for column in columns if not kinds[column]]
+        if len(columns) < self._count:
+            # `index` can be a finger, and not the number of the line
+            columns = [number for number, kind in enumerate(kinds) if kind in ("", "line number")]
         if len(columns) == self._count:
             return columns
         if is_comment:

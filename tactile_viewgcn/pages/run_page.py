@@ -284,14 +284,11 @@ def run_facts(run: FinishedRun) -> dict[str, Any]:
 def _meanings(run: FinishedRun) -> dict[str, str]:
     """Return by the name of an error what is answered."""
     frames = several(run.metrics["views"], "frame")
-    undivided = "recording"
-    if run.params["split.by"] == "grasp":
-        undivided = "grasp"
     return {
-        "whole": "one answer to each recording, from all its frames, as a user gets it",
+        "whole": f"one answer to each {run.undivided}, from all its frames, as a user gets it",
         "new_session": "whole recordings of training sessions; each session was held out of the "
         "fits that answered it",
-        "recording": f"{frames} of one {undivided}",
+        "recording": f"{frames} of one {run.undivided}",
         "object": f"{frames} of any {run.tested_set} recordings of the object, as in the paper",
     }
 

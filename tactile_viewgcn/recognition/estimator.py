@@ -8,6 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, get_args
 
 import numpy as np
+import pandas as pd
 import torch
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils import check_random_state
@@ -340,7 +341,18 @@ def _group_numbers(groups: Any, count: int) -> np.ndarray:
         raise UserError(
             f"groups has shape {groups.shape}; expected ({count},), a group for each recording of X"
         )
-    _, numbers = np.unique(groups, return_inverse=True)
+    missing = np.flatnonzero(pd.isna(groups))
+    if len(missing):
+        raise UserError(
+            f"groups[{missing[0]}] is missing; expected a group for each recording of X, "
+            "such as a group of its own"
+        )
+    try:
+        _, numbers = np.unique(groups, return_inverse=True)
+    except TypeError:  # the groups have no order
+        raise UserError(
+            "groups holds values of different kinds; expected texts, or numbers"
+        ) from None
     return numbers
 
 

@@ -241,7 +241,7 @@ def _weigh(out_of_fold: OutOfFold, names: list[str]) -> tuple[dict[str, float], 
         weight = weights.get(name, 0)
         error = float(out_of_fold.group_errors({name: 1}).mean())
         text = f"{name}: weight {weight:.2g}; as the only member it answers "
-        text += f"{100 * error:.1f} % of whole recordings wrongly"
+        text += f"{100 * error:.1f} % of whole recordings wrongly, a mean over the groups"
         value = {"member": name, "weight": weight, "error": error}
         notes.append(Note(text, topic="members", key=KEY, value=value))
     return weights, notes

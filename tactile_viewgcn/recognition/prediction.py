@@ -153,6 +153,8 @@ def _summary(records: list[dict[str, Any]]) -> list[str]:
     for record in records:
         if record["class_1"] is None:
             counts[NO_CONTACT] += 1
+        elif record["class_1"] == EMPTY_HAND:
+            counts["with an empty hand"] += 1
         else:
             counts["with an object"] += 1
     kinds = [f"{count} {text}" for text, count in sorted(counts.items(), reverse=True)]

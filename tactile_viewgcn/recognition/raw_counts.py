@@ -1,6 +1,7 @@
 """Checks whether new recordings are like the training set in layout, scale and frame rate."""
 
 from collections.abc import Sequence
+from math import ceil
 
 import numpy as np
 
@@ -201,6 +202,22 @@ def no_contact_note(names: list[str], total: int) -> Note:
         f"no frame is in contact in {len(names)} of {several(total, 'recording')}: "
         f"{listed(names)}. An object that presses too little, or that is held from the first frame "
         "to the last, can be taken for an open hand. Begin each recording with an open hand."
+    )
+    return Note(text, "info", "contact")
+
+
+def short_note(names: list[str], total: int, limit: float) -> Note:
+    """Return a note on recordings that are too short for calibrated probabilities.
+
+    Args:
+        names: of these recordings.
+        total: number of all recordings.
+        limit: number of frames in contact below which a recording is too short.
+    """
+    text = (
+        f"{len(names)} of {several(total, 'recording')} have fewer than {ceil(limit)} frames in "
+        f"contact, half of what training recordings have: {listed(names)}. Their probabilities "
+        "are not calibrated."
     )
     return Note(text, "info", "contact")
 

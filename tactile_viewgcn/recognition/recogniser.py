@@ -30,6 +30,7 @@ from tactile_viewgcn.recognition.raw_counts import (
     is_untouched,
     no_contact_note,
     rate_notes,
+    short_note,
     untouched_note,
 )
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, in_memory
@@ -86,6 +87,10 @@ class Recogniser:
         if on_sensors(model.system):
             self.system = " + ".join(model.members)
         self._layout = (self.shape, self.plan.channel_names)
+        # members answer fewer frames as a view set, for which nothing was calibrated
+        self._calibrated_from = 0.0
+        if self.calibrated:
+            self._calibrated_from = getattr(self.classifier, "short", 0.0)
 
     def answer_recordings(self, recordings: Sequence[Recording]) -> tuple[list[Answer], list[Note]]:
         """Return the answers to what `recording_of` returned, and notes; see `answer_table`."""
@@ -98,7 +103,8 @@ class Recogniser:
         """Return the answers to the recordings of a table, and notes.
 
         The notes are on baselines that could not be measured, on frame rates, and on recordings
-        that have no contact, or read as if the hand touched nothing.
+        that have no contact, read as if the hand touched nothing, or are too short for calibrated
+        probabilities.
 
         Raises:
             UserError: recordings differ from the training set in layout, sensors or scale; the
@@ -112,6 +118,7 @@ class Recogniser:
         faults = dict[str, str]()
         untouched = list[str]()
         without_contact = list[str]()
+        short = list[str]()
         index_of = frames_by_recording(recordings)
         for index in index_of:
             name = recordings.recordings[recordings.columns["recording"][index[0]]]
@@ -133,6 +140,8 @@ class Recogniser:
                 fault = NOT_FINITE
             if fault:
                 faults[_place(recordings, name, len(index_of))] = fault
+            if 0 < len(excess) < self._calibrated_from:
+                short.append(name)
             answers.append(Answer(probabilities, len(excess), len(index), name, label))
         _raise_first(faults, len(index_of))
         notes = [*baseline.notes(recordings), *rate_notes(self.plan, recordings)]
@@ -141,6 +150,8 @@ class Recogniser:
         if untouched:
             is_class = EMPTY_HAND in self.classes
             notes.append(untouched_note(self.plan, untouched, len(index_of), is_class=is_class))
+        if short:
+            notes.append(short_note(short, len(index_of), self._calibrated_from))
         return answers, notes
 
     @property

@@ -163,7 +163,8 @@ def test_the_lines_have_errors_with_intervals_and_live_answers(evaluation):
 def finished(evaluation):
     """Return the finished run of the evaluation, whose members `auto` chose."""
     predictions, metrics = evaluation
-    params = {"values": {"model.members": "auto", "data.source": "glove"}, "changed": {}}
+    values = {"model.members": "auto", "data.source": "glove", "split.by": "recording"}
+    params = {"values": values, "changed": {}}
     records = RECORDS | {"evaluate": Record("evaluate", run_id="12ab", params=params)}
     return FinishedRun("", metrics, TIMING, predictions, records, LIVE)
 

@@ -80,7 +80,19 @@ def test_other_answers_that_are_wrong_on_the_same_recordings_have_no_threshold()
 
 def test_equal_errors_on_other_recordings_are_not_the_same_answers():
     (difference,) = differences(run([0]), run([1]))
-    assert (difference.more, difference.same) == (0, False)
+    assert (difference.more, difference.same, difference.alike) == (0, False, False)
+
+
+@pytest.mark.parametrize(("groups", "decided"), [(9, False), (10, True)])
+def test_few_split_groups_decide_nothing(groups, decided):
+    """In each group the second run is wrong, so the interval has no width."""
+    tested = slice(0, groups)
+    (difference,) = differences(run([], chosen=tested), run(range(groups), chosen=tested))
+    assert (difference.low, difference.high) == (1, 1)
+    expected = "B has the higher error"
+    if not decided:
+        expected = "undecided; 9 split groups were tested, and fewer than 10 decide nothing"
+    assert difference.verdict("B") == expected
 
 
 def test_only_common_recordings_count_and_classes_are_compared_by_name():
@@ -124,6 +136,7 @@ def finished(wrong, *, folds=3, md5="ab", chosen=slice(None), **changed):
         changed: the changed parameters.
     """
     values = {
+        "split.by": "recording",
         "split.folds": folds,
         "views": 8,
         "model.members": "auto",

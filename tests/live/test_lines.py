@@ -135,6 +135,10 @@ def test_columns_without_a_sensor_of_the_model_end_the_input(lines, message):
 def test_without_names_in_the_model_a_line_of_words_names_as_many_columns_once():
     rows, _ = frames(["a,b,c", "1,2,3"], sensors=[])
     assert rows == [([1, 2, 3], None)]
+    rows, _ = frames(["time,thumb,index,ring", "0.5,1,2,3"], sensors=[])
+    assert rows == [([1, 2, 3], 0.5)]  # the index finger
+    rows, _ = frames(["index,thumb,middle,ring", "7,1,2,3"], sensors=[])
+    assert rows == [([1, 2, 3], None)]  # the number of the line
     reader = FrameLines((1, 3), [])
     with pytest.raises(LineError, match="names 4 sensors: a, b, c, d; expected 3"):
         reader.frame(b"a,b,c,d")

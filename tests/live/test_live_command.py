@@ -176,6 +176,14 @@ def test_an_input_without_a_frame_is_a_mistake(lines, message):
         run(content.encode())
 
 
+def test_the_wait_for_an_open_hand_begins_with_the_first_frame(monkeypatch):
+    monkeypatch.setattr(module, "MOST_WAITING", 0.2)
+    _, _, errors = run(0.5, GRASP)
+    assert errors == ["28 frames"]
+    _, _, errors = run(GRASP[:1], 0.5, GRASP[1:])
+    assert errors[0].startswith("line 1: no open hand in 1 frame, so no answer")
+
+
 def test_a_glove_that_never_shows_an_open_hand_has_no_answer_and_a_line_that_says_so():
     held = lines_of(recording("cup", 131, before=0, held=40, after=0))
     code, records, errors = run(held)

@@ -97,6 +97,7 @@ def test_objects_and_chance_by_hand():
     names = np.array(["cup", "pen", "tape"])
     outcome = replace(finished(FEW), predictions=Predictions({WHOLE: trials}, names))
     assert outcome.tested == "12 recordings, 4 to 8 of each object"
+    assert finished(FEW, split_by="grasp").tested == "6 grasps, 2 of each object"
     assert outcome.objects == [
         ("cup", 8, 0.5, "pen (37.5\xa0%)"),
         ("pen", 4, 0.25, "cup (25.0\xa0%)"),

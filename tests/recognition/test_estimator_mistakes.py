@@ -50,6 +50,12 @@ IN_FIT = {
     "one class": ("y", ["a"] * 4, "y has one class, a"),
     "a missing label": ("y", ["a", "a", "b", None], "y holds labels of different kinds"),
     "groups of a different length": ("groups", [0, 1, 2], r"groups.*\(3,\).*\(4,\)"),
+    "a missing group": ("groups", ["a", None, "a", "b"], r"groups\[1\] is missing"),
+    "groups of different kinds": (
+        "groups",
+        np.array(["a", 1, "a", "b"], dtype=object),
+        "groups holds values of different kinds",
+    ),
     "no such system": ("system", "mvccn", "model.system: .*'mvccn'.*did you mean mvcnn"),
     "a value YAML has not": (
         "params",

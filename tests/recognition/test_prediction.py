@@ -75,6 +75,29 @@ def test_recordings_without_contact_are_named_with_the_reason_unless_they_are_of
     )
 
 
+def test_a_recording_that_is_too_short_for_calibrated_probabilities_is_named(folder):
+    """Training recordings have 20 frames in contact."""
+    write(folder / "new" / "brief.h5", recording(OBJECTS[0], 86, held=9))
+    _, note, *_ = call(folder / "classifier.pt", folder / "new")
+    assert note.startswith("contact: 1 of 4 recordings have fewer than 10 frames in contact")
+    write(folder / "new" / "brief.h5", recording(OBJECTS[0], 86, held=10))
+    lines = call(folder / "classifier.pt", folder / "new")
+    assert not any("fewer than" in line for line in lines)
+
+
+def test_an_answer_empty_hand_is_no_object(tmp_path):
+    rng = np.random.default_rng(0)
+    names = ["empty_hand", "fist"] * 6
+    X = [rng.normal(20 + 10 * (name == "fist"), 1, (20, 5)) for name in names]
+    every_frame = {"preprocess.baseline": "none", "preprocess.filter": "none"}
+    classifier = TactileClassifier(system="svm", params=every_frame).fit(X, names)
+    classifier.save(tmp_path / "classifier.pt")
+    save(tmp_path / "new" / "1.npy", X[0])
+    save(tmp_path / "new" / "2.npy", X[1])
+    *_, last, _ = call(tmp_path / "classifier.pt", tmp_path / "new")
+    assert last == "answers: 1 with an object, 1 with an empty hand"
+
+
 def test_recordings_in_two_files_are_answered_as_whole_ones(folder):
     for index, name in enumerate(OBJECTS):
         left, right = np.split(recording(name, 80 + index), 2, axis=2)
