@@ -20,6 +20,7 @@ from tactile_viewgcn.readers.source import (
     ATTRIBUTES_TOPIC,
     Form,
     Recording,
+    columns_setting,
     label_text,
     setting,
 )
@@ -159,7 +160,7 @@ def _attribute_notes(
     unused = [name for name in _attributes(arrays) if name not in used]
     if not unused or "object" in names:
         return []
-    remedy = setting(f"data.columns=[object:{unused[0]}]")
+    remedy = columns_setting(f"object:{unused[0]}")
     text = f"attributes that are not used: {listed(unused)}; if one names the object, {remedy}"
     return [Note(text, topic=ATTRIBUTES_TOPIC)]
 
@@ -186,7 +187,7 @@ def _missing(file: Path, arrays: Mapping[str, Any], kind: str, name: str) -> str
         text += f"; attributes {listed(arrays.attributes) or 'none'}"
     readings = [path for path in found if _is_of_readings(arrays[path])]
     if kind == "pressure" and readings:
-        text += f"; if one holds the readings, {setting(f'data.columns=[pressure:{readings[0]}]')}"
+        text += f"; if one holds the readings, {columns_setting(f'pressure:{readings[0]}')}"
     elif kind not in DATASETS:
         text += f"; {setting(f'data.columns=[{kind}:NAME]')}"
     if kind == "pressure" and len(readings) > 1:

@@ -11,7 +11,7 @@ import numpy as np
 
 from tactile_viewgcn.messages import UserError, common_folder, several
 from tactile_viewgcn.readers.naming import Named
-from tactile_viewgcn.readers.source import Form, Recording, setting
+from tactile_viewgcn.readers.source import Form, Recording, columns_setting, setting
 
 
 def side_by_side(
@@ -155,5 +155,5 @@ def _without_others(channels: list[str], usual: list[str]) -> str:
     others = sorted(set(channels) ^ set(usual))
     if not others:
         return ""
-    left_out = ", ".join(f"leave_out:{name}" for name in others)
-    return f"; {setting(f'data.columns=[{left_out}]')}"
+    left_out = [f"leave_out:{name}" for name in others]
+    return f"; {columns_setting(*left_out)}"

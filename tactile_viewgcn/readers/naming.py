@@ -20,8 +20,8 @@ from tactile_viewgcn.readers.source import (
     UNLABELLED,
     Form,
     Recording,
+    columns_setting,
     label_text,
-    setting,
     side_of,
 )
 
@@ -321,7 +321,7 @@ def hint_of(found: Found, read_frames: FramesReader) -> str:
     if best is not None:
         key = names[best] or str(best + 1)
         what = f"column {key!r} holds {len(np.unique(table[:, best]))} whole numbers"
-        text += f"; {what}: if these are the objects, {setting(f'data.columns=[object:{key}]')}"
+        text += f"; {what}: if these are the objects, {columns_setting(f'object:{key}')}"
     return f"{text}; if a line is a whole recording, {AS_WINDOWS}"
 
 

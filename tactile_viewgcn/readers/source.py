@@ -4,15 +4,18 @@ import re
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from shlex import quote
 from typing import Any
 
 import numpy as np
 
 from tactile_viewgcn.messages import Note, UserError
 from tactile_viewgcn.params import MAX_SIDE, SIDES
+from tactile_viewgcn.schema import as_change
 
 UNLABELLED = ""  # the name of an object that is still to be recognised
 #: Names of the published sets, such as `test`, `training_set`, `x_train`, `dev`.
+WHERE_TO_SET = "(-S of `dvc exp run`, --set of `inspect` and `predict`)"
 SIDE = re.compile(
     r"(?:[xs][ _-])?(?:(?P<train>train|training)|(?P<test>tests?|testing)"
     r"|(?P<validation>val|valid|validation|dev))(?:[ _-]?sets?)?"
@@ -140,7 +143,19 @@ def side_of(name: str) -> int | None:
 
 def setting(change: str) -> str:
     """Return for a message how to set a key of `data`."""
-    return f"set '{change}' (-S of `dvc exp run`, --set of `inspect` and `predict`)"
+    return f"set '{change}' {WHERE_TO_SET}"
+
+
+def columns_setting(*entries: str) -> str:
+    """Return for a message how to set `data.columns`, whatever marks the names of columns have.
+
+    Args:
+        entries: such as `object:label`.
+    """
+    change = f"data.columns=[{','.join(entries)}]"
+    if not all(re.fullmatch(r"\w+:[\w .-]+", entry) for entry in entries):
+        change = as_change("data.columns", list(entries))
+    return f"set {quote(change)} {WHERE_TO_SET}"
 
 
 def storage_type(dtype: np.dtype, where: str) -> np.dtype:

@@ -4,8 +4,8 @@ The table has a line for each frame.
 """
 
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -20,8 +20,8 @@ from tactile_viewgcn.readers.source import (
     NUMBERS,
     Form,
     Recording,
+    columns_setting,
     label_text,
-    setting,
 )
 from tactile_viewgcn.schema import nearest
 
@@ -51,7 +51,14 @@ class _Table:
 
 
 def table_of(
-    names: list[str], cells: "DataFrame", form: Form, file: str, places: Iterable[str]
+    names: list[str],
+    cells: "DataFrame",
+    form: Form,
+    file: str,
+    places: Iterable[str],
+    *,
+    units: Sequence[str] = (),
+    texts_of: Callable[[int], "Series"] | None = None,
 ) -> tuple[Recording, dict[str, Any]]:
     """Return a table of T lines as one recording, and its columns of labels.
 
@@ -61,6 +68,9 @@ def table_of(
         form: what the user says about the columns.
         file: the beginning of every error.
         places: the place of each row of `cells`, for errors.
+        units: the units of the columns, if a line below the names holds them.
+        texts_of: returns the cells of a column as they are written, by its number. Labels are taken
+            from it, since `01` and `1.10` are no numbers there. None takes them from `cells`.
 
     Returns:
         The recording and its labels. The recording has pressure (T, S), the times if a column has
@@ -79,11 +89,14 @@ def table_of(
     of_model = sensors_of_model(keys, form, file)
     table = _Table()
     for number, (name, key) in enumerate(zip(names, keys, strict=True)):
-        column = _Column(number, name, key, cells[number], _numbers(cells[number]))
+        unit = units[number] if number < len(units) else ""
+        column = _Column(number, name, key, unit, cells[number], _numbers(cells[number]))
         content = _content_of(column, form, of_model, has_names=any(names))
         if key in of_model and content:
             what = f"column {number + 1} ({key!r}), a sensor of the model, is {content}"
             raise UserError(f"{file}: {what}; record it again")
+        if content in LABELS and texts_of:
+            column = replace(column, cells=texts_of(number))
         _add_column(table, column, content, file, places)
     channels = table.channels
     readings = table.readings
@@ -110,6 +123,7 @@ class _Column:
         number: its number, counted from 0.
         name: its name; "" if it has none.
         key: its name, or else its number, counted from 1.
+        unit: the cell of a line of units, such as `[ms]`; "" without such a line.
         cells: its cells as they stand in the table.
         values: (T,) its numbers, NaN where a cell is no number.
     """
@@ -117,6 +131,7 @@ class _Column:
     number: int
     name: str
     key: str
+    unit: str
     cells: "Series"
     values: np.ndarray
 
@@ -141,7 +156,7 @@ def _content_of(column: _Column, form: Form, of_model: list[str], *, has_names: 
         return content
     content = NOT_OF_MODEL
     if is_words(column.cells) and column.cells.nunique() > 1:
-        remedy = setting(f"data.columns=[object:{column.key}]")
+        remedy = columns_setting(f"object:{column.key}")
         content += f"; if it names the objects of several recordings, {remedy}"
     return content
 
@@ -163,8 +178,7 @@ def _add_column(
         table.labels[content] = _labels_of(column.cells)
     elif content == "time" and filled.all():
         if table.time is None:
-            _, unit = base_and_unit(column.name)
-            table.time = column.values * SECONDS.get(unit, 1.0)
+            table.time = column.values * _seconds_of(column)
     elif content == "time":
         example = str(column.cells[~filled].iloc[0])
         count = f"{np.sum(~filled)} of {len(filled)} cells are no number"
@@ -172,6 +186,14 @@ def _add_column(
     topic = MODEL_TOPIC if content.startswith(NOT_OF_MODEL) else "columns"
     text = f"{column} is not a sensor ({content})"
     table.notes.append(Note(text, topic=topic, value=column.number + 1))
+
+
+def _seconds_of(column: _Column) -> float:
+    """Return the seconds in the unit of a column of times, by its name or by a line of units."""
+    _, unit = base_and_unit(column.name)
+    if unit not in SECONDS:
+        unit = column.unit.strip("[]() ").lower()
+    return SECONDS.get(unit, 1.0)
 
 
 def _labels_of(cells: "Series") -> Any:
@@ -241,11 +263,11 @@ def _unfit(
     if grouped:
         return f"{column}: {grouped}"
     row = int(np.argmin(filled))
-    leave_out = setting(f"data.columns=[leave_out:{column.key}]")
+    leave_out = columns_setting(f"leave_out:{column.key}")
     repeats = cells.nunique() < len(cells)
     if not content and np.isnan(values).all() and repeats and is_words(cells):
         example = str(cells.iloc[0])[:MOST_SHOWN]
-        is_label = setting(f"data.columns=[object:{column.key}]")
+        is_label = columns_setting(f"object:{column.key}")
         words = f"{column} holds words, such as {example!r}, and no number"
         return f"{words}; if it names the objects, {is_label}; else {leave_out}"
     fault = "is not a number"

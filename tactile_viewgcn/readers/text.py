@@ -12,10 +12,11 @@ import re
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from tactile_viewgcn.readers.source import Form, Recording
 from tactile_viewgcn.readers.table_columns import table_of
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    from pandas import DataFrame, Index, Series
 
 TOP_LINES = 200  # lines that are searched for the separator and the names
 COMMENT = ("#", "%")
@@ -35,6 +36,7 @@ NUMBER = re.compile(r"(?i)[-+]?(\d+([.,]\d*)?|[.,]\d+)(e[-+]?\d+)?|[-+]?(nan|inf
 # a comment, or a line of empty cells
 NOT_NUMBERS = re.compile(r"^[ \t]*[#%].*$|^[ \t,;]+$", re.MULTILINE)
 BEGINS_OF_NUMBERS = re.compile(r"(?<![\w.])[-+]?\d")
+FEWEST_COUNTED = 3  # columns that a line of their numbers names
 PIECE = 1 << 20  # bytes that are unpacked at once
 GZIP = b"\x1f\x8b"  # the first bytes of a file that gzip packed
 UTF16 = (b"\xff\xfe", b"\xfe\xff")  # the first bytes of a text in UTF-16
@@ -118,7 +120,9 @@ def table_in(file: Path, text: str, form: Form) -> Recording:
         for row in full[1:]
     ]
     names = full[0] if full else [""] * width
-    table, labels = table_of(names, cells, form, str(file), places)
+    units = full[1] if len(full) > 1 else []
+    texts_of = partial(_texts_of, file, numbers, top, cells.index)
+    table, labels = table_of(names, cells, form, str(file), places, units=units, texts_of=texts_of)
     return replace(table, notes=notes + table.notes, labels=labels)
 
 
@@ -131,9 +135,36 @@ def _cells_of(file: Path, text: str, numbers: str, top: "_Top") -> "DataFrame":
         numbers: the same text without its comments.
         top: the top of the text.
     """
+    has_decimal_commas = top.separator != "," and re.search(r"\d,\d", text)
+    decimal = "," if has_decimal_commas else "."
+    return _read(file, numbers, top, decimal=decimal, float_precision="round_trip")
+
+
+def _texts_of(file: Path, numbers: str, top: "_Top", rows: "Index", column: int) -> "Series":
+    """Return the cells of a column as they are written.
+
+    Args:
+        file: the file, which errors name.
+        numbers: a text without its comments.
+        top: the top of the text.
+        rows: numbers of the rows that are returned.
+        column: number of the column.
+    """
+    cells: Series = _read(file, numbers, top, usecols=[column], dtype=str)[column]
+    return cells.loc[rows]
+
+
+def _read(file: Path, numbers: str, top: "_Top", **options: Any) -> "DataFrame":
+    """Return cells below the top of a text.
+
+    Args:
+        file: the file, which errors name.
+        numbers: the text without its comments.
+        top: the top of the text.
+        **options: of `pandas.read_csv`.
+    """
     import pandas as pd  # here, since it loads slowly
 
-    has_decimal_commas = top.separator != "," and re.search(r"\d,\d", text)
     with (
         warnings.catch_warnings(),
         # Arrow's texts need more memory than the child process is allowed
@@ -146,14 +177,13 @@ def _cells_of(file: Path, text: str, numbers: str, top: "_Top") -> "DataFrame":
             return pd.read_csv(
                 io.StringIO(numbers),
                 sep=top.separator or r"\s+",
-                decimal="," if has_decimal_commas else ".",
                 header=None,
                 skiprows=top.above,
                 keep_default_na=False,
                 na_values=[""],
                 skipinitialspace=True,
-                float_precision="round_trip",
                 low_memory=False,
+                **options,
             )
         except pd.errors.ParserError as error:  # such as `Expected 2 fields in line 3, saw 4`
             what = str(error).rpartition("error: ")[2].strip()
@@ -223,10 +253,32 @@ def _top(file: Path, text: str) -> _Top:
         if not _is_comment(line):
             if not rows:
                 _check_is_whole(file, number, cells, top, separator, width=len(example))
-            if _is_of_numbers(cells, example):
+            is_header = not rows and _names_by_numbers(cells, number, top, separator)
+            if _is_of_numbers(cells, example) and not is_header:
                 return _Top(separator, number, rows)
         rows.append(cells)
     raise _without_numbers(file)
+
+
+def _names_by_numbers(
+    cells: list[str], number: int, top: list[tuple[int, str]], separator: str | None
+) -> bool:
+    """Return whether a line names the columns by their numbers, and the next line does not.
+
+    pandas writes such a line above a table whose columns have no names: 0, 1, 2 and so on. Two
+    columns are too few to tell.
+
+    Args:
+        cells: the cells of the line.
+        number: the number of the line, counted from 0.
+        top: the first lines of the file that are not empty, with their numbers.
+        separator: the separator of the cells; None for blanks.
+    """
+    below = [line for other, line in top if other > number and not _is_comment(line)]
+    if len(cells) < FEWEST_COUNTED or not below:
+        return False
+    counted = [str(column) for column in range(len(cells))]
+    return cells == counted and split_line(below[0].strip(), separator) != counted
 
 
 def _without_numbers(file: Path) -> UserError:

@@ -167,6 +167,8 @@ class CountsFile:
         if row is None:
             return
         frame = block[row].ravel()
+        if frame.dtype.kind == "f":
+            frame = frame.astype(np.float64)  # float16 does not hold the limits
         inside = (frame >= low) & (frame <= high)
         value = float(frame[~inside][0])
         fault = Fault("pressure", self.frames + row, value, low, high, is_integer)

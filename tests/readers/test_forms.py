@@ -5,6 +5,7 @@ from functools import partial
 
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import io
 
@@ -656,3 +657,45 @@ def test_the_real_files_have_the_frames_that_their_authors_state(
             grasp = columns["grasp"][columns["recording"] == recording]
             grasps.append(len(np.unique(grasp)))
         assert "split" not in columns and 6 <= min(grasps) <= max(grasps) <= 7
+
+
+def test_a_line_that_numbers_the_columns_is_no_frame(tmp_path):
+    """pandas writes it above columns without names."""
+    readings = np.random.default_rng(0).integers(400, 700, (4, 5))
+    for name in ("ball", "mug"):
+        (tmp_path / "lab" / name).mkdir(parents=True)
+        pd.DataFrame(readings).to_csv(tmp_path / "lab" / name / "1.csv", index=False)
+    counts, table = ingested(tmp_path / "lab")
+    np.testing.assert_array_equal(counts[:, 0], np.concatenate([readings, readings]))
+    assert table.channel_names == ["0", "1", "2", "3", "4"]
+
+
+def test_two_frames_that_count_are_frames(tmp_path):
+    save(tmp_path / "lab" / "ball" / "1.csv", "0,1,2\n0,1,2\n")
+    counts, _ = ingested(tmp_path / "lab")
+    assert counts.tolist() == [[[0, 1, 2]], [[0, 1, 2]]]
+
+
+def test_labels_of_a_table_are_texts_and_no_numbers(tmp_path):
+    """Only 1 and 1.0 are one label."""
+    labels = ["1.1", "1.10", "01", "1", "1.0", "1e2", "100", "true"]
+    lines = [f"{label},{index},{index + 3}" for index, label in enumerate(labels)]
+    save(tmp_path / "all.csv", "\n".join(["label,s1,s2", *lines]) + "\n")
+    counts, table = ingested(tmp_path / "all.csv")
+    assert sorted(table.objects) == ["01", "1", "1.1", "1.10", "100", "1e2", "true"]
+    assert len(counts) == 8
+
+
+@pytest.mark.parametrize(
+    ("head", "step"),
+    [
+        ("Time,a,b,c\n[ms],[N],[N],[N]", 0.001),
+        ("Time,a,b,c\nms,N,N,N", 0.001),
+        ("time_us,a,b,c\ns,N,N,N", 1e-6),
+        ("Time,a,b,c\ns,N,N,N", 1.0),
+    ],
+)
+def test_a_line_of_units_has_the_unit_of_times_that_their_name_lacks(tmp_path, head, step):
+    save(tmp_path / "lab" / "ball" / "1.csv", f"{head}\n0,4,5,6\n1,5,6,7\n2,6,7,9\n")
+    _, table = ingested(tmp_path / "lab")
+    np.testing.assert_allclose(table.columns["time"], [0, step, 2 * step])

@@ -7,6 +7,7 @@ import errno
 import os
 import re
 import resource
+import shlex
 import subprocess
 import sys
 import zipfile
@@ -18,6 +19,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.messages import UserError
+from tactile_viewgcn.params import default_params
 from tactile_viewgcn.readers import child
 from tactile_viewgcn.readers.source import Form
 from tactile_viewgcn.tables.recordings import read_source
@@ -457,3 +459,26 @@ def test_reading_after_torch_has_started_threads_warns_of_nothing_and_forks_no_t
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
     )
     assert (result.stdout, result.stderr) == ("4\n", "")
+
+
+@pytest.mark.parametrize("name", ["Status [text]", "Sensor #1", "Note: free", "Anna's note", "{x}"])
+def test_the_printed_setting_leaves_out_a_column_whatever_marks_its_name_has(tmp_path, name):
+    save(tmp_path / "lab" / "ball" / "1.csv", f"a,{name},b\n1,ok,2\n3,go,4\n2,ok,4\n")
+    line = refusal(tmp_path / "lab", tmp_path)
+    settings = [word for word in shlex.split(line) if word.startswith("data.columns=")]
+    assert len(settings) == 2  # the object, or left out
+    form = Form(columns=load_columns(settings[1]))
+    counts, table = ingested(tmp_path / "lab", form=form)
+    assert table.channel_names == ["a", "b"]
+    assert counts[:, 0].tolist() == [[1, 2], [3, 4], [2, 4]]
+
+
+def load_columns(change):
+    """Return the value of a change of `data.columns`, as `--set` takes it."""
+    return list(default_params((change,)).data.columns)
+
+
+def test_float16_that_overflowed_is_refused_at_its_frame(tmp_path):
+    counts = np.array([[[1, 2], [np.inf, 3]]] * 3, dtype=np.float16)
+    save(tmp_path / "lab" / "ball" / "1.npy", counts)
+    assert "pressure of frame 0 of recording ball/1 is inf" in refusal(tmp_path / "lab", tmp_path)
