@@ -4,11 +4,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed
 from tactile_viewgcn.params import SIDES
 from tactile_viewgcn.readers.catalogue import BY_FRAME, COLUMNS
 from tactile_viewgcn.readers.discovery import Source
@@ -22,6 +23,7 @@ from tactile_viewgcn.readers.source import (
     Recording,
     columns_setting,
     label_text,
+    setting,
     side_of,
 )
 
@@ -139,6 +141,40 @@ def chosen_names(
     return names
 
 
+def _of_all_lines(labels: Mapping[str, Any]) -> dict[str, str]:
+    """Return the session of a table, if a column has the same session in all lines.
+
+    Args:
+        labels: texts of the lines of a table, by `session`, `object` or `recording`.
+    """
+    sessions = set(map(str, labels.get("session", ())))
+    if len(sessions) != 1:
+        return {}
+    return {"session": sessions.pop()}
+
+
+def _unused_columns(labels: Mapping[str, Any], names: Mapping[str, str]) -> list[Note]:
+    """Return a warning of each column of labels that contradicts the names of its file.
+
+    Args:
+        labels: texts of the lines of a table, by `session`, `object` or `recording`.
+        names: the names that the table has as one recording.
+    """
+    notes = list[Note]()
+    for kind, texts in labels.items():
+        found = sorted(set(map(str, texts)))
+        is_one_recording = kind == "recording" and len(found) == 1
+        if is_one_recording or found == [names[kind]]:
+            continue
+        text = (
+            f"the column that holds the {kind} ({listed(found)}) is not used, since folders or "
+            "labels.csv name the objects, and each file is one recording. If the innermost folders "
+            f"are no objects, {setting('data.layout=SESSION/FILE')}"
+        )
+        notes.append(Note(text, "warning", "columns"))
+    return notes
+
+
 class Naming:
     """A rule that gives the recordings in the files of a source their names.
 
@@ -202,13 +238,15 @@ class Naming:
         in_path, guessed = self._names_in_path(found, read_frames)
         names = chosen_names(
             given=self._given.get((found.file, recording.place)),
-            in_file=recording.names,
+            in_file={**_of_all_lines(recording.labels), **recording.names},
             labels=self._labels.get(found.file.stem, {}),
             in_path=in_path,
             default=self._default(found.file, recording.place),
         )
         lines = slice(found.first, found.first + found.frames)
         notes = [*recording.notes, *guessed]
+        if self._source.given is None:
+            notes += _unused_columns(recording.labels, names)
         return [Named(found, self._checked(found, names), recording.place, lines, notes)]
 
     def _default(self, file: Path, place: str) -> dict[str, str]:
@@ -256,7 +294,8 @@ class Naming:
             prefix = ""
         time = found.recording.values.get("time")
         runs, notes = runs_of(labels, time, found.frames, prefix)
-        in_path = dict[str, str]()
+        of_place = names_in(self._source.place_of(found.file), self.layout)
+        in_path = {kind: name for kind, name in of_place.items() if kind in ("session", "split")}
         guessed = list[Note]()
         if len(runs) == 1 and "object" not in labels:
             in_path, guessed = self._names_in_path(found, read_frames)

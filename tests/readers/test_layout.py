@@ -245,3 +245,40 @@ def test_a_published_set_has_the_code_of_the_same_set_of_a_split(tmp_path):
     codes = set_of_recording(ingested(tmp_path)[1])
     assert {name.split("/")[0] for name in codes} == {"train", "validation", "test"}
     assert all(name.startswith(frames.SIDES[code]) for name, code in codes.items())
+
+
+TABLE = "label,s1,s2\n" + "".join(
+    f"{name},{i},{i + 3}\n" for name in ("ball", "mug") for i in (5, 6)
+)
+
+
+def test_a_column_of_objects_that_folders_contradict_is_warned_of_with_the_layout_to_set(tmp_path):
+    for day in ("monday", "tuesday"):
+        save(tmp_path / "lab" / day / "1.csv", TABLE)
+    _, table = ingested(tmp_path / "lab")
+    assert table.objects == ["monday", "tuesday"]
+    (warning,) = [note.text for note in table.notes if note.level == "warning"]
+    assert "holds the object (ball, mug) is not used" in warning
+    assert "'data.layout=SESSION/FILE'" in warning
+    _, table = ingested(tmp_path / "lab", form=Form(layout="SESSION/FILE"))
+    assert (table.objects, table.sessions) == (["ball", "mug"], ["monday", "tuesday"])
+    assert len(table.recordings) == 4
+
+
+def test_tables_in_folders_of_published_sets_have_their_split(tmp_path):
+    for name in ("train", "test"):
+        save(tmp_path / "lab" / name / "all.csv", TABLE)
+    _, table = ingested(tmp_path / "lab")
+    assert table.objects == ["ball", "mug"]
+    sets = set_of_recording(table)
+    assert len(sets) == 4
+    for recording, code in sets.items():
+        assert code == (TRAIN if recording.startswith("train") else TEST)
+
+
+def test_a_column_with_one_person_names_the_session_of_a_file(tmp_path):
+    for name, person in (("ball", "Ada"), ("mug", "Ben")):
+        save(tmp_path / "lab" / name / "1.csv", f"person,label,s1,s2\n{person},{name},5,6\n")
+    _, table = ingested(tmp_path / "lab")
+    assert (table.objects, table.sessions) == (["ball", "mug"], ["Ada", "Ben"])
+    assert not [note for note in table.notes if note.level == "warning"]
