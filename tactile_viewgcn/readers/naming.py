@@ -171,7 +171,7 @@ def _unused_columns(labels: Mapping[str, Any], names: Mapping[str, str]) -> list
             "labels.csv name the objects, and each file is one recording. If the innermost folders "
             f"are no objects, {setting('data.layout=SESSION/FILE')}"
         )
-        notes.append(Note(text, "warning", "columns"))
+        notes.append(Note(text, "warning", "labels"))
     return notes
 
 

@@ -153,7 +153,7 @@ def columns_setting(*entries: str) -> str:
         entries: such as `object:label`.
     """
     change = f"data.columns=[{','.join(entries)}]"
-    if not all(re.fullmatch(r"\w+:[\w .-]+", entry) for entry in entries):
+    if not all(re.fullmatch(r"\w+:[\w ./-]+", entry) for entry in entries):
         change = as_change("data.columns", list(entries))
     return f"set {quote(change)} {WHERE_TO_SET}"
 
