@@ -22,6 +22,9 @@ def choices_of(study: Study, answers: list[Answers]) -> pd.DataFrame:
             under the primary protocol, in per cent. Every split group counts once. `chosen` marks
             the choice with the lowest error of each variant.
     """
+    columns = ["variant", "choice", "error", "chosen"]
+    if not answers:
+        return pd.DataFrame(columns=columns)
     errors = errors_of(answers)
     errors = errors[errors["protocol"] == TITLES[study.primary]]
     of_runs = errors.groupby(["variant", *TRAINING])["wrong"].mean()
@@ -38,7 +41,7 @@ def choices_of(study: Study, answers: list[Answers]) -> pd.DataFrame:
         part["chosen"] = part.index == part["error"].idxmin()
         parts.append(part)
     if not parts:
-        return pd.DataFrame(columns=["variant", "choice", "error", "chosen"])
+        return pd.DataFrame(columns=columns)
     return pd.concat(parts, ignore_index=True)
 
 

@@ -203,6 +203,7 @@ def graph_table() -> str:
         "mean": "a mean of the features",
         "maximum": "a maximum of the features",
     }
+    labels = {name: label for name, label in labels.items() if has("graph", name, WHOLE)}
     return _comparison_table("graph", labels, reference="vote", reference_label="`network`")
 
 

@@ -38,3 +38,4 @@ def test_the_choice_is_the_lowest_mean_error_over_all_seeds():
 
 def test_nothing_is_chosen_before_all_have_finished():
     assert names_of(choices_of(STUDY, [answers("mean, slow", 1)])) == {}
+    assert names_of(choices_of(STUDY, [])) == {}
