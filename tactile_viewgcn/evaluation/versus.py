@@ -135,7 +135,7 @@ def _difference(protocol: str, first: Predictions, second: Predictions) -> Diffe
         high=high,
         groups=len(np.unique(groups)),
         same=_are_same(first, second, protocol),
-        alike=bool((more == 0).all()),
+        alike=bool(np.isclose(more, 0).all()),
     )
 
 

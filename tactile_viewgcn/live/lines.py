@@ -16,7 +16,7 @@ import numpy as np
 
 from tactile_viewgcn.live.source import LONGEST_LINE
 from tactile_viewgcn.messages import UserError, listed, several
-from tactile_viewgcn.readers.lines import label_kind
+from tactile_viewgcn.readers.lines import COLUMN_NUMBERS, label_kind
 from tactile_viewgcn.readers.source import Form, tidy
 from tactile_viewgcn.readers.table_columns import (
     MOST_SHOWN,
@@ -152,7 +152,7 @@ class FrameLines:
             raise UserError(self._not_of_model(unknown.names))
         is_at_top = not self._has_frame and not layout.names
         if is_at_top and values == list(range(self._count)):
-            self.notes.append("0, 1, 2 and so on are numbers of columns, and no frame")
+            self.notes.append(COLUMN_NUMBERS)
             return None
         self._has_frame = True
         time = None
@@ -304,7 +304,10 @@ class FrameLines:
         columns = [column for column in columns if not kinds[column]]
         if len(columns) < self._count:
             # `index` can be a finger, and not the number of the line
-            columns = [number for number, kind in enumerate(kinds) if kind in ("", "line number")]
+            columns = []
+            for column, name in enumerate(words.names):
+                if not kinds[column] or name.lower() == "index":
+                    columns.append(column)
         if len(columns) == self._count:
             return columns
         if is_comment:

@@ -11,6 +11,7 @@ from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.readers.source import Recording, setting
 
 #: The content of columns without readings, by their names in lower case.
+COLUMN_NUMBERS = "0, 1, 2 and so on are numbers of columns, and no frame"
 CONTENTS = {
     **dict.fromkeys(("time", "timestamp", "t", "ms", "millis", "micros"), "time"),
     # only if they count up

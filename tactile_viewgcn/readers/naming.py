@@ -30,6 +30,7 @@ from tactile_viewgcn.readers.source import (
 # the names of a recording in a catalogue
 NAMES = ("object", "session", "recording", "take", "split")
 NO_SESSION_NAMED = "session"  # the name of the session if a recording names none
+LABELS_TOPIC = "labels"
 AS_WINDOWS = "save X (n, frames, channels) and y (n,) by numpy.savez('all.npz', X=X, y=y)"
 
 
@@ -153,25 +154,26 @@ def _of_all_lines(labels: Mapping[str, Any]) -> dict[str, str]:
     return {"session": sessions.pop()}
 
 
-def _unused_columns(labels: Mapping[str, Any], names: Mapping[str, str]) -> list[Note]:
+def _unused_columns(labels: Mapping[str, Any], names: Mapping[str, str], layout: str) -> list[Note]:
     """Return a warning of each column of labels that contradicts the names of its file.
 
     Args:
         labels: texts of the lines of a table, by `session`, `object` or `recording`.
         names: the names that the table has as one recording.
+        layout: the layout of the files' paths.
     """
     notes = list[Note]()
     for kind, texts in labels.items():
-        found = sorted(set(map(str, texts)))
+        found = sorted(texts.categories)
         is_one_recording = kind == "recording" and len(found) == 1
         if is_one_recording or found == [names[kind]]:
             continue
-        text = (
-            f"the column that holds the {kind} ({listed(found)}) is not used, since folders or "
-            "labels.csv name the objects, and each file is one recording. If the innermost folders "
-            f"are no objects, {setting('data.layout=SESSION/FILE')}"
-        )
-        notes.append(Note(text, "warning", "labels"))
+        text = f"the column that holds the {kind} ({listed(found)}) is not used, since the file is "
+        text += "one recording, and is named by its folders or by labels.csv"
+        if kind == "object" and "OBJECT" in layout:
+            other = setting(f"data.layout={layout.replace('OBJECT', 'SESSION')}")
+            text += f". If the folders are no objects, {other}"
+        notes.append(Note(text, "warning", LABELS_TOPIC))
     return notes
 
 
@@ -238,16 +240,18 @@ class Naming:
         in_path, guessed = self._names_in_path(found, read_frames)
         names = chosen_names(
             given=self._given.get((found.file, recording.place)),
-            in_file={**_of_all_lines(recording.labels), **recording.names},
+            in_file=recording.names,
             labels=self._labels.get(found.file.stem, {}),
             in_path=in_path,
-            default=self._default(found.file, recording.place),
+            default=self._default(found.file, recording.place) | _of_all_lines(recording.labels),
         )
+        names = self._checked(found, names)
         lines = slice(found.first, found.first + found.frames)
         notes = [*recording.notes, *guessed]
         if self._source.given is None:
-            notes += _unused_columns(recording.labels, names)
-        return [Named(found, self._checked(found, names), recording.place, lines, notes)]
+            layout = "" if self.has_labels else self.layout
+            notes += _unused_columns(recording.labels, names, layout)
+        return [Named(found, names, recording.place, lines, notes)]
 
     def _default(self, file: Path, place: str) -> dict[str, str]:
         name = self._source.place_of(file)

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.readers.discovery import Source, unread_notes
 from tactile_viewgcn.readers.formats import ARRAYS, has_ending
 from tactile_viewgcn.readers.layout import doubles_notes, joining, names_in
-from tactile_viewgcn.readers.naming import Named, Naming, takes_of
+from tactile_viewgcn.readers.naming import LABELS_TOPIC, Named, Naming, takes_of
 from tactile_viewgcn.readers.recurring import session_notes
 from tactile_viewgcn.readers.source import MODEL_TOPIC, Form, setting, side_of
 
@@ -34,7 +35,8 @@ def source_notes(
         form: the form in which the files were read.
         unread: the mistake in each file that was not read, "" if only its ending is the reason.
     """
-    notes = list(recordings[0].notes)
+    notes = [note for note in recordings[0].notes if note.topic != LABELS_TOPIC]
+    notes += _unused_labels(recordings)
     found = {id(recording.found): recording.found for recording in recordings}
     dropped = sum(in_files.recording.dropped for in_files in found.values())
     if dropped:
@@ -61,6 +63,22 @@ def source_notes(
         objects = [naming.object_of(file) for file in files]
         notes += session_notes(places, objects, naming.layout, has_labels=naming.has_labels)
     return notes
+
+
+def _unused_labels(recordings: Sequence[Named]) -> list[Note]:
+    """Return the first warning of a column of labels that is not used, and in how many files."""
+    files = dict[Path, Note]()
+    for recording in recordings:
+        for note in recording.notes:
+            if note.topic == LABELS_TOPIC:
+                files.setdefault(recording.found.file, note)
+    if not files:
+        return []
+    file, first = next(iter(files.items()))
+    place = file.name
+    if len(files) > 1:
+        place += f" and {several(len(files) - 1, 'other file')}"
+    return [replace(first, text=f"{place}: {first.text}")]
 
 
 def _left_by_others(recordings: Sequence[Named]) -> list[Note]:

@@ -15,7 +15,6 @@ from tactile_viewgcn.schema import as_change
 
 UNLABELLED = ""  # the name of an object that is still to be recognised
 #: Names of the published sets, such as `test`, `training_set`, `x_train`, `dev`.
-WHERE_TO_SET = "(-S of `dvc exp run`, --set of `inspect` and `predict`)"
 SIDE = re.compile(
     r"(?:[xs][ _-])?(?:(?P<train>train|training)|(?P<test>tests?|testing)"
     r"|(?P<validation>val|valid|validation|dev))(?:[ _-]?sets?)?"
@@ -44,6 +43,7 @@ ATTRIBUTES_TOPIC = "attributes"  # the topic of notes on HDF5 attributes that ar
 MODEL_TOPIC = "sensors of the model"  # the topic of notes on columns that a model does not use
 FRAMES_LAST = "frames_last"
 LEAVE_OUT = "leave_out:"
+WHERE_TO_SET = "(-S of `dvc exp run`, --set of `inspect` and `predict`)"
 
 
 @dataclass(frozen=True)

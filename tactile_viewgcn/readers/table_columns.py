@@ -34,7 +34,14 @@ SEARCHED_CELLS = 200  # cells without a number that are searched for groups of d
 # the unit of a time at the end of a name, such as time_ms or t [s]
 UNIT = re.compile(r" ?[_(\[](s|ms|us|µs|ns)[)\]]?$")
 # the seconds in a unit; any other unit counts as a second
-SECONDS = {"ms": 1e-3, "millis": 1e-3, "us": 1e-6, "µs": 1e-6, "micros": 1e-6, "ns": 1e-9}
+SECONDS = {
+    **dict.fromkeys(("s", "sec", "seconds"), 1.0),
+    **dict.fromkeys(("ms", "msec", "millis", "milliseconds"), 1e-3),
+    # with the sign for micro, and with the Greek letter
+    **dict.fromkeys(("us", "\u00b5s", "\u03bcs", "micros", "microseconds"), 1e-6),
+    **dict.fromkeys(("ns", "nanoseconds"), 1e-9),
+    "min": 60.0,
+}
 # share of the steps in which a counter counts on; it may have lost lines or begun again
 MOSTLY = 0.9
 

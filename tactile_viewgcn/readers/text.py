@@ -22,6 +22,7 @@ import numpy as np
 
 from tactile_viewgcn.messages import Note, UserError, listed, several
 from tactile_viewgcn.readers.child import check_unpacked, library
+from tactile_viewgcn.readers.lines import COLUMN_NUMBERS
 from tactile_viewgcn.readers.numerals import GROUPED_BY_BLANKS, check_numerals
 from tactile_viewgcn.readers.serial import check_is_table
 from tactile_viewgcn.readers.source import Form, Recording
@@ -102,7 +103,9 @@ def table_in(file: Path, text: str, form: Form) -> Recording:
     top = _top(file, text)
     numbers = NOT_NUMBERS.sub("", text)
     check_numerals(file, numbers, top.separator, top.above)
-    cells = _cells_of(file, text, numbers, top)
+    has_decimal_commas = top.separator != "," and bool(re.search(r"\d,\d", text))
+    decimal = "," if has_decimal_commas else "."
+    cells = _read(file, numbers, top, decimal=decimal, float_precision="round_trip")
     places = _places(numbers, top.above)
     width = 1 + int(max(np.flatnonzero(cells.notna().any()), default=-1))
     full = [row[:width] for row in top.rows if len(row) >= width and not any(row[width:])]
@@ -119,38 +122,31 @@ def table_in(file: Path, text: str, form: Form) -> Recording:
         Note(f"the line {listed(row)} below the names holds units and is no frame", topic="units")
         for row in full[1:]
     ]
+    if top.is_numbered:
+        notes.append(Note(COLUMN_NUMBERS, topic="columns"))
     names = full[0] if full else [""] * width
-    units = full[1] if len(full) > 1 else []
-    texts_of = partial(_texts_of, file, numbers, top, cells.index)
+    units = full[-1] if len(full) > 1 else []
+    texts_of = partial(_texts_of, file, numbers, top, cells.index, decimal)
     table, labels = table_of(names, cells, form, str(file), places, units=units, texts_of=texts_of)
     return replace(table, notes=notes + table.notes, labels=labels)
 
 
-def _cells_of(file: Path, text: str, numbers: str, top: "_Top") -> "DataFrame":
-    """Return the cells below the top of a text.
-
-    Args:
-        file: the file, which errors name.
-        text: the text.
-        numbers: the same text without its comments.
-        top: the top of the text.
-    """
-    has_decimal_commas = top.separator != "," and re.search(r"\d,\d", text)
-    decimal = "," if has_decimal_commas else "."
-    return _read(file, numbers, top, decimal=decimal, float_precision="round_trip")
-
-
-def _texts_of(file: Path, numbers: str, top: "_Top", rows: "Index", column: int) -> "Series":
-    """Return the cells of a column as they are written.
+def _texts_of(
+    file: Path, numbers: str, top: "_Top", rows: "Index", decimal: str, column: int
+) -> "Series":
+    """Return the cells of a column as they are written, with decimal points.
 
     Args:
         file: the file, which errors name.
         numbers: a text without its comments.
         top: the top of the text.
         rows: numbers of the rows that are returned.
+        decimal: the mark of decimals in the text.
         column: number of the column.
     """
     cells: Series = _read(file, numbers, top, usecols=[column], dtype=str)[column]
+    if decimal == ",":
+        cells = cells.str.replace(r"^([-+]?\d+),(\d*)$", r"\1.\2", regex=True)
     return cells.loc[rows]
 
 
@@ -218,11 +214,13 @@ class _Top:
         separator: the separator of the cells; None for blanks.
         above: the number of lines above the numbers.
         rows: the cells of these lines.
+        is_numbered: whether the first of these lines numbers the columns.
     """
 
     separator: str | None
     above: int
     rows: list[list[str]]
+    is_numbered: bool = False
 
 
 def _top(file: Path, text: str) -> _Top:
@@ -248,25 +246,31 @@ def _top(file: Path, text: str) -> _Top:
     if len(below) == 1 and all(cell[:1].isalpha() for cell in example):  # only names of columns
         raise _without_numbers(file)
     rows = list[list[str]]()
+    is_numbered = False
     for number, line in top:
         cells = split_line(line.lstrip("".join(COMMENT) + " "), separator)
         if not _is_comment(line):
             if not rows:
                 _check_is_whole(file, number, cells, top, separator, width=len(example))
-            is_header = not rows and _names_by_numbers(cells, number, top, separator)
-            if _is_of_numbers(cells, example) and not is_header:
-                return _Top(separator, number, rows)
+                names = _numbered_names(cells, number, top, separator)
+                if names is not None:
+                    is_numbered = True
+                    rows.append(names)
+                    continue
+            if _is_of_numbers(cells, example):
+                return _Top(separator, number, rows, is_numbered=is_numbered)
         rows.append(cells)
     raise _without_numbers(file)
 
 
-def _names_by_numbers(
+def _numbered_names(
     cells: list[str], number: int, top: list[tuple[int, str]], separator: str | None
-) -> bool:
-    """Return whether a line names the columns by their numbers, and the next line does not.
+) -> list[str] | None:
+    """Return the names in a line that numbers the columns; None if the line does not.
 
-    pandas writes such a line above a table whose columns have no names: 0, 1, 2 and so on. Two
-    columns are too few to tell.
+    pandas writes such a line above a table whose columns have no names: 0, 1, 2 and so on. A number
+    is no name, so "" stands for it. A few columns can have names, as in 0, 1, 2, label. Fewer than
+    three numbers are too few to tell. The next line must be another one.
 
     Args:
         cells: the cells of the line.
@@ -274,11 +278,19 @@ def _names_by_numbers(
         top: the first lines of the file that are not empty, with their numbers.
         separator: the separator of the cells; None for blanks.
     """
+    names = list[str]()
+    for column, cell in enumerate(cells):
+        if cell == str(column):
+            names.append("")
+        elif not cell or NUMBER.fullmatch(cell):
+            return None
+        else:
+            names.append(cell)
     below = [line for other, line in top if other > number and not _is_comment(line)]
-    if len(cells) < FEWEST_COUNTED or not below:
-        return False
-    counted = [str(column) for column in range(len(cells))]
-    return cells == counted and split_line(below[0].strip(), separator) != counted
+    is_enough = names.count("") >= FEWEST_COUNTED
+    if not is_enough or not below or split_line(below[0].strip(), separator) == cells:
+        return None
+    return names
 
 
 def _without_numbers(file: Path) -> UserError:

@@ -336,7 +336,7 @@ def _group_numbers(groups: Any, count: int) -> np.ndarray:
     """Return the number (n,) of each recording's group; None makes each recording a group."""
     if groups is None:
         return np.arange(count)
-    groups = np.asarray(groups)
+    groups = np.asarray(groups, dtype=object)  # a text would hide a missing group
     if groups.shape != (count,):
         raise UserError(
             f"groups has shape {groups.shape}; expected ({count},), a group for each recording of X"

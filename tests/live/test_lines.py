@@ -139,6 +139,10 @@ def test_without_names_in_the_model_a_line_of_words_names_as_many_columns_once()
     assert rows == [([1, 2, 3], 0.5)]  # the index finger
     rows, _ = frames(["index,thumb,middle,ring", "7,1,2,3"], sensors=[])
     assert rows == [([1, 2, 3], None)]  # the number of the line
+    rows, _ = frames(["time,seq,thumb,index,ring", "0.5,9,1,2,3"], sensors=[])
+    assert rows == [([1, 2, 3], 0.5)]
+    with pytest.raises(LineError, match="names 2 sensors"):
+        frames(["time,seq,thumb,ring"], sensors=[])
     reader = FrameLines((1, 3), [])
     with pytest.raises(LineError, match="names 4 sensors: a, b, c, d; expected 3"):
         reader.frame(b"a,b,c,d")

@@ -177,10 +177,10 @@ def test_an_input_without_a_frame_is_a_mistake(lines, message):
 
 
 def test_the_wait_for_an_open_hand_begins_with_the_first_frame(monkeypatch):
-    monkeypatch.setattr(module, "MOST_WAITING", 0.2)
-    _, _, errors = run(0.5, GRASP)
+    monkeypatch.setattr(module, "MOST_WAITING", 1.0)
+    _, _, errors = run(1.5, GRASP)
     assert errors == ["28 frames"]
-    _, _, errors = run(GRASP[:1], 0.5, GRASP[1:])
+    _, _, errors = run(GRASP[:1], 1.5, GRASP[1:])
     assert errors[0].startswith("line 1: no open hand in 1 frame, so no answer")
 
 

@@ -667,7 +667,13 @@ def test_a_line_that_numbers_the_columns_is_no_frame(tmp_path):
         pd.DataFrame(readings).to_csv(tmp_path / "lab" / name / "1.csv", index=False)
     counts, table = ingested(tmp_path / "lab")
     np.testing.assert_array_equal(counts[:, 0], np.concatenate([readings, readings]))
-    assert table.channel_names == ["0", "1", "2", "3", "4"]
+    assert table.channel_names == []
+    assert any("numbers of columns" in note.text for note in table.notes)
+    labelled = pd.DataFrame(readings).assign(label=["ball", "ball", "mug", "mug"])
+    labelled.to_csv(tmp_path / "all.csv", index=False)
+    counts, table = ingested(tmp_path / "all.csv")
+    np.testing.assert_array_equal(counts[:, 0], readings)
+    assert table.objects == ["ball", "mug"]
 
 
 def test_two_frames_that_count_are_frames(tmp_path):
@@ -684,6 +690,9 @@ def test_labels_of_a_table_are_texts_and_no_numbers(tmp_path):
     counts, table = ingested(tmp_path / "all.csv")
     assert sorted(table.objects) == ["01", "1", "1.1", "1.10", "100", "1e2", "true"]
     assert len(counts) == 8
+    save(tmp_path / "commas.csv", "label;s1;s2\n1;0,5;7\n1,0;0,5;8\n2;0,6;9\n")
+    _, table = ingested(tmp_path / "commas.csv")
+    assert table.objects == ["1", "2"]
 
 
 @pytest.mark.parametrize(
@@ -691,7 +700,9 @@ def test_labels_of_a_table_are_texts_and_no_numbers(tmp_path):
     [
         ("Time,a,b,c\n[ms],[N],[N],[N]", 0.001),
         ("Time,a,b,c\nms,N,N,N", 0.001),
-        ("time_us,a,b,c\ns,N,N,N", 1e-6),
+        ("time_us,a,b,c\nms,N,N,N", 1e-6),
+        ("time_s,a,b,c\nms,N,N,N", 1.0),
+        ("Time,a,b,c\nclock,thumb,index,ring\n\u03bcs,N,N,N", 1e-6),
         ("Time,a,b,c\ns,N,N,N", 1.0),
     ],
 )

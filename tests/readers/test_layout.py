@@ -252,15 +252,22 @@ TABLE = "label,s1,s2\n" + "".join(
 )
 
 
-def test_a_column_of_objects_that_folders_contradict_is_warned_of_with_the_layout_to_set(tmp_path):
+@pytest.mark.parametrize("above", ["", "train/"])
+def test_a_column_of_objects_that_folders_contradict_is_warned_of_with_the_layout_to_set(
+    tmp_path, above
+):
+    """The first file has no such column."""
+    save(tmp_path / "lab" / f"{above}april" / "1.csv", "s1,s2\n5,6\n")
     for day in ("monday", "tuesday"):
-        save(tmp_path / "lab" / day / "1.csv", TABLE)
+        save(tmp_path / "lab" / f"{above}{day}" / "1.csv", TABLE)
     _, table = ingested(tmp_path / "lab")
-    assert table.objects == ["monday", "tuesday"]
+    assert table.objects == ["april", "monday", "tuesday"]
     (warning,) = [note.text for note in table.notes if note.level == "warning"]
-    assert "holds the object (ball, mug) is not used" in warning
-    assert "'data.layout=SESSION/FILE'" in warning
-    _, table = ingested(tmp_path / "lab", form=Form(layout="SESSION/FILE"))
+    assert "1.csv and 1 other file: the column that holds the object (ball, mug)" in warning
+    layout = "SPLIT/SESSION/FILE" if above else "SESSION/FILE"
+    assert f"'data.layout={layout}'" in warning
+    (tmp_path / "lab" / f"{above}april" / "1.csv").unlink()
+    _, table = ingested(tmp_path / "lab", form=Form(layout=layout))
     assert (table.objects, table.sessions) == (["ball", "mug"], ["monday", "tuesday"])
     assert len(table.recordings) == 4
 
@@ -276,9 +283,14 @@ def test_tables_in_folders_of_published_sets_have_their_split(tmp_path):
         assert code == (TRAIN if recording.startswith("train") else TEST)
 
 
-def test_a_column_with_one_person_names_the_session_of_a_file(tmp_path):
+def test_a_column_with_one_person_names_the_session_of_a_file_unless_its_folder_does(tmp_path):
     for name, person in (("ball", "Ada"), ("mug", "Ben")):
-        save(tmp_path / "lab" / name / "1.csv", f"person,label,s1,s2\n{person},{name},5,6\n")
+        text = f"person,label,s1,s2\n{person},{name},5,6\n"
+        save(tmp_path / "lab" / name / "1.csv", text)
+        save(tmp_path / "days" / "monday" / name / "1.csv", text)
     _, table = ingested(tmp_path / "lab")
     assert (table.objects, table.sessions) == (["ball", "mug"], ["Ada", "Ben"])
     assert not [note for note in table.notes if note.level == "warning"]
+    _, table = ingested(tmp_path / "days")
+    assert (table.objects, table.sessions) == (["ball", "mug"], ["monday"])
+    assert any("holds the session (Ada) is not used" in note.text for note in table.notes)

@@ -51,6 +51,12 @@ IN_FIT = {
     "a missing label": ("y", ["a", "a", "b", None], "y holds labels of different kinds"),
     "groups of a different length": ("groups", [0, 1, 2], r"groups.*\(3,\).*\(4,\)"),
     "a missing group": ("groups", ["a", None, "a", "b"], r"groups\[1\] is missing"),
+    "a missing group among texts": ("groups", ["a", np.nan, "a", "b"], r"groups\[1\] is missing"),
+    "groups of texts and numbers": (
+        "groups",
+        ["a", 1, "a", "b"],
+        "groups holds values of different",
+    ),
     "groups of different kinds": (
         "groups",
         np.array(["a", 1, "a", "b"], dtype=object),
