@@ -233,7 +233,13 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
                 "arrays or DataFrames, each (frames, rows, columns) or (frames, channels)"
             )
         params = self.params or {}
-        frames_last = params.get("data.shape") == FRAMES_LAST
+        shape = params.get("data.shape", "auto")
+        if shape not in ("auto", FRAMES_LAST):
+            raise UserError(
+                f"data.shape is {shape}; here expected auto or {FRAMES_LAST}. "
+                "Reshape each recording to (frames, rows, columns) instead"
+            )
+        frames_last = shape == FRAMES_LAST
         columns = params.get("data.columns", ())
         return [
             recording_of(row, f"X[{number}]", frames_last=frames_last, columns=columns)

@@ -68,6 +68,11 @@ IN_FIT = {
         {"preprocess.scale": object()},
         "preprocess.scale: .*<object",
     ),
+    "a shape of frames": (
+        "params",
+        {"data.shape": [2, 8]},
+        r"data.shape is \[2, 8\]; here expected",
+    ),
     "params as a text": ("params", "views=4", "'views=4'"),
 }
 
