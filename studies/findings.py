@@ -12,6 +12,7 @@ from tactile_viewgcn.messages import UserError
 NOT_MEASURED = "not measured"
 UNTRAINED_MARK = " †"
 CLAIMED = "object"  # the protocol under which the paper has its claims
+STAG_SETS = {"real_blindfolded_lite": "`blindfolded_lite`", "real_weights_lite": "`weights_lite`"}
 KERNELS = "preset kernels"
 METHODS = {
     KERNELS: "preset `kernels`",
@@ -34,6 +35,11 @@ class Design:
     label: str
     study: str
     suffix: str = ""
+
+    @property
+    def is_real(self) -> bool:
+        """Return whether the recordings are real ones."""
+        return self.study in STAG_SETS
 
     @property
     def reference(self) -> str:

@@ -61,14 +61,14 @@ def forest_plot() -> Figure:
     )
     for side in ("left", "right", "top"):
         axes.spines[side].set_visible(False)
-    _explain(figure)
+    _explain(figure, has_real=any(design.is_real for _, design, _ in measured))
     return figure
 
 
 def _draw(axes: Axes, height: float, design: Design, result: "pd.Series[float]") -> None:
     """Draw a row: label, interval over seeds, interval over recordings, and the difference."""
     head = f"vs {design.reference} "
-    color = REAL if design.label.startswith("real") else SIMULATED
+    color = REAL if design.is_real else SIMULATED
     _write(axes, height, design.label)
     if pd.notna(result[f"{head}seeds_low"]):
         ends = [result[f"{head}seeds_low"], result[f"{head}seeds_high"]]
@@ -93,8 +93,8 @@ def _write(axes: Axes, height: float, text: str, weight: str = "normal") -> None
     )
 
 
-def _explain(figure: Figure) -> None:
-    """Put the legend below the plot."""
+def _explain(figure: Figure, *, has_real: bool) -> None:
+    """Put the legend below the plot; real recordings are in it if there are any."""
     entries = [
         Line2D([], [], color=SIMULATED, lw=4.5, label="simulated: 95 % over recordings"),
         Line2D([], [], color=SIMULATED, lw=1.2, label="simulated: 95 % over seeds"),
@@ -108,7 +108,8 @@ def _explain(figure: Figure) -> None:
             ls="",
             label="no verdict: fewer, or not trained",
         ),
-        Line2D([], [], color=REAL, marker="o", ls="", label="real recordings"),
         Line2D([], [], color="black", marker="D", ls="", label="published, STAG's data"),
     ]
+    if has_real:
+        entries.append(Line2D([], [], color=REAL, marker="o", ls="", label="real recordings"))
     figure.legend(handles=entries, loc="outside lower center", ncols=3, fontsize=8, frameon=False)

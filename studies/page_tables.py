@@ -15,6 +15,7 @@ from studies.findings import (
     KERNELS,
     METHODS,
     NOT_MEASURED,
+    STAG_SETS,
     Design,
     difference,
     error,
@@ -29,7 +30,6 @@ RowKey = TypeVar("RowKey", int, str)
 
 SIZES = "data_size_one_world"
 PUBLISHED_ERROR = "18.18"  # %, of the paper's network on STAG's `classification`
-STAG_SETS = {"real_blindfolded_lite": "`blindfolded_lite`", "real_weights_lite": "`weights_lite`"}
 
 
 def show(text: str) -> None:

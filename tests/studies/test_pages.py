@@ -152,7 +152,11 @@ def test_the_forest_plot_draws_the_files_numbers_and_hollow_marks_without_a_verd
         result("mean", "whole recordings", more=50.0),
     )
     results("claims_one_world", result("mean", more=-6.0))
-    (axes,) = forest.forest_plot().axes
+    figure = forest.forest_plot()
+    (axes,) = figure.axes
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "published, STAG's data" in legend
+    assert "real recordings" not in legend
     lines = [list(line.get_xdata()) for line in axes.lines]
     for value in (3.0, 9.0, -6.0):
         assert [value - 1, value + 2] in lines  # over recordings
@@ -167,6 +171,13 @@ def test_the_forest_plot_draws_the_files_numbers_and_hollow_marks_without_a_verd
     assert diamonds == pytest.approx([5.63, 9.44])
     texts = [text.get_text() for text in axes.texts]
     assert texts[:3] == [CLAIMS[0].label, "published, STAG's data", DESIGNS[0].label]
+
+
+def test_real_recordings_are_in_the_legend_of_the_forest_plot_if_it_has_any(results):
+    results("real_blindfolded_lite", result("mean", more=4.0))
+    figure = forest.forest_plot()
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert legend[-1] == "real recordings"
 
 
 def test_a_label_stands_at_the_end_of_each_line():
