@@ -137,19 +137,19 @@ class FinishedRun:
         return str(classes[label]), recordings, float(wrong.sum() / recordings), taken_for
 
 
-def _numbers_in_words(numbers: list[int], thing: str) -> str:
+def _numbers_in_words(numbers: list[int], undivided: str) -> str:
     """Return in words how many recordings or grasps the tested objects have.
 
     Args:
         numbers: of each object.
-        thing: `recording` or `grasp`.
+        undivided: `recording` or `grasp`.
     """
     fewest = min(numbers)
     most = max(numbers)
     of_each = str(fewest)
     if fewest < most:
         of_each = f"{fewest} to {most}"
-    return f"{several(sum(numbers), thing)}, {of_each} of each object"
+    return f"{several(sum(numbers), undivided)}, {of_each} of each object"
 
 
 def read_run(name: str = "", *, fetch: bool = True) -> FinishedRun:

@@ -74,10 +74,10 @@ def drift_between(means: np.ndarray) -> float:
     """
     if len(means) < 2:
         return 0.0
-    own = means.astype(np.float64)
+    unshared = means.astype(np.float64)
     if means.shape[1] > 1:
-        own -= np.median(own, axis=1, keepdims=True)
-    return float(np.median(np.std(own, axis=0, ddof=1)))
+        unshared -= np.median(unshared, axis=1, keepdims=True)
+    return float(np.median(np.std(unshared, axis=0, ddof=1)))
 
 
 def session_moments(recordings: Recordings, trained: list[Moments] | None = None) -> list[Moments]:

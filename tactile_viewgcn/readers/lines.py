@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from tactile_viewgcn.messages import Note, several
+from tactile_viewgcn.messages import Note, listed, several
 from tactile_viewgcn.readers.source import Recording, setting
 
-#: The content of columns without readings, by their names in lower case.
 COLUMN_NUMBERS = "0, 1, 2 and so on are numbers of columns, and no frame"
+#: The content of columns without readings, by their names in lower case.
 CONTENTS = {
     **dict.fromkeys(("time", "timestamp", "t", "ms", "millis", "micros"), "time"),
     # only if they count up
@@ -21,6 +21,7 @@ CONTENTS = {
     **dict.fromkeys(("session", "subject", "person", "participant"), "session"),
 }
 LABELS = ("session", "object", "recording")
+LABELS_TOPIC = "labels"  # of the warning of a column that is not used
 # words in the name of a label that do not say what kind it is
 OF_A_NAME = ("id", "name", "no", "nr", "num", "number", "code")
 
@@ -52,6 +53,43 @@ def label_kind(name: str) -> str:
         return ""
     kind = kinds.pop()
     return kind if kind in LABELS else ""
+
+
+def session_of_all_lines(labels: Mapping[str, Any]) -> dict[str, str]:
+    """Return the session of a table, if a column has the same session in all lines.
+
+    Args:
+        labels: texts of the lines of a table, by `session`, `object` or `recording`.
+    """
+    sessions = set(map(str, labels.get("session", ())))
+    if len(sessions) != 1:
+        return {}
+    return {"session": sessions.pop()}
+
+
+def unused_columns(labels: Mapping[str, Any], names: Mapping[str, str], layout: str) -> list[Note]:
+    """Return a warning of each column of labels that contradicts the names of its file.
+
+    Args:
+        labels: texts of the lines of a table, by `session`, `object` or `recording`.
+        names: the names that the table has as one recording.
+        layout: the layout of the files' paths.
+    """
+    notes = list[Note]()
+    for kind, texts in labels.items():
+        in_column = sorted(texts.categories)
+        is_one_recording = kind == "recording" and len(in_column) == 1
+        if is_one_recording or in_column == [names[kind]]:
+            continue
+        text = (
+            f"the column that holds the {kind} ({listed(in_column)}) is not used, since the file "
+        )
+        text += "is one recording, and is named by its folders or by labels.csv"
+        if kind == "object" and "OBJECT" in layout:
+            other = setting(f"data.layout={layout.replace('OBJECT', 'SESSION')}")
+            text += f". If the folders are no objects, {other}"
+        notes.append(Note(text, "warning", LABELS_TOPIC))
+    return notes
 
 
 def runs_of(

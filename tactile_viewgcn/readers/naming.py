@@ -4,18 +4,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError
 from tactile_viewgcn.params import SIDES
 from tactile_viewgcn.readers.catalogue import BY_FRAME, COLUMNS
 from tactile_viewgcn.readers.discovery import Source
 from tactile_viewgcn.readers.formats import ARRAYS, TEXTS, has_ending
 from tactile_viewgcn.readers.layout import layout_of, names_in, names_of, raw_names, stem_of
-from tactile_viewgcn.readers.lines import runs_of
+from tactile_viewgcn.readers.lines import runs_of, session_of_all_lines, unused_columns
 from tactile_viewgcn.readers.source import (
     ATTRIBUTES_TOPIC,
     UNLABELLED,
@@ -23,14 +22,12 @@ from tactile_viewgcn.readers.source import (
     Recording,
     columns_setting,
     label_text,
-    setting,
     side_of,
 )
 
 # the names of a recording in a catalogue
 NAMES = ("object", "session", "recording", "take", "split")
 NO_SESSION_NAMED = "session"  # the name of the session if a recording names none
-LABELS_TOPIC = "labels"
 AS_WINDOWS = "save X (n, frames, channels) and y (n,) by numpy.savez('all.npz', X=X, y=y)"
 
 
@@ -142,41 +139,6 @@ def chosen_names(
     return names
 
 
-def _of_all_lines(labels: Mapping[str, Any]) -> dict[str, str]:
-    """Return the session of a table, if a column has the same session in all lines.
-
-    Args:
-        labels: texts of the lines of a table, by `session`, `object` or `recording`.
-    """
-    sessions = set(map(str, labels.get("session", ())))
-    if len(sessions) != 1:
-        return {}
-    return {"session": sessions.pop()}
-
-
-def _unused_columns(labels: Mapping[str, Any], names: Mapping[str, str], layout: str) -> list[Note]:
-    """Return a warning of each column of labels that contradicts the names of its file.
-
-    Args:
-        labels: texts of the lines of a table, by `session`, `object` or `recording`.
-        names: the names that the table has as one recording.
-        layout: the layout of the files' paths.
-    """
-    notes = list[Note]()
-    for kind, texts in labels.items():
-        found = sorted(texts.categories)
-        is_one_recording = kind == "recording" and len(found) == 1
-        if is_one_recording or found == [names[kind]]:
-            continue
-        text = f"the column that holds the {kind} ({listed(found)}) is not used, since the file is "
-        text += "one recording, and is named by its folders or by labels.csv"
-        if kind == "object" and "OBJECT" in layout:
-            other = setting(f"data.layout={layout.replace('OBJECT', 'SESSION')}")
-            text += f". If the folders are no objects, {other}"
-        notes.append(Note(text, "warning", LABELS_TOPIC))
-    return notes
-
-
 class Naming:
     """A rule that gives the recordings in the files of a source their names.
 
@@ -243,14 +205,15 @@ class Naming:
             in_file=recording.names,
             labels=self._labels.get(found.file.stem, {}),
             in_path=in_path,
-            default=self._default(found.file, recording.place) | _of_all_lines(recording.labels),
+            default=self._default(found.file, recording.place)
+            | session_of_all_lines(recording.labels),
         )
         names = self._checked(found, names)
         lines = slice(found.first, found.first + found.frames)
         notes = [*recording.notes, *guessed]
         if self._source.given is None:
             layout = "" if self.has_labels else self.layout
-            notes += _unused_columns(recording.labels, names, layout)
+            notes += unused_columns(recording.labels, names, layout)
         return [Named(found, names, recording.place, lines, notes)]
 
     def _default(self, file: Path, place: str) -> dict[str, str]:

@@ -11,7 +11,8 @@ from tactile_viewgcn.messages import Note, several
 from tactile_viewgcn.readers.discovery import Source, unread_notes
 from tactile_viewgcn.readers.formats import ARRAYS, has_ending
 from tactile_viewgcn.readers.layout import doubles_notes, joining, names_in
-from tactile_viewgcn.readers.naming import LABELS_TOPIC, Named, Naming, takes_of
+from tactile_viewgcn.readers.lines import LABELS_TOPIC
+from tactile_viewgcn.readers.naming import Named, Naming, takes_of
 from tactile_viewgcn.readers.recurring import session_notes
 from tactile_viewgcn.readers.source import MODEL_TOPIC, Form, setting, side_of
 

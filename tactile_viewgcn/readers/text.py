@@ -227,7 +227,7 @@ def _top(file: Path, text: str) -> _Top:
     """Return the separator of a table, and the lines above its numbers.
 
     A line above the numbers is a comment. Or it begins with a word, and has words where the lines
-    below have numbers.
+    below have numbers. Or it is the first line, and numbers the columns.
 
     If logging began in the middle of a line, the first line of the file is cut. This is checked
     only where nothing stands above the first line of numbers, not even a comment.
@@ -249,16 +249,18 @@ def _top(file: Path, text: str) -> _Top:
     is_numbered = False
     for number, line in top:
         cells = split_line(line.lstrip("".join(COMMENT) + " "), separator)
-        if not _is_comment(line):
-            if not rows:
-                _check_is_whole(file, number, cells, top, separator, width=len(example))
-                names = _numbered_names(cells, number, top, separator)
-                if names is not None:
-                    is_numbered = True
-                    rows.append(names)
-                    continue
-            if _is_of_numbers(cells, example):
-                return _Top(separator, number, rows, is_numbered=is_numbered)
+        if _is_comment(line):
+            rows.append(cells)
+            continue
+        if not rows:
+            _check_is_whole(file, number, cells, top, separator, width=len(example))
+            names = _numbered_names(cells, number, top, separator)
+            if names is not None:
+                is_numbered = True
+                rows.append(names)
+                continue
+        if _is_of_numbers(cells, example):
+            return _Top(separator, number, rows, is_numbered=is_numbered)
         rows.append(cells)
     raise _without_numbers(file)
 
