@@ -7,6 +7,7 @@ In shapes, B is the number of recordings or view sets, T of frames, and S of liv
 """
 
 import numpy as np
+from scipy import sparse
 
 DEAD_ZONE = 2.0  # units; a weaker reading counts as noise
 FINER = 10.0  # the unit of `finer_array_maps` is this many times finer
@@ -24,8 +25,10 @@ def pressed(readings: np.ndarray) -> np.ndarray:
     return values
 
 
-def block_weights(live: np.ndarray) -> np.ndarray:
+def block_weights(live: np.ndarray) -> sparse.csr_array:
     """Return the weights of the sensors in square blocks of an array.
+
+    The matrix is sparse: a dense one would have 1.4 thousand million weights for 256 x 256 sensors.
 
     Args:
         live: bool (H, W), the S live sensors.
@@ -37,15 +40,16 @@ def block_weights(live: np.ndarray) -> np.ndarray:
     rows, columns = np.nonzero(live)
     weights = []
     for size in BLOCKS:
-        block = rows // size * live.shape[1] + columns // size
-        is_inside = block[:, None] == np.unique(block)
-        sensors = is_inside.sum(axis=0)
+        corner = rows // size * live.shape[1] + columns // size
+        _, block, sensors = np.unique(corner, return_inverse=True, return_counts=True)
+        weight = 1 / sensors[block]
+        of_size = sparse.csc_array((weight, (np.arange(len(rows)), block)), dtype=np.float32)
         has_enough = sensors >= LIVE_SHARE * size**2
-        weights.append((is_inside / sensors)[:, has_enough])
-    return np.concatenate(weights, axis=1).astype(np.float32)
+        weights.append(of_size[:, has_enough])
+    return sparse.hstack(weights, format="csr")
 
 
-def array_maps(readings: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+def array_maps(readings: np.ndarray, blocks: sparse.csr_array) -> np.ndarray:
     """Return the mean and the maximum over time of an array's readings, with their block means.
 
     Through the blocks, neighbouring sensors count as more similar than distant sensors.
@@ -63,7 +67,7 @@ def array_maps(readings: np.ndarray, blocks: np.ndarray) -> np.ndarray:
     return np.concatenate([mean, maximum], axis=1)
 
 
-def finer_array_maps(readings: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+def finer_array_maps(readings: np.ndarray, blocks: sparse.csr_array) -> np.ndarray:
     """Return `array_maps` in a unit that is ten times finer, so that the dead zone is narrower.
 
     Readings in the dead zone of `array_maps` can be more than noise. Here most of them count.
@@ -78,7 +82,7 @@ def finer_array_maps(readings: np.ndarray, blocks: np.ndarray) -> np.ndarray:
     return array_maps(FINER * readings, blocks)
 
 
-def with_blocks(points: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+def with_blocks(points: np.ndarray, blocks: sparse.csr_array) -> np.ndarray:
     """Return the points (n, S), followed by their means over blocks (S, b), as (n, S + b)."""
     return np.concatenate([points, points @ blocks], axis=1)
 

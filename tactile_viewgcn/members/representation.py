@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from tactile_viewgcn.members.features import block_weights
 from tactile_viewgcn.sensor_array import is_array
@@ -33,7 +34,7 @@ class Representation:
 
     Attributes:
         is_array: whether the sensors are an array. If not, they are channels.
-        blocks: float32 (S, B), weights of the sensors in the blocks of an array, or None for
+        blocks: sparse float32 (S, B), weights of the sensors in the blocks of an array, or None for
             channels.
     """
 
@@ -42,7 +43,7 @@ class Representation:
         self.centre = centre
         self.spread = spread
         self.is_array = is_array(live)
-        self.blocks: np.ndarray | None = None
+        self.blocks: csr_array | None = None
         if self.is_array:
             self.blocks = block_weights(live)
 

@@ -161,7 +161,10 @@ def _stuck_sensors(recordings: Recordings, look: Look) -> Iterator[Note]:
     """Warn of sensors that never change in some recordings, but always change in most others.
 
     If many sensors stand still, nothing is wrong: nothing touches them, and they read a constant.
+    With coarse noise, one sensor of many stands still in a short recording by chance.
     """
+    from scipy.stats import poisson
+
     long_enough = look.lively.any(axis=1)
     stuck = look.stuck[long_enough]
     lively = look.lively[long_enough]
@@ -169,7 +172,11 @@ def _stuck_sensors(recordings: Recordings, look: Look) -> Iterator[Note]:
     moving = ~stuck
     is_stuck = stuck.any(axis=0)
     is_lively = lively.sum(axis=0) >= LIVELY_SHARE * moving.sum(axis=0)
-    is_odd = is_stuck & is_lively & (moving.sum(axis=0) > stuck.sum(axis=0))
+    steps = of_recording["frames"].to_numpy() - 1
+    expected = (look.repeats ** steps[:, None]).sum(axis=0)  # recordings
+    by_chance = poisson.sf(stuck.sum(axis=0) - 1, expected)
+    is_no_chance = stuck.shape[1] * by_chance < MOST_EXPECTED
+    is_odd = is_stuck & is_lively & is_no_chance & (moving.sum(axis=0) > stuck.sum(axis=0))
     if not is_odd.any() or is_stuck.sum() > max(1, MOST_STUCK * stuck.shape[1]):
         return
     names = recordings.sensor_names(recordings.live)

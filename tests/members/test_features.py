@@ -6,6 +6,7 @@ from statistics import fmean, median, pstdev
 
 import numpy as np
 import pytest
+from scipy import sparse
 
 from tactile_viewgcn.members import features
 
@@ -59,7 +60,7 @@ def test_points_of_an_array_by_hand():
     expected = [-math.log(4), 0, 0, 0, math.log(2), math.log(4)]
     np.testing.assert_allclose(features.pressed(np.array([-5.0, -2, 0, 2, 3, 5])), expected)
     readings = np.array([[[2.0, 3.0], [2.0, 9.0]]])
-    block = np.full((2, 1), 0.5)
+    block = sparse.csr_array(np.full((2, 1), 0.5))
     expected = math.log(2) * np.array([[0, 2, 1, 0, 3, 1.5]])
     np.testing.assert_allclose(features.array_maps(readings, block), expected)
 
@@ -80,4 +81,12 @@ def test_blocks_are_the_squares_of_any_glove(shape):
             inside = (rows // size == top) & (columns // size == left)
             if inside.sum() >= size**2 / 2:
                 expected.append(inside / inside.sum())
-    np.testing.assert_allclose(features.block_weights(live), np.transpose(expected), rtol=1e-6)
+    weights = features.block_weights(live).toarray()
+    np.testing.assert_allclose(weights, np.transpose(expected), rtol=1e-6)
+
+
+def test_the_weights_of_the_largest_array_fit_memory():
+    """Each of the 256 x 256 sensors is in one block of each size; only these weights are stored."""
+    weights = features.block_weights(np.ones((256, 256), dtype=bool))
+    assert weights.shape == (256**2, 128**2 + 64**2 + 32**2)
+    assert weights.nnz == 3 * 256**2
