@@ -7,7 +7,7 @@ weights and is trained from scratch.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import torch
@@ -151,6 +151,18 @@ class Backbone(nn.Module):
             parts = functional.adaptive_avg_pool2d(maps, GRID).flatten(1)
             features: Tensor = self.grid(parts)
         return features
+
+    def load_pretrained(self, state: Mapping[str, Tensor]) -> None:
+        """Load the weights of a pretrained backbone with features.
+
+        A backbone that returns maps has no readout, so it leaves the weights of the readout out.
+
+        Args:
+            state: the state of the pretrained backbone.
+        """
+        if self.maps:
+            state = {name: value for name, value in state.items() if not name.startswith("grid.")}
+        self.load_state_dict(state)
 
     def map_shape(self, shape: tuple[int, int]) -> tuple[int, int, int]:
         """Return the shape (2 * width, H / 4, W / 4), rounded up, of the maps of a frame (H, W)."""

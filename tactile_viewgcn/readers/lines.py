@@ -152,9 +152,11 @@ def _runs(codes: list[np.ndarray], time: np.ndarray | None, count: int) -> np.nd
 
 def _runs_note(lengths: list[int], *, has_time: bool) -> Note:
     remedy = setting("data.columns=[recording:NAME]")
-    text = f"{several(len(lengths), 'recording')} of {min(lengths):,} to {max(lengths):,} lines "
-    text += "are runs of lines with one object; if these are not the recordings, "
-    text += f"add a column `recording`, or {remedy}"
+    lines = f"{min(lengths):,} to {max(lengths):,} lines"
+    if min(lengths) == max(lengths):
+        lines = several(min(lengths), "line")
+    text = f"{several(len(lengths), 'recording')} of {lines} are runs of lines with one object; "
+    text += f"if these are not the recordings, add a column `recording`, or {remedy}"
     return Note(text, "info" if has_time else "warning", "recordings")
 
 

@@ -169,7 +169,7 @@ def _new_network(
         params.model,
         (height, width),
     )
-    network.backbone.load_state_dict(pretrained["backbone"])
+    network.backbone.load_pretrained(pretrained["backbone"])
     network.head.load_frame_classifier(pretrained["classifier"])
     if not params.finetune.backbone_dropout:
         network.backbone.dropout.p = 0.0

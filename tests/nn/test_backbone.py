@@ -91,11 +91,20 @@ def test_maps_are_those_that_the_average_reads_out_and_map_shape_names_their_sha
     backbone = Backbone(BackboneParams(width=2))
     frames = torch.rand(2, 1, *shape)
     whole = Backbone(BackboneParams(width=2), maps=True).eval()
-    whole.load_state_dict(backbone.state_dict())
+    whole.load_pretrained(backbone.state_dict())
     maps, features = maps_and_features(backbone, frames)
     assert torch.equal(whole(frames), maps)
     assert backbone.map_shape(shape) == whole.map_shape(shape) == maps.shape[1:]
     torch.testing.assert_close(extract_features(whole, [frames]).mean(dim=(2, 3)), features)
+
+
+def test_maps_take_the_weights_of_a_backbone_with_a_grid_and_leave_its_readout_out():
+    backbone = Backbone(BackboneParams(width=2, readout="grid"))
+    whole = Backbone(BackboneParams(width=2, readout="grid"), maps=True)
+    whole.load_pretrained(backbone.state_dict())
+    assert torch.equal(whole.stage2[1].conv2.weight, backbone.stage2[1].conv2.weight)
+    with pytest.raises(RuntimeError, match="grid"):  # features do need it
+        Backbone(BackboneParams(width=2)).load_pretrained(backbone.state_dict())
 
 
 @pytest.mark.parametrize("readout", ["average", "grid"])

@@ -11,12 +11,20 @@ from tests.systems.small_systems import NARROW, NETWORKS
 
 @pytest.mark.parametrize("views", [1, 40])
 @pytest.mark.parametrize(
-    ("name", "reuse"), [*((name, 1) for name in NETWORKS), ("gvcnn", 4), ("conv_lstm", 4)]
+    ("name", "reuse", "readout"),
+    [
+        *((name, 1, "average") for name in NETWORKS),
+        ("gvcnn", 4, "grid"),
+        ("conv_lstm", 4, "grid"),
+    ],
 )
-def test_it_trains_and_evaluates_with_one_view_and_with_more_views_than_frames(name, reuse, views):
-    """Features are reused or not; on maps they have another shape."""
+def test_it_trains_and_evaluates_with_one_view_and_with_more_views_than_frames(
+    name, reuse, readout, views
+):
+    """Features are reused or not; on maps they have another shape, and need no readout."""
+    backbone = (NARROW, f"model.backbone.readout={readout}")
     params = recipe(
-        NARROW,
+        *backbone,
         f"model.system={name}",
         f"finetune.feature_reuse={reuse}",
         f"views={views}",
@@ -24,7 +32,7 @@ def test_it_trains_and_evaluates_with_one_view_and_with_more_views_than_frames(n
     )
     frames = fewer_anchors(table(), 12)
     classifier, progress = finetune_classifier(
-        frames, views_of(frames, params), pretrained(NARROW), params, CPU
+        frames, views_of(frames, params), pretrained(*backbone), params, CPU
     )
     if classifier.head.trainable:
         assert np.isfinite(progress.curves["loss"]).all()
