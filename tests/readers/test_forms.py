@@ -426,9 +426,11 @@ def test_runs_of_an_object_are_recordings_with_a_note_also_in_a_folder_of_tables
     assert objects == ["mug", "mug", "pen", "mug"] * 2
     for table in (table_of_file, table_of_folder):
         (note,) = [note for note in table.notes if note.topic == "recordings"]
-        assert "3 recordings of 1 to 2 lines" in note.text
+        assert "3 recordings of 1 to 2 lines are runs of lines" in note.text
         assert "data.columns=[recording:NAME]" in note.text
         assert note.level == "warning"
+    _, equal = ingested(save(tmp_path / "equal.csv", "label,a\nmug,1\nmug,2\npen,3\npen,4\n"))
+    assert any("2 recordings of 2 lines are runs" in note.text for note in equal.notes)
     # only the note of the label is left
     assert not ingested(save(tmp_path / "one.csv", "label,a\nmug,1\nmug,2\n"))[1].notes[1:]
 
