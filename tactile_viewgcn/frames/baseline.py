@@ -220,9 +220,7 @@ def _open_hand_of_grasps(
         every grasp has too few open-hand frames, there are no means.
     """
     opened = states.open[index]
-    grasp = grasps(opened, states.contact[index])
-    numbers, frames = np.unique(grasp[opened], return_counts=True)
-    numbers = numbers[frames >= MIN_FRAMES]
+    grasp, numbers = grasps_after_open_hand(opened, states.contact[index])
     means = []
     for number in numbers:
         open_frames = evenly(index[opened & (grasp == number)], MEAN_FRAMES)
@@ -271,6 +269,22 @@ def grasps(opened: np.ndarray, contact: np.ndarray) -> np.ndarray:
     begins = np.zeros(len(opened), dtype=np.int64)
     begins[certain[1:]] = opened[certain[1:]] & contact[certain[:-1]]
     return 1 + np.cumsum(begins)
+
+
+def grasps_after_open_hand(
+    opened: np.ndarray, contact: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the number (n,) of each frame's grasp, and the numbers that have a baseline.
+
+    These are the grasps with five open-hand frames or more since the previous grasp.
+
+    Args:
+        opened: bool (n,), frames of the open hand.
+        contact: bool (n,), frames in contact.
+    """
+    grasp = grasps(opened, contact)
+    numbers, frames = np.unique(grasp[opened], return_counts=True)
+    return grasp, numbers[frames >= MIN_FRAMES]
 
 
 def with_empty_hand(recordings: Recordings, frames: np.ndarray) -> np.ndarray:

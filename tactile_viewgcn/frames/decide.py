@@ -7,9 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
-import pandas as pd
 
-from tactile_viewgcn.frames.baseline import Baseline, measure_baseline, without_empty_hand
+from tactile_viewgcn.frames.baseline import (
+    Baseline,
+    grasps_after_open_hand,
+    measure_baseline,
+    without_empty_hand,
+)
 from tactile_viewgcn.frames.columns import column_notes
 from tactile_viewgcn.frames.filter import MOST_LOST, flags_of, sensors_in_contact
 from tactile_viewgcn.frames.leak import QuickError, check_leak, leak_note
@@ -190,10 +194,13 @@ def _contact_sensors(live: int) -> Reasoned:
 
 
 def _shows_open_hand(recordings: Recordings, states: HandStates) -> bool:
-    """Return whether most recordings have enough open-hand frames and a frame in contact."""
-    masks = pd.DataFrame({"open": states.open, "contact": states.contact})
-    frames = masks.groupby(recordings.columns["recording"]).sum().median()
-    return bool(frames["open"] >= MIN_FRAMES and frames["contact"] > 0)
+    """Return whether most recordings have a frame in contact, and enough open hand for a grasp."""
+    shows = list[bool]()
+    for index in frames_by_recording(recordings):
+        contact = states.contact[index]
+        _, with_baseline = grasps_after_open_hand(states.open[index], contact)
+        shows.append(bool(contact.any() and len(with_baseline)))
+    return float(np.mean(shows)) > 0.5
 
 
 def _baseline(

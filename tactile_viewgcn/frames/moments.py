@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactile_viewgcn.tables.counts import evenly
+from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.recordings import Recordings
 
 MIN_FRAMES = 5  # fewest frames for a mean
@@ -26,6 +27,12 @@ CUT_OFF = 0.25
 # standard deviation of a normal distribution that is cut off at its mean, as a share of the
 # standard deviation of the whole distribution
 HALF_SD = 0.584
+# least noise in steps if it is measured on differences: a reading that changes by one step is then
+# below weak pressure, see `open_hand.WEAK`
+LEAST_STEPS = 0.35
+# seconds between the frames whose readings are compared: noise that a filter has smoothed hides in
+# differences of frames that are nearer to each other
+COMPARED_SECONDS = 0.1
 
 
 class Moments(NamedTuple):
@@ -84,8 +91,8 @@ def session_moments(recordings: Recordings, trained: list[Moments] | None = None
     """Return the mean of the empty hand and the noise of the live sensors in each session.
 
     If a session has too few frames of the empty hand, its moments come from `trained`. Without
-    `trained`, the mean is None, and the noise is measured on differences of successive frames:
-    drift adds little to them, and contact changes in few of them.
+    `trained`, the mean is None, and the noise is measured on differences of near frames, see
+    `noise_of_changes`.
 
     Args:
         recordings: T frames.
@@ -113,11 +120,48 @@ def _moments(recordings: Recordings, index: np.ndarray) -> Moments:
         sample = evenly(empty, MEAN_FRAMES)
         recording = recordings.columns["recording"][sample]
         return _empty_hand_moments(counts[sample], recording, visible)
-    sample = evenly(np.arange(len(index) - 1), NOISE_FRAMES)
-    changes = counts[index[sample + 1]].astype(np.float64) - counts[index[sample]]
-    _, noise = trimmed_moments(changes, visible)
-    noise /= np.sqrt(2)
+    earlier, later = _near_frames(recordings, index)
+    sample = evenly(np.arange(len(earlier)), NOISE_FRAMES)
+    noise = noise_of_changes(counts[earlier[sample]], counts[later[sample]], visible)
     return Moments(None, noise, noise)
+
+
+def _near_frames(recordings: Recordings, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return two frames (n,) of the same recording for each difference that shows the noise.
+
+    They are a tenth of a second apart, or next to each other if the frame rate is lower or unknown.
+    If every recording is a single frame, successive frames are of different recordings.
+
+    Args:
+        recordings: T frames.
+        index: rising indices of the frames of a session, at least two.
+    """
+    recording = recordings.columns["recording"][index]
+    rates = list(frame_rates(recordings.columns["time"][index], recording).values())
+    apart = 1
+    if rates:
+        apart = max(1, round(COMPARED_SECONDS * float(np.median(rates))))
+    for frames in (apart, 1):
+        pairs = np.flatnonzero(recording[:-frames] == recording[frames:])
+        if len(pairs):
+            return index[pairs], index[pairs + frames]
+    return index[:-1], index[1:]
+
+
+def noise_of_changes(earlier: np.ndarray, later: np.ndarray, visible: float) -> np.ndarray:
+    """Return the standard deviation (S,) of the noise, from differences of near frames.
+
+    Drift adds little to these differences, and contact changes in few of them.
+
+    Args:
+        earlier: (n, S) counts.
+        later: (n, S) counts soon after these.
+        visible: see `visible_noise`.
+    """
+    step = _step(earlier)
+    _, of_changes = trimmed_moments(later.astype(np.float64) - earlier, visible, step=step)
+    noise: np.ndarray = np.maximum(of_changes / np.sqrt(2), LEAST_STEPS * step)
+    return noise
 
 
 def _empty_hand_moments(counts: np.ndarray, recording: np.ndarray, visible: float) -> Moments:
@@ -145,7 +189,9 @@ def _empty_hand_moments(counts: np.ndarray, recording: np.ndarray, visible: floa
     return Moments(mean, noise, session_noise, drift_between(middles))
 
 
-def trimmed_moments(counts: np.ndarray, visible: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+def trimmed_moments(
+    counts: np.ndarray, visible: float = 1.0, *, step: float | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean and the standard deviation (...) of each sensor, without outliers.
 
     Readings further than three standard deviations from the mean are left out. A median would not
@@ -155,11 +201,15 @@ def trimmed_moments(counts: np.ndarray, visible: float = 1.0) -> tuple[np.ndarra
     Args:
         counts: (T, ...).
         visible: see `visible_noise`. The standard deviation is divided by it. It never becomes
-            smaller than the standard deviation of rounding, see `_step`.
+            smaller than the standard deviation of rounding.
+        step: the step that counts are rounded to; None finds it, see `_step`. It has to be given
+            for differences of counts, whose rounding errors are those of the counts.
     """
     dtype = np.result_type(counts.dtype, np.float32)
     first = counts[0].astype(np.float64)
-    rounding = ROUNDING_SD * _step(counts)
+    if step is None:
+        step = _step(counts)
+    rounding = ROUNDING_SD * step
     values = counts - first
     inside = np.ones(values.shape, dtype=bool)
     for _ in range(MAX_PASSES):

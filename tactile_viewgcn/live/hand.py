@@ -30,7 +30,12 @@ from typing import Literal
 import numpy as np
 
 from tactile_viewgcn.frames.apply import keeps_every_frame, new_session_drift
-from tactile_viewgcn.frames.moments import MIN_FRAMES, trimmed_moments, visible_noise
+from tactile_viewgcn.frames.moments import (
+    MIN_FRAMES,
+    noise_of_changes,
+    trimmed_moments,
+    visible_noise,
+)
 from tactile_viewgcn.frames.open_hand import MARGIN, WEAK, Follower, is_contact, most_weak_sensors
 from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.tables.plan import Plan
@@ -273,10 +278,7 @@ class OpenHand(Hand):
     def _noise_of_first(self) -> np.ndarray:
         """Return the noise (S,) of the first frames, from differences of successive frames."""
         values = np.stack([frame[self._live] for frame in self._first])
-        changes = np.diff(values.astype(np.float64), axis=0)
-        _, noise_of_changes = trimmed_moments(changes, visible_noise(values))
-        noise: np.ndarray = noise_of_changes / np.sqrt(2)
-        return noise
+        return noise_of_changes(values[:-1], values[1:], visible_noise(values))
 
     def _is_open(self, values: np.ndarray, mean: np.ndarray, threshold: np.ndarray) -> bool:
         """Return whether five frames are of an open hand.

@@ -124,6 +124,19 @@ def test_an_open_hand_is_shown_where_most_recordings_have_five_frames_of_it_and_
     assert module._shows_open_hand(recordings, states) == shown
 
 
+@pytest.mark.parametrize(("frames", "shown"), [(5, True), (3, False)])
+def test_open_frames_of_several_grasps_do_not_count_as_the_open_hand_of_one(
+    tmp_path, frames, shown
+):
+    """A grip that pulses has a few weak frames before each squeeze, which are no open hand."""
+    recording = np.repeat(np.arange(4), 20)
+    frame = np.tile(np.arange(10), 8)  # two grasps in each recording
+    recordings = written(tmp_path / "t", np.arange(480).reshape(80, 2, 3), recording=recording)
+    states = states_by_hand(recordings, frame >= 8)
+    states = replace(states, open=frame < frames)
+    assert module._shows_open_hand(recordings, states) == shown
+
+
 @pytest.mark.parametrize(("untouched", "expected"), [(2, "contact"), (3, "none")])
 def test_contact_is_no_filter_where_more_than_a_twentieth_of_the_recordings_has_none(
     tmp_path, untouched, expected
