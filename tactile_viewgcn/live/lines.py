@@ -253,7 +253,7 @@ class FrameLines:
         self._layout = Layout(words.separator, len(names), columns, time_column, seconds, names)
         self._headers.append(self._layout)
         self._unknown = None
-        left_out = [names[column] for column in others if column != time_column]
+        left_out = [names[column] or "no name" for column in others if column != time_column]
         if left_out:
             text = f"{several(len(left_out), 'column')} left out, no sensors of the model"
             self.notes.append(f"{text}: {listed(left_out)}")
@@ -301,12 +301,15 @@ class FrameLines:
         columns = list(range(len(words.names)))
         if len(columns) == self._count:
             return columns
-        columns = [column for column in columns if not kinds[column]]
+        if not words.names[0]:  # the number of the line, as pandas writes it
+            columns.remove(0)
+        named = columns
+        columns = [column for column in named if not kinds[column]]
         if len(columns) < self._count:
             # `index` can be a finger, and not the number of the line
             columns = []
-            for column, name in enumerate(words.names):
-                if not kinds[column] or name.lower() == "index":
+            for column in named:
+                if not kinds[column] or words.names[column].lower() == "index":
                     columns.append(column)
         if len(columns) == self._count:
             return columns

@@ -275,3 +275,15 @@ def test_of_any_lines_each_is_a_whole_frame_or_none_or_refused(sensors, lines):
         except UserError:
             continue
         assert frame is None or frame.counts.shape == (1, 3)
+
+
+@pytest.mark.parametrize("fingers", ["thumb,index,palm", "s1,s2,s3"])
+@pytest.mark.parametrize("time", ["", ",time"])
+def test_a_first_column_without_a_name_is_the_number_of_the_line(fingers, time):
+    """Pandas writes it. The finger `index` beside it is a sensor."""
+    cells = ["0,1,2,3", "1,4,5,6"]
+    if time:
+        cells = [f"{line},0.5" for line in cells]
+    rows, notes = frames([f",{fingers}{time}", *cells], sensors=[])
+    assert [readings for readings, _ in rows] == [[1, 2, 3], [4, 5, 6]]
+    assert notes == ["1 column left out, no sensors of the model: no name"]
