@@ -6,6 +6,7 @@ from pathlib import Path
 from stages.command import run
 from stages.job import Job
 from tactile_viewgcn.evaluation import earlier_stages, results
+from tactile_viewgcn.evaluation.as_new import answer_as_new
 from tactile_viewgcn.evaluation.evaluate import evaluate_table, evaluated_frames, latency
 from tactile_viewgcn.evaluation.finished_run import FinishedRun
 from tactile_viewgcn.evaluation.live import answer_live
@@ -33,11 +34,14 @@ def evaluate(
     predictions, metrics = evaluate_table(
         recogniser.classifier, table, job.params, job.compute(), temperature=temperature
     )
+    whole = predictions.whole
     metrics |= earlier_stages.new_session(earlier)
     inputs = evaluated_frames(recogniser.classifier, table, job.params)
-    latency_ms = latency(recogniser.classifier, inputs, table.live, predictions.whole.frames)
+    latency_ms = latency(recogniser.classifier, inputs, table.live, whole.frames)
     raw = Recordings.read(recordings)
-    live, notes = answer_live(recogniser.stream, raw, table, predictions.whole, job.params)
+    as_new, notes = answer_as_new(recogniser, raw, table, whole, job.params)
+    live, live_notes = answer_live(recogniser.stream, raw, table, whole, as_new, job.params)
+    notes += live_notes
     timing = earlier_stages.costs(latency_ms, earlier, job.seconds, peak_mb())
     finished = FinishedRun("", metrics, timing, predictions, earlier | {ROW: job.record}, live)
     versus = versus_head(finished)

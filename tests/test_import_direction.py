@@ -24,7 +24,7 @@ ALLOWED = {
     "live": {"readers", "tables", "frames"},
     "recognition": {"readers", "tables", "frames", "views", "nn", "members", "systems", "training"}
     | {"live"},
-    "evaluation": {"tables", "views", "systems", "live", "recognition"},
+    "evaluation": {"tables", "frames", "views", "systems", "live", "recognition"},
     "pages": {"readers", "tables", "frames", "members", "systems", "recognition", "evaluation"},
     "glove": set(),
 }

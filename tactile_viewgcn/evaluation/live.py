@@ -89,6 +89,7 @@ def answer_live(
     recordings: Recordings,
     table: Frames,
     whole: Trials,
+    as_new: np.ndarray,
     params: Params,
 ) -> tuple[list[Row], list[Note]]:
     """Return the rows of live.csv, and notes on the recordings and grasps that they rest on.
@@ -100,6 +101,7 @@ def answer_live(
         recordings: raw counts of all sets.
         table: the kept frames.
         whole: the answers to whole recordings of the evaluated set.
+        as_new: bool (A,), whether `predict` answers these recordings rightly, see `answer_as_new`.
         params: `evaluate.side`, which names the evaluated set, and the seed.
     """
     seed = params.seed
@@ -113,7 +115,8 @@ def answer_live(
         return [], [Note(text, topic="live")]
     rows = live_rows(answered, seed)
     names = [recordings.recordings[number] for number in taken]
-    rows.append(_predict_row(whole, np.isin(whole.recordings, names), seed))
+    is_taken = np.isin(whole.recordings, names)
+    rows.append(_predict_row(as_new[is_taken], whole.groups[is_taken], seed))
     notes = list[Note]()
     if len(taken) < len(numbers):
         text = f"{len(taken)} of {several(len(numbers), 'recording')}, evenly chosen, "
@@ -377,8 +380,13 @@ def _interval(wrong: np.ndarray, groups: np.ndarray, seed: int) -> Row:
     return {"error": float(wrong.mean()), "low": low, "high": high}
 
 
-def _predict_row(whole: Trials, taken: np.ndarray, seed: int) -> Row:
-    """Return the row of `predict`, of the recordings that were also answered as a stream."""
-    wrong = 1.0 - whole.correct[0][taken]
+def _predict_row(correct: np.ndarray, groups: np.ndarray, seed: int) -> Row:
+    """Return the row of `predict`, of the recordings that were also answered as a stream.
+
+    Args:
+        correct: bool (n,), whether the answers of `predict` are right.
+        groups: (n,) split groups of the recordings.
+        seed: of the interval.
+    """
     row = {"answer": "predict", "level": None, "share": None, "contact": None, "unit": None}
-    return row | _interval(wrong, whole.groups[taken], seed)
+    return row | _interval(1.0 - correct, groups, seed)

@@ -17,7 +17,7 @@ from tactile_viewgcn.frames.moments import (
     visible_noise,
 )
 from tactile_viewgcn.frames.open_hand import HandStates
-from tactile_viewgcn.messages import Note, listed, several
+from tactile_viewgcn.messages import EMPTY_HAND, Note, listed, several
 from tactile_viewgcn.params import PreprocessSection
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
@@ -55,7 +55,11 @@ class Baseline:
         for (lacking, fallback), numbers in self.fallbacks.items():
             names = listed([recordings.recordings[number] for number in numbers])
             text = f"in {len(numbers)} of {total} no {lacking} was found; "
-            notes.append(Note(f"{text}{fallback} replaces it: {names}", topic="baseline"))
+            text += f"{fallback} replaces it: {names}"
+            if fallback == TRAINED:
+                text += ". If the hand was open in them, it reads unlike the training set's: "
+                text += f"add a recording named {EMPTY_HAND} of this session"
+            notes.append(Note(text, topic="baseline"))
         return notes
 
 

@@ -337,7 +337,8 @@ def leak_note(leak: QuickError, *, advised: bool) -> Note:
         ". A low error rate says little about touch then. Touches too light to count as contact "
         "look the same to this check. "
     )
+    larger = "hold out larger groups (split.by; in Python, groups)"
     if not advised:
-        return Note(f"{text}Choose another split.by", "warning", TOPIC)
-    text += "Set preprocess.baseline to grasp, or choose another split.by"
+        return Note(text + larger.capitalize(), "warning", TOPIC)
+    text += f"Set preprocess.baseline to grasp, or {larger}"
     return Note(text, "warning", TOPIC, "preprocess.baseline", "grasp")

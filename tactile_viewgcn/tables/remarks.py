@@ -134,9 +134,24 @@ def _shared_frames(recordings: Recordings, look: Look) -> Iterator[Note]:
     mixed = int((is_remarkable & is_other_object).sum())
     if mixed:
         text += f"{several(mixed, 'pair')} of different objects: are their labels right? "
-    text += "Pieces of one object are held out together here. "
-    text += "If you split recordings yourself, pass their `groups`."
+    text += "Pieces of one object are held out together here"
+    if _are_of_several_sessions(recordings, pieces):
+        text += ", but not by split.by=session, since some of them are of several sessions"
+    text += ". If you split recordings yourself, pass their `groups`."
     yield _warning("shared frames", text)
+
+
+def _are_of_several_sessions(recordings: Recordings, pieces: pd.DataFrame) -> bool:
+    """Return whether a recording and its partner of the same frames are of different sessions.
+
+    Args:
+        recordings: the table of raw counts.
+        pieces: rows of `Look.by_recording`.
+    """
+    numbers = np.asarray(recordings.columns["recording"])
+    session_of = pd.Series(np.asarray(recordings.columns["session"])).groupby(numbers).first()
+    own = session_of.loc[pieces.index].to_numpy()
+    return bool((own != session_of.loc[pieces["partner"]].to_numpy()).any())
 
 
 def _standing_still(recordings: Recordings, look: Look) -> Iterator[Note]:

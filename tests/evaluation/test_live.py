@@ -260,7 +260,7 @@ def test_where_no_grasp_is_tested_as_a_whole_there_are_no_rows_and_a_note(
     monkeypatch.setattr(live, "numbered_grasps", lambda *_: known)
     labels = np.zeros(1, dtype=int)
     whole = Trials(np.zeros((1, 1, 2), int), labels, labels, np.array(["x"]), 5)
-    rows, (note,) = answer_live(Stream, recordings, table(), whole, recipe())
+    rows, (note,) = answer_live(Stream, recordings, table(), whole, whole.correct[0], recipe())
     assert rows == []
     assert "no live answers" in note.text
 
@@ -282,7 +282,7 @@ def test_a_note_says_how_many_of_the_numbered_grasps_the_stream_finds(
     names = np.array(recordings.recordings)
     whole = Trials(np.ones((1, 2, 2), int), np.ones(2, int), np.array([3, 4]), names, 5)
     classes = replace(table(), classes=CLASSES)
-    _, (note,) = answer_live(Stream, recordings, classes, whole, recipe())
+    _, (note,) = answer_live(Stream, recordings, classes, whole, whole.correct[0], recipe())
     assert note.text.startswith(f"the recordings have 4 tested grasps, {text}")
 
 
@@ -333,7 +333,7 @@ def test_predict_answers_the_same_recordings_as_the_stream(three, monkeypatch):
     best = np.array([[[1, 0], [1, 0], [0, 1]]])
     labels = np.array([1, 2, 0])
     whole = Trials(best, labels, labels, np.array(three.recordings), 5)
-    rows, (note,) = answer_live(Stream, three, frames, whole, recipe())
+    rows, (note,) = answer_live(Stream, three, frames, whole, whole.correct[0], recipe())
     assert rows[-1]["answer"] == "predict"
     assert rows[-1]["error"] == 0
     assert note.text.startswith("2 of 3 recordings, evenly chosen, were answered")

@@ -97,7 +97,7 @@ def test_a_leak_is_a_warning_whose_remedy_is_the_baseline_of_each_grasp(high, ad
     note = leak_note(QuickError(0.05, 0.02, high, 0.96, 1, 2000), advised=advised)
     assert f"(2.0 to {100 * high:.1f}), chance 96.0 %; 2,000 frames in 1 group" in note.text
     assert [(note.key, note.value) for note in warnings_of([note])] == warning
-    assert ("another split.by" in note.text) == bool(warning)
+    assert ("old out larger groups (split.by" in note.text) == bool(warning)
     assert ("Set preprocess.baseline to grasp" in note.text) == (bool(warning) and advised)
 
 

@@ -253,6 +253,17 @@ def test_groups_of_recordings_with_common_frames_become_one():
     np.testing.assert_array_equal(groups, np.arange(480))
 
 
+@pytest.mark.parametrize("sessions", [1, 2])
+def test_pieces_of_several_sessions_are_said_not_to_be_held_out_by_session(sessions):
+    parts = windows([walk(seed, 130, 4) for seed in range(6)], 40, 20)
+    number = np.arange(len(parts))
+    frames = [part[:, None] for part in parts]
+    table = of_arrays(frames, OBJECTS, number // 5 % 3, number % sessions)
+    text = warned(table)["shared frames"]
+    assert "Pieces of one object are held out together here" in text
+    assert ("not by split.by=session" in text) == (sessions == 2)
+
+
 def test_fit_says_that_windows_overlap():
     parts = windows([walk(seed, 130, 4) for seed in range(6)], 40, 20)
     labels = [OBJECTS[index % 3] for index in np.repeat(np.arange(6), 5)]
