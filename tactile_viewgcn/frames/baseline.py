@@ -57,8 +57,9 @@ class Baseline:
             text = f"in {len(numbers)} of {total} no {lacking} was found; "
             text += f"{fallback} replaces it: {names}"
             if fallback == TRAINED:
-                text += ". If the hand was open in them, it reads unlike the training set's: "
-                text += f"add a recording named {EMPTY_HAND} of this session"
+                text += ". An open hand counts only if it lasts five frames and reads like the "
+                text += f"training set's. Recordings of the object {EMPTY_HAND} in the same "
+                text += "session replace it"
             notes.append(Note(text, topic="baseline"))
         return notes
 

@@ -194,7 +194,7 @@ def _contact_sensors(live: int) -> Reasoned:
 
 
 def _shows_open_hand(recordings: Recordings, states: HandStates) -> bool:
-    """Return whether most recordings have a frame in contact, and enough open hand for a grasp."""
+    """Return whether most recordings have a frame in contact, and five frames of one open hand."""
     shows = list[bool]()
     for index in frames_by_recording(recordings):
         contact = states.contact[index]

@@ -337,8 +337,9 @@ def leak_note(leak: QuickError, *, advised: bool) -> Note:
         ". A low error rate says little about touch then. Touches too light to count as contact "
         "look the same to this check. "
     )
-    larger = "hold out larger groups (split.by; in Python, groups)"
     if not advised:
-        return Note(text + larger.capitalize(), "warning", TOPIC)
-    text += f"Set preprocess.baseline to grasp, or {larger}"
+        text += "Hold out larger groups (split.by; in Python, groups)"
+        return Note(text, "warning", TOPIC)
+    text += "Set preprocess.baseline to grasp, or hold out larger groups (split.by; in Python, "
+    text += "groups)"
     return Note(text, "warning", TOPIC, "preprocess.baseline", "grasp")

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from tactile_viewgcn.tables.counts import evenly
-from tactile_viewgcn.tables.frames import frame_rates
 from tactile_viewgcn.tables.recordings import Recordings
 
 MIN_FRAMES = 5  # fewest frames for a mean
@@ -30,9 +29,6 @@ HALF_SD = 0.584
 # least noise in steps if it is measured on differences: a reading that changes by one step is then
 # below weak pressure, see `open_hand.WEAK`
 LEAST_STEPS = 0.35
-# seconds between the frames whose readings are compared: noise that a filter has smoothed hides in
-# differences of frames that are nearer to each other
-COMPARED_SECONDS = 0.1
 
 
 class Moments(NamedTuple):
@@ -91,7 +87,7 @@ def session_moments(recordings: Recordings, trained: list[Moments] | None = None
     """Return the mean of the empty hand and the noise of the live sensors in each session.
 
     If a session has too few frames of the empty hand, its moments come from `trained`. Without
-    `trained`, the mean is None, and the noise is measured on differences of near frames, see
+    `trained`, the mean is None, and the noise is measured on differences of successive frames, see
     `noise_of_changes`.
 
     Args:
@@ -120,42 +116,20 @@ def _moments(recordings: Recordings, index: np.ndarray) -> Moments:
         sample = evenly(empty, MEAN_FRAMES)
         recording = recordings.columns["recording"][sample]
         return _empty_hand_moments(counts[sample], recording, visible)
-    earlier, later = _near_frames(recordings, index)
-    sample = evenly(np.arange(len(earlier)), NOISE_FRAMES)
-    noise = noise_of_changes(counts[earlier[sample]], counts[later[sample]], visible)
+    sample = evenly(np.arange(len(index) - 1), NOISE_FRAMES)
+    noise = noise_of_changes(counts[index[sample]], counts[index[sample + 1]], visible)
     return Moments(None, noise, noise)
 
 
-def _near_frames(recordings: Recordings, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return two frames (n,) of the same recording for each difference that shows the noise.
-
-    They are a tenth of a second apart, or next to each other if the frame rate is lower or unknown.
-    If every recording is a single frame, successive frames are of different recordings.
-
-    Args:
-        recordings: T frames.
-        index: rising indices of the frames of a session, at least two.
-    """
-    recording = recordings.columns["recording"][index]
-    rates = list(frame_rates(recordings.columns["time"][index], recording).values())
-    apart = 1
-    if rates:
-        apart = max(1, round(COMPARED_SECONDS * float(np.median(rates))))
-    for frames in (apart, 1):
-        pairs = np.flatnonzero(recording[:-frames] == recording[frames:])
-        if len(pairs):
-            return index[pairs], index[pairs + frames]
-    return index[:-1], index[1:]
-
-
 def noise_of_changes(earlier: np.ndarray, later: np.ndarray, visible: float) -> np.ndarray:
-    """Return the standard deviation (S,) of the noise, from differences of near frames.
+    """Return the standard deviation (S,) of the noise, from differences of successive frames.
 
-    Drift adds little to these differences, and contact changes in few of them.
+    Drift adds little to these differences, and contact changes in few of them. Noise that a filter
+    has smoothed over several frames hides in them.
 
     Args:
         earlier: (n, S) counts.
-        later: (n, S) counts soon after these.
+        later: (n, S) counts of the frames after these.
         visible: see `visible_noise`.
     """
     step = _step(earlier)
@@ -184,9 +158,8 @@ def _empty_hand_moments(counts: np.ndarray, recording: np.ndarray, visible: floa
     middles = np.stack([np.median(counts[recording == number], axis=0) for number in long])
     of_long = np.isin(recording, long)
     deviations = counts[of_long] - middles[np.searchsorted(long, recording[of_long])]
-    _, noise = trimmed_moments(deviations, visible)
-    noise = np.maximum(noise, ROUNDING_SD * _step(counts)).astype(session_noise.dtype)
-    return Moments(mean, noise, session_noise, drift_between(middles))
+    _, noise = trimmed_moments(deviations, visible, step=_step(counts))
+    return Moments(mean, noise.astype(session_noise.dtype), session_noise, drift_between(middles))
 
 
 def trimmed_moments(
@@ -202,8 +175,8 @@ def trimmed_moments(
         counts: (T, ...).
         visible: see `visible_noise`. The standard deviation is divided by it. It never becomes
             smaller than the standard deviation of rounding.
-        step: the step that counts are rounded to; None finds it, see `_step`. It has to be given
-            for differences of counts, whose rounding errors are those of the counts.
+        step: the step that counts are rounded to; None finds it, see `_step`. It cannot be found in
+            differences of counts, so it has to be given for them.
     """
     dtype = np.result_type(counts.dtype, np.float32)
     first = counts[0].astype(np.float64)

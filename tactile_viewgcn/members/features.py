@@ -28,7 +28,7 @@ def pressed(readings: np.ndarray) -> np.ndarray:
 def block_weights(live: np.ndarray) -> sparse.csr_array:
     """Return the weights of the sensors in square blocks of an array.
 
-    The matrix is sparse: a dense one would have 1.4 thousand million weights for 256 x 256 sensors.
+    The matrix is sparse: a dense one would have 1.4e9 weights for 256 x 256 sensors.
 
     Args:
         live: bool (H, W), the S live sensors.

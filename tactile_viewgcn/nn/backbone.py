@@ -153,12 +153,15 @@ class Backbone(nn.Module):
         return features
 
     def load_pretrained(self, state: Mapping[str, Tensor]) -> None:
-        """Load the weights of a pretrained backbone with features.
+        """Load the weights of a pretrained backbone that returns features.
 
-        A backbone that returns maps has no readout, so it leaves the weights of the readout out.
+        The weights of its readout are ignored if this backbone returns maps.
 
         Args:
             state: the state of the pretrained backbone.
+
+        Raises:
+            RuntimeError: the backbones differ in width or readout.
         """
         if self.maps:
             state = {name: value for name, value in state.items() if not name.startswith("grid.")}

@@ -53,8 +53,6 @@ class Look:
             - `take`: the number of the first recording with which it is held out together.
         stuck: bool (R, S), the sensors that read the same in all frames of the recording.
         lively: bool (R, S), the sensors that change in every part of the recording.
-        repeats: (S,), the share of the steps between frames in which a sensor reads the same, in
-            the recordings in which it changes.
         strength: (R, K), the strong readings of up to 64 sensors, see `STRONG_QUANTILE`.
         step: (R, K), the small changes of these sensors, see `STEP_QUANTILE`. It is NaN if a sensor
             does not change.
@@ -63,7 +61,6 @@ class Look:
     by_recording: pd.DataFrame
     stuck: np.ndarray
     lively: np.ndarray
-    repeats: np.ndarray
     strength: np.ndarray
     step: np.ndarray
 
@@ -94,17 +91,12 @@ def look_at(recordings: Recordings) -> Look:
     step = list[np.ndarray]()
     hashes = list[np.ndarray]()
     changed = list[np.ndarray]()
-    steps = np.zeros(live.shape[1])  # in the recordings in which a sensor changes
-    changes = np.zeros(live.shape[1])
     for index in index_of:
         counts = live[index]
         differs = counts[1:] != counts[:-1]
         moved = differs[:, compared].any(axis=1)
         rows.append(_row(counts[:, compared], moved))
-        is_stuck = ~differs.any(axis=0)
-        stuck.append(is_stuck)
-        steps += len(differs) * ~is_stuck
-        changes += differs.sum(axis=0)
+        stuck.append(~differs.any(axis=0))
         lively.append(_lively(differs))
         strength.append(_strong_readings(counts, scaled))
         step.append(_small_steps(counts, scaled))
@@ -130,7 +122,6 @@ def look_at(recordings: Recordings) -> Look:
         by_recording=by_recording,
         stuck=np.array(stuck),
         lively=np.array(lively),
-        repeats=1 - changes / np.maximum(steps, 1),
         strength=np.array(strength),
         step=np.array(step),
     )

@@ -13,7 +13,8 @@ from tactile_viewgcn.tables.look import Look, takes_of_source
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
 MOST_PLACES = 3  # recordings with a long text that one warning lists
-MOST_EXPECTED = 1e-3  # a warning needs fewer recordings than this that look so by chance
+# a warning needs fewer recordings, or sensors, than this that look so by chance
+MOST_EXPECTED = 1e-3
 # if sensors have noise, at least this share of a recording's frames differ from the frame before
 NOISY_MOVES = 0.5
 FEWEST_EQUAL = 3  # fewest equal frames at the beginning or the end that count
@@ -178,8 +179,6 @@ def _stuck_sensors(recordings: Recordings, look: Look) -> Iterator[Note]:
     If many sensors stand still, nothing is wrong: nothing touches them, and they read a constant.
     With coarse noise, one sensor of many stands still in a short recording by chance.
     """
-    from scipy.stats import poisson
-
     long_enough = look.lively.any(axis=1)
     stuck = look.stuck[long_enough]
     lively = look.lively[long_enough]
@@ -187,16 +186,17 @@ def _stuck_sensors(recordings: Recordings, look: Look) -> Iterator[Note]:
     moving = ~stuck
     is_stuck = stuck.any(axis=0)
     is_lively = lively.sum(axis=0) >= LIVELY_SHARE * moving.sum(axis=0)
-    steps = of_recording["frames"].to_numpy() - 1
-    expected = (look.repeats ** steps[:, None]).sum(axis=0)  # recordings
-    by_chance = poisson.sf(stuck.sum(axis=0) - 1, expected)
-    is_no_chance = stuck.shape[1] * by_chance < MOST_EXPECTED
-    is_odd = is_stuck & is_lively & is_no_chance & (moving.sum(axis=0) > stuck.sum(axis=0))
+    is_odd = is_stuck & is_lively & (moving.sum(axis=0) > stuck.sum(axis=0))
     if not is_odd.any() or is_stuck.sum() > max(1, MOST_STUCK * stuck.shape[1]):
+        return
+    odd = np.flatnonzero(is_odd)
+    chance = _chance_of_stuck(recordings, odd, stuck[:, odd], of_recording.index)
+    odd = odd[stuck.shape[1] * chance < MOST_EXPECTED]
+    if not len(odd):
         return
     names = recordings.sensor_names(recordings.live)
     places = list[str]()
-    for sensor in np.flatnonzero(is_odd):
+    for sensor in odd:
         place = _place_of_stuck(recordings, of_recording["object"], stuck[:, sensor])
         places.append(f"{names[sensor]} in {place}")
     text = "A sensor never changes in some recordings, but always changes in others: "
@@ -206,6 +206,45 @@ def _stuck_sensors(recordings: Recordings, look: Look) -> Iterator[Note]:
     text += f"{listed(places, '; ')}. Is its cable loose? "
     text += "If nothing touches it there, all is well."
     yield _warning("standing still", text)
+
+
+def _chance_of_stuck(
+    recordings: Recordings, sensors: np.ndarray, stuck: np.ndarray, numbers: pd.Index
+) -> np.ndarray:
+    """Return the probability (S,) that sensors stand still in so many recordings by chance.
+
+    If the readings of a sensor are independent, and its most frequent reading has the probability
+    p, then n frames are equal with a probability of p^(n - 1) at most.
+
+    Args:
+        recordings: the table of raw counts.
+        sensors: (S,) indices of live sensors.
+        stuck: bool (R, S), whether these sensors stand still in each of R recordings.
+        numbers: the numbers of the R recordings.
+    """
+    from scipy.stats import poisson
+
+    live = recordings.live_counts()
+    index_of = frames_by_recording(recordings)
+    number_of = [recordings.columns["recording"][index[0]] for index in index_of]
+    taken = [index for index, number in zip(index_of, number_of, strict=True) if number in numbers]
+    shares = np.array([_most_frequent_share(live[index][:, sensors]) for index in taken])
+    usual = shares.mean(axis=0, where=~stuck)
+    frames = np.array([len(index) for index in taken])
+    expected = (usual ** (frames[:, None] - 1)).sum(axis=0)
+    probability: np.ndarray = poisson.sf(stuck.sum(axis=0) - 1, expected)
+    return probability
+
+
+def _most_frequent_share(counts: np.ndarray) -> np.ndarray:
+    """Return the share (S,) of the frames (n, S) in which each sensor has its commonest reading."""
+    rising = np.sort(counts, axis=0)
+    run = np.ones(counts.shape[1])
+    longest = run.copy()
+    for is_same in rising[1:] == rising[:-1]:
+        run = np.where(is_same, run + 1, 1)
+        longest = np.maximum(longest, run)
+    return longest / len(counts)
 
 
 def _place_of_stuck(recordings: Recordings, objects: pd.Series, is_stuck: np.ndarray) -> str:

@@ -115,13 +115,10 @@ def test_short_recordings_of_the_empty_hand_have_the_noise_of_their_session(tmp_
     assert moments.drift == 0
 
 
-def noise_of(readings, rate=None):
+def noise_of(readings):
     """Return the noise (S,) of recordings (R, T, H, W) without an empty hand."""
-    count, frames = readings.shape[:2]
+    count = len(readings)
     table = of_arrays(list(readings), ["ball"], np.zeros(count, int), np.zeros(count, int))
-    if rate:
-        time = np.tile(np.arange(frames) / rate, count)
-        table = replace(table, columns=table.columns | {"time": time})
     (moments,) = session_moments(table)
     assert moments.mean is None
     return moments.noise
@@ -140,25 +137,3 @@ def test_without_an_empty_hand_the_noise_is_the_same_for_counts_and_volts_and_co
     np.testing.assert_allclose(noise_of(counts * step), expected * step, rtol=1e-4)
     in_32_bits = noise_of((counts / 1023).astype(np.float32))
     np.testing.assert_allclose(in_32_bits, expected / 1023, rtol=1e-3)
-
-
-@pytest.mark.parametrize(("rate", "measured"), [(100, 2.0), (7, 0.9), (None, 0.9)])
-def test_noise_that_a_filter_has_smoothed_is_measured_over_a_tenth_of_a_second(rate, measured):
-    """Neighbouring frames have a correlation of 0.8, so their differences show 45 % of it.
-
-    Ten frames apart, they show 94 %.
-    """
-    rng = np.random.default_rng(0)
-    noise = rng.normal(0, 2.0, (8, 300, 5, 5))
-    for frame in range(1, 300):
-        noise[:, frame] = 0.8 * noise[:, frame - 1] + 0.6 * noise[:, frame]
-    np.testing.assert_allclose(np.median(noise_of(500 + noise, rate)), measured, rtol=0.1)
-
-
-def test_the_noise_is_of_differences_within_recordings():
-    """Ten recordings of five frames have other offsets; a tenth of their differences is between."""
-    rng = np.random.default_rng(0)
-    readings = rng.normal(0, 2.0, (10, 5, 6, 6)) + rng.normal(500, 3.0, (10, 1, 6, 6))
-    np.testing.assert_allclose(np.median(noise_of(readings, 100)), 2.0, rtol=0.15)
-    single_frames = readings[:, :1]
-    np.testing.assert_allclose(np.median(noise_of(single_frames)), np.hypot(2, 3), rtol=0.25)
