@@ -1,4 +1,4 @@
-"""Run ten trials on the test set, and answer its recordings once and as a live stream."""
+"""Run ten trials on the test set, and answer its recordings once, as new ones and as a stream."""
 
 from functools import partial
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 from stages.command import run
 from stages.job import Job
 from tactile_viewgcn.evaluation import earlier_stages, results
-from tactile_viewgcn.evaluation.as_new import answer_as_new
+from tactile_viewgcn.evaluation.as_new import right_as_new
 from tactile_viewgcn.evaluation.evaluate import evaluate_table, evaluated_frames, latency
 from tactile_viewgcn.evaluation.finished_run import FinishedRun
 from tactile_viewgcn.evaluation.live import answer_live
@@ -39,8 +39,8 @@ def evaluate(
     inputs = evaluated_frames(recogniser.classifier, table, job.params)
     latency_ms = latency(recogniser.classifier, inputs, table.live, whole.frames)
     raw = Recordings.read(recordings)
-    as_new, notes = answer_as_new(recogniser, raw, table, whole, job.params)
-    live, live_notes = answer_live(recogniser.stream, raw, table, whole, as_new, job.params)
+    is_right, notes = right_as_new(recogniser, raw, table, whole, job.params)
+    live, live_notes = answer_live(recogniser.stream, raw, table, whole, is_right, job.params)
     notes += live_notes
     timing = earlier_stages.costs(latency_ms, earlier, job.seconds, peak_mb())
     finished = FinishedRun("", metrics, timing, predictions, earlier | {ROW: job.record}, live)

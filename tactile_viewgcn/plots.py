@@ -69,7 +69,7 @@ def live_errors(rows: list[dict[str, Any]], chance: float) -> Figure:
     """
     so_far = [row for row in rows if row["answer"] == "so far"]
     (final,) = [row for row in rows if row["answer"] == "final"]
-    (predict,) = [row for row in rows if row["answer"] == "predict"]
+    of_predict = [row["error"] for row in rows if row["answer"] == "predict"]
     sure = [row for row in rows if row["answer"] == "sure" and row["error"] is not None]
     levels = [row["level"] for row in so_far]
     places = [*levels, 2 * levels[-1]]
@@ -89,7 +89,8 @@ def live_errors(rows: list[dict[str, Any]], chance: float) -> Figure:
             text = f"{100 * row['level']:g} %"
             position = (place, 100 * row["error"])
             axes.annotate(text, position, (6, below), textcoords="offset points", fontsize=8)
-    axes.axhline(100 * predict["error"], color=of_others, linewidth=1.5, label="predict")
+    for error in of_predict:  # one or none
+        axes.axhline(100 * error, color=of_others, linewidth=1.5, label="predict")
     axes.axhline(100 * chance, color="#a33", linestyle="--", linewidth=1.2, label="chance")
     axes.set_xscale("log", base=2)
     axes.set_xticks(places, [*(f"{level:g}" for level in levels), "end"])

@@ -64,3 +64,10 @@ def test_live_errors_of_recordings_without_times_stand_over_frames():
     ]
     (axes,) = live_errors(rows, chance=0.9).axes
     assert axes.get_xlabel() == "frames of contact" and len(axes.lines) == 3
+
+
+def test_live_errors_have_no_line_of_predict_if_it_was_not_measured():
+    rows = [live_row("so far", 0.25, 0.8), live_row("final", None, 0.2, contact=1.5)]
+    (axes,) = live_errors(rows, chance=0.9).axes
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels == ["answers so far", "chance"]

@@ -34,7 +34,8 @@ ROUNDING = 1e-6  # of times, in seconds
 #: Columns of live.csv; a cell without a value is empty.
 #: - answer: `so far` is the answer after `level` seconds or frames of contact, `final` the answer
 #:   when the hand opens. `sure` is the first answer with a probability of `level` or more, and
-#:   `predict` the answer to whole recordings.
+#:   `predict` the answer to whole recordings of a new session. This row is missing if no whole
+#:   recording is tested, or if `predict` refuses them.
 #: - error, low, high: error rate of all grasps, with its interval; for `sure` of the grasps that
 #:   have a sure answer, and for `predict` of recordings
 #: - share: share of all grasps that are still held at the level, or that have a sure answer
@@ -89,7 +90,7 @@ def answer_live(
     recordings: Recordings,
     table: Frames,
     whole: Trials,
-    as_new: np.ndarray,
+    is_right: np.ndarray,
     params: Params,
 ) -> tuple[list[Row], list[Note]]:
     """Return the rows of live.csv, and notes on the recordings and grasps that they rest on.
@@ -101,7 +102,7 @@ def answer_live(
         recordings: raw counts of all sets.
         table: the kept frames.
         whole: the answers to whole recordings of the evaluated set.
-        as_new: bool (A,), whether `predict` answers these recordings rightly, see `answer_as_new`.
+        is_right: (A,) whether `predict` answers these recordings rightly, see `right_as_new`.
         params: `evaluate.side`, which names the evaluated set, and the seed.
     """
     seed = params.seed
@@ -115,8 +116,10 @@ def answer_live(
         return [], [Note(text, topic="live")]
     rows = live_rows(answered, seed)
     names = [recordings.recordings[number] for number in taken]
-    is_taken = np.isin(whole.recordings, names)
-    rows.append(_predict_row(as_new[is_taken], whole.groups[is_taken], seed))
+    answered_as_new = np.isin(whole.recordings, names) & np.isfinite(is_right)
+    if answered_as_new.any():
+        groups = whole.groups[answered_as_new]
+        rows.append(_predict_row(is_right[answered_as_new], groups, seed))
     notes = list[Note]()
     if len(taken) < len(numbers):
         text = f"{len(taken)} of {several(len(numbers), 'recording')}, evenly chosen, "
@@ -380,13 +383,13 @@ def _interval(wrong: np.ndarray, groups: np.ndarray, seed: int) -> Row:
     return {"error": float(wrong.mean()), "low": low, "high": high}
 
 
-def _predict_row(correct: np.ndarray, groups: np.ndarray, seed: int) -> Row:
+def _predict_row(is_right: np.ndarray, groups: np.ndarray, seed: int) -> Row:
     """Return the row of `predict`, of the recordings that were also answered as a stream.
 
     Args:
-        correct: bool (n,), whether the answers of `predict` are right.
+        is_right: (n,) whether the answers of `predict` are right, 1 or 0.
         groups: (n,) split groups of the recordings.
         seed: of the interval.
     """
     row = {"answer": "predict", "level": None, "share": None, "contact": None, "unit": None}
-    return row | _interval(1.0 - correct, groups, seed)
+    return row | _interval(1.0 - is_right, groups, seed)

@@ -326,14 +326,30 @@ def test_the_sets_of_a_grasp_are_those_of_its_kept_frames():
     assert numbered_grasps(frames, TRAIN)["is_tested"].any()
 
 
-def test_predict_answers_the_same_recordings_as_the_stream(three, monkeypatch):
+@pytest.mark.parametrize(
+    ("is_right", "error"),
+    [([1, 0, 1], 0.0), ([0, 1, 0], 1.0), ([1, 0, 0], 0.5), ([np.nan, 0, 0], 1.0)],
+)
+def test_the_row_of_predict_is_of_the_recordings_that_are_streamed(
+    three, monkeypatch, is_right, error
+):
+    """The first and the last recording are streamed."""
     frames = replace(table(), classes=CLASSES)
     monkeypatch.setattr(live, "numbered_grasps", lambda *_: THREE_NUMBERED)
     monkeypatch.setattr(live, "MOST_FRAMES", 14)  # of 18: two of three recordings
     best = np.array([[[1, 0], [1, 0], [0, 1]]])
     labels = np.array([1, 2, 0])
     whole = Trials(best, labels, labels, np.array(three.recordings), 5)
-    rows, (note,) = answer_live(Stream, three, frames, whole, whole.correct[0], recipe())
+    rows, (note,) = answer_live(Stream, three, frames, whole, np.array(is_right), recipe())
     assert rows[-1]["answer"] == "predict"
-    assert rows[-1]["error"] == 0
+    assert rows[-1]["error"] == error
     assert note.text.startswith("2 of 3 recordings, evenly chosen, were answered")
+
+
+def test_there_is_no_row_of_predict_if_it_has_no_answer(three, monkeypatch):
+    monkeypatch.setattr(live, "numbered_grasps", lambda *_: THREE_NUMBERED)
+    labels = np.array([1, 2, 0])
+    whole = Trials(labels[None, :, None], labels, labels, np.array(three.recordings), 5)
+    classes = replace(table(), classes=CLASSES)
+    rows, _ = answer_live(Stream, three, classes, whole, np.full(3, np.nan), recipe())
+    assert "predict" not in [row["answer"] for row in rows]
