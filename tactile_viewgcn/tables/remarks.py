@@ -3,7 +3,8 @@
 import re
 import unicodedata
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import compress
 
 import numpy as np
 import pandas as pd
@@ -190,7 +191,9 @@ def _stuck_sensors(recordings: Recordings, look: Look) -> Iterator[Note]:
     if not is_odd.any() or is_stuck.sum() > max(1, MOST_STUCK * stuck.shape[1]):
         return
     odd = np.flatnonzero(is_odd)
-    chance = _chance_of_stuck(recordings, odd, stuck[:, odd], of_recording.index)
+    index_of = compress(frames_by_recording(recordings), long_enough)
+    counts_of = [recordings.live_counts()[index][:, odd] for index in index_of]
+    chance = _chance_of_stuck(counts_of, stuck[:, odd])
     odd = odd[stuck.shape[1] * chance < MOST_EXPECTED]
     if not len(odd):
         return
@@ -208,29 +211,21 @@ def _stuck_sensors(recordings: Recordings, look: Look) -> Iterator[Note]:
     yield _warning("standing still", text)
 
 
-def _chance_of_stuck(
-    recordings: Recordings, sensors: np.ndarray, stuck: np.ndarray, numbers: pd.Index
-) -> np.ndarray:
+def _chance_of_stuck(counts_of: Sequence[np.ndarray], stuck: np.ndarray) -> np.ndarray:
     """Return the probability (S,) that sensors stand still in so many recordings by chance.
 
     If the readings of a sensor are independent, and its most frequent reading has the probability
     p, then n frames are equal with a probability of p^(n - 1) at most.
 
     Args:
-        recordings: the table of raw counts.
-        sensors: (S,) indices of live sensors.
-        stuck: bool (R, S), whether these sensors stand still in each of R recordings.
-        numbers: the numbers of the R recordings.
+        counts_of: R recordings (n, S).
+        stuck: bool (R, S), whether a sensor stands still in a recording.
     """
     from scipy.stats import poisson
 
-    live = recordings.live_counts()
-    index_of = frames_by_recording(recordings)
-    number_of = [recordings.columns["recording"][index[0]] for index in index_of]
-    taken = [index for index, number in zip(index_of, number_of, strict=True) if number in numbers]
-    shares = np.array([_most_frequent_share(live[index][:, sensors]) for index in taken])
+    shares = np.array([_most_frequent_share(counts) for counts in counts_of])
     usual = shares.mean(axis=0, where=~stuck)
-    frames = np.array([len(index) for index in taken])
+    frames = np.array([len(counts) for counts in counts_of])
     expected = (usual ** (frames[:, None] - 1)).sum(axis=0)
     probability: np.ndarray = poisson.sf(stuck.sum(axis=0) - 1, expected)
     return probability
