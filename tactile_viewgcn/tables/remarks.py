@@ -180,7 +180,7 @@ def _stuck_sensors(recordings: Recordings, look: Look) -> Iterator[Note]:
     If many sensors stand still, nothing is wrong: nothing touches them, and they read a constant.
     With coarse noise, one sensor of many stands still in a short recording by chance.
     """
-    long_enough: np.ndarray = look.lively.any(axis=1)
+    long_enough = np.asarray(look.lively.any(axis=1))
     stuck = look.stuck[long_enough]
     lively = look.lively[long_enough]
     of_recording = look.by_recording[long_enough]
