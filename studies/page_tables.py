@@ -30,6 +30,14 @@ RowKey = TypeVar("RowKey", int, str)
 
 SIZES = "data_size_one_world"
 PUBLISHED_ERROR = "18.18"  # %, of the paper's network on STAG's `classification`
+#: ways to join the frames in the study `graph`: labels by name of the variant
+JOINED = {
+    "vote": "the mean of the frames' answers",
+    "view-graph": "the view-graph",
+    "mean": "a mean of the features",
+    "maximum": "a maximum of the features",
+}
+RANDOM = ", random sets"  # end of the names of variants with random view sets
 
 
 def show(text: str) -> None:
@@ -197,14 +205,24 @@ def worlds_table() -> str:
 
 def graph_table() -> str:
     """Return the table of ways to join the frames on the backbone of the preset `network`."""
-    labels = {
+    labels = JOINED | {
         "vote": "`network`: the mean of the frames' answers",
-        "view-graph": "the view-graph",
-        "mean": "a mean of the features",
-        "maximum": "a maximum of the features",
+        "view-graph, a fifth of the rate": "the view-graph, with a fifth of the learning rate",
     }
-    labels = {name: label for name, label in labels.items() if has("graph", name, WHOLE)}
-    return _comparison_table("graph", labels, reference="vote", reference_label="`network`")
+    measured = {name: label for name, label in labels.items() if has("graph", name, WHOLE)}
+    return _comparison_table("graph", measured, reference="vote", reference_label="`network`")
+
+
+def random_graph_table() -> str:
+    """Return the same table for networks that are trained and tested on random view sets."""
+    labels = {
+        f"{name}{RANDOM}": label
+        for name, label in JOINED.items()
+        if has("graph", f"{name}{RANDOM}", WHOLE)
+    }
+    return _comparison_table(
+        "graph", labels, reference=f"vote{RANDOM}", reference_label="the mean of the answers"
+    )
 
 
 def _comparison_table(

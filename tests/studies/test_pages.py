@@ -121,7 +121,8 @@ def test_the_table_of_real_recordings_has_differences_to_kernels_and_seconds(res
     assert len(lines) == 6  # the other set was not measured
 
 
-def test_the_table_of_the_graph_begins_with_the_lowest_error_and_marks_untrained_networks(results):
+def rows_of_graph(suffix=""):
+    """Return rows of the study `graph`, whose variants end with a suffix."""
     rows = []
     for variant, percent, verdict in (
         ("vote", 9.0, None),
@@ -131,10 +132,30 @@ def test_the_table_of_the_graph_begins_with_the_lowest_error_and_marks_untrained
     ):
         values = {"pretrain s": 100.4, "finetune s": 200.3, "trained": verdict != UNTRAINED}
         row = result(
-            variant, "whole recordings", more=percent - 9, verdict=verdict, error=percent, **values
+            f"{variant}{suffix}",
+            "whole recordings",
+            more=percent - 9,
+            verdict=verdict,
+            error=percent,
+            **values,
         )
-        rows.append({name.replace("vs paper", "vs vote"): row[name] for name in row})
-    results("graph", *rows)
+        rows.append({name.replace("vs paper", f"vs vote{suffix}"): row[name] for name in row})
+    return rows
+
+
+def test_the_table_of_random_view_sets_compares_with_random_view_sets(results):
+    results("graph", *rows_of_graph(", random sets"))
+    assert page_tables.random_graph_table().splitlines()[0].split(" | ")[2] == (
+        "points more than the mean of the answers"
+    )
+    assert page_tables.random_graph_table().splitlines()[2:4] == [
+        "| the view-graph | 8.0 (18.0 to 23.0) | -1.0 (-2.0 to 1.0; -5.0 to 4.0) | 301 |",
+        "| the mean of the frames' answers | 9.0 (18.0 to 23.0) |  | 301 |",
+    ]
+
+
+def test_the_table_of_the_graph_begins_with_the_lowest_error_and_marks_untrained_networks(results):
+    results("graph", *rows_of_graph())
     assert page_tables.graph_table().splitlines()[2:] == [
         "| the view-graph | 8.0 (18.0 to 23.0) | -1.0 (-2.0 to 1.0; -5.0 to 4.0) | 301 |",
         "| `network`: the mean of the frames' answers | 9.0 (18.0 to 23.0) |  | 301 |",
