@@ -225,6 +225,17 @@ def random_graph_table() -> str:
     )
 
 
+def clusters_table() -> str:
+    """Return the table of random view sets less clusters, on the backbone of `network`."""
+    rows = []
+    for variant in ("vote", "view-graph"):
+        cells = {"joined by": JOINED[variant]}
+        for protocol in (CLAIMED, "recording", WHOLE):
+            cells[TITLES[protocol]] = difference("graph", f"{variant}{RANDOM}", variant, protocol)
+        rows.append(cells)
+    return markdown(rows)
+
+
 def _comparison_table(
     study: str, labels: Mapping[str, str], *, reference: str, reference_label: str
 ) -> str:

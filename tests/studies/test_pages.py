@@ -154,6 +154,20 @@ def test_the_table_of_random_view_sets_compares_with_random_view_sets(results):
     ]
 
 
+def test_the_table_of_clusters_has_the_difference_of_each_network_to_itself(results):
+    rows = []
+    for joined, more in (("vote", 2.0), ("view-graph", 5.0)):
+        for protocol in ("object protocol", "recording protocol", "whole recordings"):
+            row = result(f"{joined}, random sets", protocol, more=more)
+            rows.append({name.replace("vs paper", f"vs {joined}"): row[name] for name in row})
+            more += 1
+    results("graph", *rows)
+    lines = page_tables.clusters_table().splitlines()
+    assert lines[0] == "| joined by | object protocol | recording protocol | whole recordings |"
+    assert lines[2].startswith("| the mean of the frames' answers | 2.0 (1.0 to 4.0; ")
+    assert [cell.split()[0] for cell in lines[3].split("|")[2:5]] == ["5.0", "6.0", "7.0"]
+
+
 def test_the_table_of_the_graph_begins_with_the_lowest_error_and_marks_untrained_networks(results):
     results("graph", *rows_of_graph())
     assert page_tables.graph_table().splitlines()[2:] == [
