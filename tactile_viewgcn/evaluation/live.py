@@ -134,7 +134,19 @@ def answer_live(
             text += f", and none in {several(silent, 'split group')}"
         text += ": it joins grasps between which the hand hardly opens, and misses light grasps"
         notes.append(Note(text, topic="live"))
-    return rows, notes
+    return rows, [*notes, *_silence(answered.grasps)]
+
+
+def _silence(grasps: pd.DataFrame) -> list[Note]:
+    """Return a warning if the stream finds no contact in most of the grasps `Grasps.grasps`."""
+    is_silent = grasps["contact"].isna() & ~grasps["right_unanswered"].astype(bool)
+    silent = int(is_silent.sum())
+    if silent <= len(grasps) / 2:
+        return []
+    text = f"the stream finds no contact in {silent} of {several(len(grasps), 'grasp')}. It takes "
+    text += "an open hand only if that reads like the training set's. With --tare, `live` takes "
+    text += "the first steady frames for the open hand, whatever they read"
+    return [Note(text, "warning", "live")]
 
 
 def numbered_grasps(table: Frames, side: int) -> pd.DataFrame:

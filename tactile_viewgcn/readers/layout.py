@@ -97,6 +97,8 @@ def names_of(
             labelled.
     """
     names = names_in(place, layout)
+    if not names and is_beside_recordings(place, layout, form):
+        names = names_in(place, f"OBJECT/{layout}")
     if names and ("object" in names or not form.labelled):
         return names
     if form.layout != "auto":
@@ -116,6 +118,12 @@ def names_of(
     if found:
         raise UserError(f"{file}: names no object; {found}; else {expected}; or {remedies}")
     raise UserError(f"{file}: names no object; {expected}; {remedies}")
+
+
+def is_beside_recordings(place: str, layout: str, form: Form) -> bool:
+    """Return whether a file is in a folder empty_hand next to recordings that name no object."""
+    folder = place.rpartition("/")[0]
+    return not form.labelled and layout == "FILE" and folder == EMPTY_HAND
 
 
 def layout_of(places: Sequence[str], form: Form) -> tuple[str, list[Note]]:
@@ -138,6 +146,8 @@ def layout_of(places: Sequence[str], form: Form) -> tuple[str, list[Note]]:
             return form.layout, []
         return re.sub(".*OBJECT[^A-Z]*", "", form.layout), []
     folders = [place.split("/")[:-1] for place in places]
+    if not form.labelled and [] in folders:  # recordings that name no object
+        folders = [names for names in folders if names != [EMPTY_HAND]]
     depth = Counter(map(len, folders)).most_common(1)[0][0]
     levels = list(zip(*(names for names in folders if len(names) == depth), strict=True))
     order = _roles_of(levels)

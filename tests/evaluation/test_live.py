@@ -353,3 +353,20 @@ def test_there_is_no_row_of_predict_if_it_has_no_answer(three, monkeypatch):
     classes = replace(table(), classes=CLASSES)
     rows, _ = answer_live(Stream, three, classes, whole, np.full(3, np.nan), recipe())
     assert "predict" not in [row["answer"] for row in rows]
+
+
+@pytest.mark.parametrize(("held", "warns"), [(1, True), (2, False)])
+def test_a_stream_that_finds_most_grasps_silent_is_a_warning(tmp_path, monkeypatch, held, warns):
+    frames = [[OPEN, CUP[70], OPEN]] * held + [[OPEN, OPEN, OPEN]] * (4 - held)
+    recordings = recordings_at(tmp_path / "table", frames)
+    known = numbered(*[(index, 0, 1, index, True) for index in range(4)])
+    monkeypatch.setattr(live, "numbered_grasps", lambda *_: known)
+    labels = np.ones(4, dtype=int)
+    names = np.array(recordings.recordings)
+    whole = Trials(labels[None, :, None], labels, np.arange(4), names, 5)
+    classes = replace(table(), classes=CLASSES)
+    _, notes = answer_live(Stream, recordings, classes, whole, np.ones(4), recipe())
+    texts = [note.text for note in notes if note.level == "warning"]
+    assert len(texts) == warns
+    if warns:
+        assert "no contact in 3 of 4 grasps" in texts[0] and "--tare" in texts[0]

@@ -294,3 +294,25 @@ def test_a_column_with_one_person_names_the_session_of_a_file_unless_its_folder_
     _, table = ingested(tmp_path / "days")
     assert (table.objects, table.sessions) == (["ball", "mug"], ["monday"])
     assert any("holds the session (Ada) is not used" in note.text for note in table.notes)
+
+
+@pytest.mark.parametrize("empty", [1, 3])
+def test_an_empty_hand_lies_next_to_recordings_that_name_no_object(tmp_path, empty):
+    """It has their session, so it gives them a baseline, whether they are more or fewer."""
+    new = tmp_path / "new"
+    save(new / "1.npy", COUNTS)
+    save(new / "2.npy", COUNTS + 1)
+    for number in range(empty):
+        save(new / "empty_hand" / f"{number}.npy", COUNTS + 2 + number)
+    _, table = ingested(new, form=Form(labelled=False))
+    object_of = {
+        table.recordings[recording]: table.objects[label]
+        for recording, label in zip(
+            table.columns["recording"], table.columns["object"], strict=True
+        )
+    }
+    expected = {"1": "", "2": ""}
+    expected |= {f"empty_hand/{number}": "empty_hand" for number in range(empty)}
+    assert object_of == expected
+    assert len(np.unique(table.columns["session"])) == 1
+    assert "OBJECT/FILE" in refusal(new, tmp_path)  # training recordings need an object
