@@ -49,22 +49,19 @@ class Baseline:
     fallbacks: dict[tuple[str, str], list[int]] = field(default_factory=dict)
 
     def notes(self, recordings: Recordings) -> list[Note]:
-        """Return a note on each fallback in these recordings.
-
-        It is a warning if new recordings have the training set's baseline.
-        """
+        """Return a note on each fallback in these recordings."""
         total = several(len(np.unique(recordings.columns["recording"])), "recording")
         notes = list[Note]()
         for (lacking, fallback), numbers in self.fallbacks.items():
             names = listed([recordings.recordings[number] for number in numbers])
-            found = f"in {len(numbers)} of {total} no {lacking} was found"
-            if fallback != TRAINED:
-                notes.append(Note(f"{found}; {fallback} replaces it: {names}", topic="baseline"))
-                continue
-            text = f"{found} that reads like the training set's; {fallback} replaces it: {names}. "
-            text += "If the hand was open in them, record the empty hand of the session too, as "
-            text += f"recordings of the object {EMPTY_HAND}"
-            notes.append(Note(text, "warning", "baseline"))
+            text = f"in {len(numbers)} of {total} no {lacking} was found"
+            if fallback == TRAINED:
+                text += " that reads like the training set's"
+            text += f"; {fallback} replaces it: {names}"
+            if fallback == TRAINED:
+                text += ". If the hand was open in them, record the empty hand of the session too, "
+                text += f"as recordings of the object {EMPTY_HAND}"
+            notes.append(Note(text, topic="baseline"))
         return notes
 
 
