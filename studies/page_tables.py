@@ -228,8 +228,10 @@ def random_graph_table() -> str:
 def clusters_table() -> str:
     """Return the table of random view sets less clusters, on the backbone of `network`."""
     rows = []
-    for variant in ("vote", "view-graph"):
-        cells = {"joined by": JOINED[variant]}
+    for variant, label in JOINED.items():
+        if not has("graph", f"{variant}{RANDOM}", WHOLE):
+            continue
+        cells = {"joined by": label}
         for protocol in (CLAIMED, "recording", WHOLE):
             cells[TITLES[protocol]] = difference("graph", f"{variant}{RANDOM}", variant, protocol)
         rows.append(cells)
