@@ -1,4 +1,4 @@
-"""The tested recordings are answered as `predict` answers those of a new session."""
+"""The tested recordings are answered as `predict` answers recordings of a new session."""
 
 from dataclasses import replace
 
@@ -31,7 +31,9 @@ def days(shift, *, with_empty_hand=False):
     rng = np.random.default_rng(0)
     base = rng.normal(500, 30, SHAPE)
     patterns = np.where(rng.random((OBJECTS, *SHAPE)) < 0.25, 12, 0)
-    arrays, labels, sessions = [], [], []
+    arrays = []
+    labels = []
+    sessions = []
 
     def add(label, session, pressed):
         counts = base + higher + rng.normal(0, 2, (30, *SHAPE))

@@ -85,26 +85,137 @@ def test_sessions_are_held_out_for_all_objects_at_once(tmp_path):
     assert leak.groups == 4
 
 
-LARGER = "old out larger groups (split.by; in Python, groups)"
-
-
 @pytest.mark.parametrize(
-    ("high", "advised", "warning", "remedy"),
+    ("high", "advised", "warning", "end"),
     [
         (
             0.08,
             True,
             [("preprocess.baseline", "grasp")],
-            f"preprocess.baseline to grasp, or h{LARGER}",
+            "Set preprocess.baseline to grasp, or hold out larger groups "
+            "(split.by; in Python, groups)",
         ),
-        (0.08, False, [("", None)], f". H{LARGER}"),
+        (0.08, False, [("", None)], "Hold out larger groups (split.by; in Python, groups)"),
         (0.97, True, [], "2,000 frames in 1 group"),
     ],
 )
 def test_a_leak_is_a_warning_whose_remedy_is_the_baseline_of_each_grasp(
-    high, advised, warning, remedy
+    high, advised, warning, end
 ):
     note = leak_note(QuickError(0.05, 0.02, high, 0.96, 1, 2000), advised=advised)
     assert f"(2.0 to {100 * high:.1f}), chance 96.0 %; 2,000 frames in 1 group" in note.text
     assert [(note.key, note.value) for note in warnings_of([note])] == warning
-    assert note.text.endswith(remedy)
+    assert note.text.endswith(end)
+
+
+def test_objects_are_recognised_in_groups_that_are_held_out_and_labels_at_random_are_not():
+    rng = np.random.default_rng(0)
+    label = np.repeat([0, 1, 2], 60)
+    group = np.repeat(np.arange(18), 10)
+    of_objects = rng.normal(0, 1, (180, 20)) + 2 * (np.arange(20) % 3 == label[:, None])
+    leak = error_of(of_objects, label, group)
+    assert leak.error == 0
+    assert leak.groups == 18
+    assert leak.frames == 180
+    assert leak.chance == pytest.approx(2 / 3)
+    assert leak.beats_chance
+    of_groups = rng.normal(0, 1, (18, 20))[group]  # groups of an object are not alike
+    no_leak = error_of(of_groups, label, group)
+    assert no_leak.error > 0.4
+    assert not no_leak.beats_chance
+    # of two objects all frames are in one group
+    once = np.where(label == 0, group, label)
+    assert error_of(of_objects, label, once) is None
+
+
+def test_answers_are_given_to_means_of_frames_that_are_spread_over_their_group():
+    label = np.repeat([0, 1], 384)
+    group = np.repeat(np.arange(12), 64)
+    # the trend is the same in all groups, and the means lose it
+    trend = 100.0 * np.tile(np.arange(64), 12)[:, None] / 64
+    rising = trend + 20 * label[:, None]
+    assert error_of(rising, label, group).error == 0
+    # a mean has every eighth frame of a group, so two of eight means are wrong
+    sign = np.where(np.arange(768) % 8 < 6, 1.0, -1.0)
+    mostly_right = sign * (2 * label - 1)
+    assert error_of(mostly_right[:, None], label, group).error == 0.25
+
+
+def designs():
+    """Yield the object and the group of each frame, and a generator, of random designs.
+
+    Groups span objects.
+    """
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        objects = rng.integers(3, 12)
+        sessions = rng.integers(6, 15)
+        held_in = [rng.permutation(sessions)[: rng.integers(1, 5)] for _ in range(objects)]
+        label = np.repeat(np.arange(objects), [8 * len(of_object) for of_object in held_in])
+        yield label, np.repeat(np.concatenate(held_in), 8), rng
+    paired = np.repeat([0, 3, 0, 3, 1, 4, 1, 4, 2, 5, 2, 5], 8)
+    yield np.repeat(np.arange(6), 16), paired, np.random.default_rng(0)
+
+
+def test_readings_that_are_the_object_are_recognised_whatever_sessions_it_was_held_in():
+    """Every object of two sessions or more is answered; the others are counted."""
+    for label, group, rng in designs():
+        objects = range(label.max() + 1)
+        sessions = np.array([len(np.unique(group[label == index])) for index in objects])
+        offset = label[:, None] + rng.normal(0, 0.05, (len(label), 5))  # all sensors share it
+        pattern = rng.normal(0, 1, (len(sessions), 30))[label]
+        pattern = pattern + rng.normal(0, 0.05, (len(label), 30))
+        for readings in (label[:, None].astype(np.float64), offset, pattern):
+            leak = error_of(readings, label, group)
+            if np.count_nonzero(sessions > 1) < 2:
+                assert leak is None
+                continue
+            assert leak.error == 0
+            assert leak.objects_left_out == np.count_nonzero(sessions == 1)
+            assert leak.frames == 8 * sessions[sessions > 1].sum()
+            assert leak.beats_chance == (leak.high < leak.chance)
+
+
+def test_readings_at_random_are_no_leak_whatever_sessions_the_objects_were_held_in():
+    """About one in forty such intervals lies below chance by chance."""
+    leaks = []
+    for label, group, rng in designs():
+        leak = error_of(rng.normal(0, 1, (len(label), 30)), label, group)
+        if leak is not None:
+            leaks.append(leak)
+    assert np.mean([leak.beats_chance for leak in leaks]) < 0.1
+    above_chance = np.mean([leak.error - leak.chance for leak in leaks])
+    assert above_chance == pytest.approx(0.03, abs=0.06)
+
+
+def test_a_leak_note_counts_the_objects_that_were_left_out():
+    of_all = QuickError(0.05, 0.02, 0.08, 0.96, 6, 2000)
+    without_three = QuickError(0.05, 0.02, 0.08, 0.96, 6, 2000, 3)
+    assert "3 objects" in leak_note(without_three, advised=False).text
+    assert "object" not in leak_note(of_all, advised=False).text.replace("predict the object", "")
+
+
+def test_many_objects_of_two_recordings_each_are_told_by_a_number_without_a_word_of_a_library():
+    """One number tells thirty objects apart; warnings are errors here."""
+    label = np.repeat(np.arange(30), 2)
+    leak = error_of(label[:, None] * 1.0, label, np.arange(60), nearest=True)
+    assert leak.error == 0
+    assert leak.beats_chance
+
+
+@pytest.mark.parametrize(("by_chance", "beats_chance"), [(0.0, True), (0.05, False)])
+def test_an_error_a_little_below_chance_is_no_leak_where_random_objects_do_as_well(
+    by_chance, beats_chance
+):
+    error = QuickError(0.91, 0.85, 0.956, 0.9615, 78, 1111, by_chance=by_chance)
+    assert error.beats_chance == beats_chance
+
+
+def test_a_weak_leak_is_found_among_many_groups():
+    """Forty objects of four groups each: most answers are wrong, but far fewer than by chance."""
+    rng = np.random.default_rng(0)
+    label = np.repeat(np.arange(40), 4)
+    readings = rng.normal(size=(40, 6))[label] + rng.normal(0, 1.2, (160, 6))
+    leak = error_of(readings, label, np.arange(160))
+    assert leak.chance / 2 < leak.error < leak.chance
+    assert leak.beats_chance

@@ -270,7 +270,7 @@ def test_a_recording_without_open_hand_is_named_and_has(tmp_path, case):
     (note,) = baseline.notes(recordings)
     count = len(never_open)
     unlike = " that reads like the training set's" if case == fallbacks.TRAINED else ""
-    found = f"in {count} of 8 recordings no open hand was found{unlike}; {case} replaces it: "
-    assert note.text.startswith(found)
+    beginning = f"in {count} of 8 recordings no open hand was found{unlike}; {case} replaces it: "
+    assert note.text.startswith(beginning)
     assert ("record the empty hand" in note.text) == bool(unlike)
     assert f"recording{never_open[0]}, recording{never_open[1]}" in note.text
