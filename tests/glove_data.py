@@ -336,7 +336,8 @@ def of_arrays(
         sessions: (R,) number of each recording's session.
     """
     recordings = [recording_of(counts, f"X[{number}]") for number, counts in enumerate(arrays)]
-    return in_memory(recordings, objects, labels, sessions)
+    names = [f"session {number}" for number in range(int(np.max(sessions)) + 1)]
+    return in_memory(recordings, objects, labels, sessions, names)
 
 
 def answer_of(model: Recogniser, counts: np.ndarray) -> Answer:

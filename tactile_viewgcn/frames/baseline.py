@@ -27,6 +27,10 @@ EMPTY = "the session's empty hand"
 OPEN = "the session's open hand"
 TRAINED = "the training set's baseline"
 QUIETEST = "the five quietest frames"
+EMPTY_HAND_TOO = (
+    "If the hand was open in them, give the empty hand of their session too: as recordings of the "
+    f"object {EMPTY_HAND}, or in Python as the argument empty_hand"
+)
 
 
 @dataclass(frozen=True)
@@ -49,19 +53,22 @@ class Baseline:
     fallbacks: dict[tuple[str, str], list[int]] = field(default_factory=dict)
 
     def notes(self, recordings: Recordings) -> list[Note]:
-        """Return a note on each fallback in these recordings."""
+        """Return a note on each fallback in these recordings.
+
+        It is a warning if the fallback is the training set's baseline. New recordings alone have
+        this fallback, and their answers are often wrong if it is not their open hand.
+        """
         total = several(len(np.unique(recordings.columns["recording"])), "recording")
         notes = list[Note]()
         for (lacking, fallback), numbers in self.fallbacks.items():
             names = listed([recordings.recordings[number] for number in numbers])
-            text = f"in {len(numbers)} of {total} no {lacking} was found"
+            found = f"in {len(numbers)} of {total} no {lacking} was found"
+            replaced = f"{fallback} replaces it: {names}"
             if fallback == TRAINED:
-                text += " that reads like the training set's"
-            text += f"; {fallback} replaces it: {names}"
-            if fallback == TRAINED:
-                text += ". If the hand was open in them, record the empty hand of the session too, "
-                text += f"as recordings of the object {EMPTY_HAND}"
-            notes.append(Note(text, topic="baseline"))
+                text = f"{found} that reads like the training set's; {replaced}. {EMPTY_HAND_TOO}"
+                notes.append(Note(text, "warning", "baseline"))
+            else:
+                notes.append(Note(f"{found}; {replaced}", topic="baseline"))
         return notes
 
 

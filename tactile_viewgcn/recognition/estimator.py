@@ -1,7 +1,7 @@
 """The interface of scikit-learn: a classifier of recordings in memory, trained as the stages do."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,10 +16,19 @@ from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_consistent_length, check_is_fitted, column_or_1d
 
 from tactile_viewgcn.device import select_device
+from tactile_viewgcn.frames.moments import MIN_FRAMES
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.live.stream import LONGEST, LiveStream
-from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, shown, warnings_of
+from tactile_viewgcn.messages import (
+    EMPTY_HAND,
+    Note,
+    UserError,
+    listed,
+    several,
+    shown,
+    warnings_of,
+)
 from tactile_viewgcn.params import Params, SensorMember, default_params, on_sensors, preset_changes
 from tactile_viewgcn.randomness import stream
 from tactile_viewgcn.readers.source import FRAMES_LAST, Recording, tidy
@@ -29,7 +38,7 @@ from tactile_viewgcn.recognition.raw_counts import check_layouts
 from tactile_viewgcn.recognition.recogniser import Recogniser, recording_of
 from tactile_viewgcn.schema import as_change
 from tactile_viewgcn.tables.look import groups_together, look_at
-from tactile_viewgcn.tables.recordings import Recordings, in_memory
+from tactile_viewgcn.tables.recordings import NO_SESSION, Recordings, in_memory
 from tactile_viewgcn.tables.remarks import remarks
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames
@@ -85,7 +94,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
         self.params = params
         self.random_state = random_state
 
-    def fit(self, X: Any, y: Any, groups: Any = None) -> "TactileClassifier":
+    def fit(self, X: Any, y: Any, groups: Any = None, sessions: Any = None) -> "TactileClassifier":
         """Train on recordings and their labels.
 
         Like the stages, it warns you of what spoils the result: recordings that are copies of each
@@ -97,6 +106,9 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
             groups: (n,) group of each recording. A group is held out as a whole: for the choice of
                 `best`, for the calibration and for `split.validation`. None means that each
                 recording is a group of its own.
+            sessions: (n,) session of each recording, such as a day. The recordings of a session
+                share the empty hand, whose label is `empty_hand`. None means that all are of one
+                session.
 
         Returns:
             The classifier itself.
@@ -109,9 +121,15 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
         y = column_or_1d(y, warn=True)
         check_consistent_length(recorded, y)
         classes, labels = _distinct(y)
-        group = _group_numbers(groups, len(y))
+        group = np.arange(len(y))
+        if groups is not None:
+            group, _ = _numbers("groups", groups, len(y))
+        session = np.zeros(len(y), dtype=np.int64)
+        session_names = [NO_SESSION]
+        if sessions is not None:
+            session, session_names = _numbers("sessions", sessions, len(y))
         check_layouts(recorded)
-        recordings = in_memory(recorded, list(map(str, classes)), labels, 0 * labels)
+        recordings = in_memory(recorded, list(map(str, classes)), labels, session, session_names)
         with TemporaryDirectory() as folder:
             path = Path(folder) / "classifier.pt"
             notes = train(recordings, params, group[recordings.columns["recording"]], path)
@@ -123,7 +141,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
             warnings.warn(shown(note.text), stacklevel=2)
         return self
 
-    def predict_proba(self, X: Any) -> np.ndarray:
+    def predict_proba(self, X: Any, empty_hand: Any = None) -> np.ndarray:
         """Return class probabilities float32 (n, Y) of recordings, a column for each of `classes_`.
 
         It refuses and warns of the same things as the command `predict`. A recording without
@@ -131,10 +149,13 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
 
         Args:
             X: n recordings.
+            empty_hand: recordings of the empty hand in the session of X, with five frames or more.
+                They are needed if the open hand does not read as in the training, as on a new day.
+                With None each recording is answered from its own frames.
 
         Raises:
             NotFittedError: `fit` was not called.
-            UserError: X has another form, layout or scale than in training.
+            UserError: X or the empty hand has another form, layout or scale than in training.
         """
         check_is_fitted(self, "recogniser_")
         recogniser = self.recogniser_
@@ -145,7 +166,11 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
             raise UserError(
                 f"X {X.shape} is one recording; expected a list: [X], or [*X] of single frames"
             )
-        answers, notes = recogniser.answer_recordings(recordings)
+        of_empty_hand = list[Recording]()
+        if empty_hand is not None:
+            of_empty_hand = self._recordings(empty_hand, "empty_hand")
+            _check_length(of_empty_hand)
+        answers, notes = recogniser.answer_recordings(recordings, of_empty_hand)
         texts = [note.text for note in warnings_of(notes)]
         without = [answer.recording for answer in answers if not answer.contact]
         if without and EMPTY_HAND not in recogniser.classes:
@@ -160,9 +185,9 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
         probabilities[:, columns] = [answer.probabilities for answer in answers]
         return probabilities
 
-    def predict(self, X: Any) -> np.ndarray:
+    def predict(self, X: Any, empty_hand: Any = None) -> np.ndarray:
         """Return the most probable of `classes_` (n,) for recordings; see `predict_proba`."""
-        best = self.predict_proba(X).argmax(axis=1)
+        best = self.predict_proba(X, empty_hand).argmax(axis=1)
         labels: np.ndarray = self.classes_[best]
         return labels
 
@@ -224,12 +249,12 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
         classifier.classes_ = np.array(classifier.recogniser_.classes)
         return classifier
 
-    def _recordings(self, X: Any) -> list[Recording]:
-        """Return the recordings of X, one or more, see `recording_of`."""
+    def _recordings(self, X: Any, name: str = "X") -> list[Recording]:
+        """Return the recordings of the argument of this name, one or more; see `recording_of`."""
         is_array = isinstance(X, np.ndarray) and X.ndim > 0
         if not (is_array or isinstance(X, list | tuple)) or not len(X):
             raise UserError(
-                f"X is of type {type(X).__name__} and holds no recordings; expected a list of "
+                f"{name} is of type {type(X).__name__} and holds no recordings; expected a list of "
                 "arrays or DataFrames, each (frames, rows, columns) or (frames, channels)"
             )
         params = self.params or {}
@@ -242,7 +267,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
         frames_last = shape == FRAMES_LAST
         columns = params.get("data.columns", ())
         return [
-            recording_of(row, f"X[{number}]", frames_last=frames_last, columns=columns)
+            recording_of(row, f"{name}[{number}]", frames_last=frames_last, columns=columns)
             for number, row in enumerate(X)
         ]
 
@@ -338,28 +363,43 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path
     return notes + fitted.notes
 
 
-def _group_numbers(groups: Any, count: int) -> np.ndarray:
-    """Return the number (n,) of each recording's group; None makes each recording a group."""
-    if groups is None:
-        return np.arange(count)
-    groups = np.asarray(groups, dtype=object)  # a text would hide a missing group
-    if groups.shape != (count,):
+def _check_length(empty_hand: Sequence[Recording]) -> None:
+    """Raise a UserError if recordings of the empty hand have too few frames for a baseline."""
+    frames = sum(len(recording.values["pressure"]) for recording in empty_hand)
+    if frames < MIN_FRAMES:
         raise UserError(
-            f"groups has shape {groups.shape}; expected ({count},), a group for each recording of X"
+            f"empty_hand has {several(frames, 'frame')}; expected {MIN_FRAMES} or more"
         )
-    missing = np.flatnonzero(pd.isna(groups))
+
+
+def _numbers(name: str, values: Any, count: int) -> tuple[np.ndarray, list[str]]:
+    """Return the number (n,) of each recording's group or session, and the names by number.
+
+    Args:
+        name: name of the argument.
+        values: (n,) the argument.
+        count: n.
+    """
+    values = np.asarray(values, dtype=object)  # a text would hide a missing value
+    kind = name.removesuffix("s")
+    if values.shape != (count,):
+        raise UserError(
+            f"{name} has shape {values.shape}; "
+            f"expected ({count},), a {kind} for each recording of X"
+        )
+    missing = np.flatnonzero(pd.isna(values))
     if len(missing):
         raise UserError(
-            f"groups[{missing[0]}] is missing; expected a group for each recording of X, "
-            "such as a group of its own"
+            f"{name}[{missing[0]}] is missing; expected a {kind} for each recording of X, "
+            "such as one of its own"
         )
     try:
-        _, numbers = np.unique(groups, return_inverse=True)
-    except TypeError:  # the groups have no order
+        distinct, numbers = np.unique(values, return_inverse=True)
+    except TypeError:  # the values have no order
         raise UserError(
-            "groups holds values of different kinds; expected texts, or numbers"
+            f"{name} holds values of different kinds; expected texts, or numbers"
         ) from None
-    return numbers
+    return numbers, list(map(str, distinct))
 
 
 def _distinct(y: Any) -> tuple[np.ndarray, np.ndarray]:

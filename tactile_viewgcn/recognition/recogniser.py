@@ -33,7 +33,12 @@ from tactile_viewgcn.recognition.raw_counts import (
     short_note,
     untouched_note,
 )
-from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording, in_memory
+from tactile_viewgcn.tables.recordings import (
+    NO_SESSION,
+    Recordings,
+    frames_by_recording,
+    in_memory,
+)
 
 
 @dataclass(frozen=True)
@@ -92,12 +97,33 @@ class Recogniser:
         if self.calibrated:
             self._calibrated_from = getattr(self.classifier, "short", 0.0)
 
-    def answer_recordings(self, recordings: Sequence[Recording]) -> tuple[list[Answer], list[Note]]:
-        """Return the answers to what `recording_of` returned, and notes; see `answer_table`."""
+    def answer_recordings(
+        self, recordings: Sequence[Recording], empty_hand: Sequence[Recording] = ()
+    ) -> tuple[list[Answer], list[Note]]:
+        """Return the answers to what `recording_of` returned, and notes; see `answer_table`.
+
+        Args:
+            recordings: n recordings without labels.
+            empty_hand: recordings of the empty hand in their session. Without them each recording
+                counts as a session of its own.
+        """
         if not recordings:
             return [], []
-        check_layouts(recordings, self._layout)
-        return self.answer_table(_unlabelled(recordings))
+        given = [*recordings, *empty_hand]
+        check_layouts(given, self._layout)
+        labels = np.arange(len(given)) >= len(recordings)
+        sessions = np.arange(len(given))
+        if empty_hand:
+            sessions = np.zeros_like(sessions)
+        table = in_memory(
+            given,
+            [UNLABELLED, EMPTY_HAND],
+            labels.astype(np.int64),
+            sessions,
+            [NO_SESSION] * len(given),
+        )
+        answers, notes = self.answer_table(replace(table, path=Path()))
+        return answers[: len(recordings)], notes
 
     def answer_table(self, recordings: Recordings) -> tuple[list[Answer], list[Note]]:
         """Return the answers to the recordings of a table, and notes.
@@ -191,12 +217,6 @@ class Recogniser:
             return np.array(is_empty, dtype=np.float32)
         count = len(self.classes)
         return np.full(count, 1 / count, dtype=np.float32)
-
-
-def _unlabelled(recordings: Sequence[Recording]) -> Recordings:
-    """Return a table of recordings without labels."""
-    table = in_memory(recordings, [UNLABELLED], np.zeros(len(recordings), dtype=np.int64))
-    return replace(table, path=Path())
 
 
 def _label(recordings: Recordings, index: np.ndarray) -> str:

@@ -217,7 +217,8 @@ def in_memory(
     recordings: Sequence[Recording],
     objects: list[str],
     labels: np.ndarray,
-    sessions: np.ndarray | None = None,
+    sessions: np.ndarray,
+    session_names: Sequence[str],
 ) -> Recordings:
     """Return the table of n recordings with the same sensors, with times if all have them.
 
@@ -225,14 +226,10 @@ def in_memory(
         recordings: the recordings, from `recording_of`.
         objects: the names of the objects.
         labels: (n,) the index of each recording's object.
-        sessions: (n,) the number of each recording's session, counted from 0. If it is None, each
-            recording has a session of its own without a name.
+        sessions: (n,) the index of each recording's session.
+        session_names: the names of the sessions. New recordings are of sessions that are called
+            `NO_SESSION`.
     """
-    if sessions is None:
-        sessions = np.arange(len(recordings))
-        session_names = [NO_SESSION] * len(recordings)
-    else:
-        session_names = [f"session {number}" for number in range(int(sessions.max()) + 1)]
     arrays = [recording.values["pressure"] for recording in recordings]
     lengths = [len(array) for array in arrays]
     counts = np.concatenate(arrays)
@@ -252,7 +249,7 @@ def in_memory(
         path=Path("X"),
         objects=objects,
         recordings=[recording.names["recording"] for recording in recordings],
-        sessions=session_names,
+        sessions=list(session_names),
         counts=counts,
         columns=columns,
         live=(counts != counts[0]).any(axis=0),

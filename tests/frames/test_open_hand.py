@@ -272,5 +272,6 @@ def test_a_recording_without_open_hand_is_named_and_has(tmp_path, case):
     unlike = " that reads like the training set's" if case == fallbacks.TRAINED else ""
     beginning = f"in {count} of 8 recordings no open hand was found{unlike}; {case} replaces it: "
     assert note.text.startswith(beginning)
-    assert ("record the empty hand" in note.text) == bool(unlike)
+    is_warning = note.level == "warning"
+    assert is_warning == (fallbacks.EMPTY_HAND_TOO in note.text) == bool(unlike)
     assert f"recording{never_open[0]}, recording{never_open[1]}" in note.text

@@ -116,7 +116,8 @@ def test_only_an_object_has_a_strength_that_is_compared_with_the_training_s(name
     else:
         expectation = pytest.raises(UserError, match="one in a hundred")
     with expectation:
-        recogniser().answer_table(in_memory([recording_of(counts, "X")], [name], zero, zero))
+        table = in_memory([recording_of(counts, "X")], [name], zero, zero, ["today"])
+        recogniser().answer_table(table)
 
 
 def channels(folder, names, rate):
@@ -237,7 +238,7 @@ def test_times_count_from_a_recording_s_first_frame_wherever_its_clock_begins():
     ]
     zeros = np.zeros(3, dtype=int)
     recordings = [recording_of(columns, "X") for columns in tables]
-    table = in_memory(recordings, ["pen"], zeros, zeros)
+    table = in_memory(recordings, ["pen"], zeros, zeros, ["today"])
     np.testing.assert_allclose(table.columns["time"], [0, 0.5, 1.5] * 3, atol=1e-6)
 
 
