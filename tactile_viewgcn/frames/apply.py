@@ -31,8 +31,9 @@ from tactile_viewgcn.frames.baseline import (
     sessions_with_empty_hand,
     without_empty_hand,
 )
+from tactile_viewgcn.frames.drift import drift_between
 from tactile_viewgcn.frames.filter import flags_of, pressed_frames
-from tactile_viewgcn.frames.moments import Moments, drift_between, session_moments
+from tactile_viewgcn.frames.moments import Moments, session_moments
 from tactile_viewgcn.frames.open_hand import HandStates, hand_states
 from tactile_viewgcn.tables.plan import Plan
 from tactile_viewgcn.tables.recordings import NO_SESSION, Recordings

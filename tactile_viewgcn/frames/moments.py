@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tactile_viewgcn.frames.drift import drift_between
 from tactile_viewgcn.tables.counts import evenly
 from tactile_viewgcn.tables.recordings import Recordings
 
@@ -27,7 +28,7 @@ CUT_OFF = 0.25
 # standard deviation of the whole distribution
 HALF_SD = 0.584
 # least noise in steps if it is measured on differences: a reading that changes by one step is then
-# below weak pressure, see `open_hand.WEAK`
+# below weak pressure, see `drift.WEAK`
 LEAST_STEPS = 0.35
 
 
@@ -64,23 +65,6 @@ class Moments(NamedTuple):
         """
         session_noise = np.maximum(self.session_noise, np.hypot(self.noise, drift))
         return self._replace(session_noise=session_noise, drift=max(self.drift, drift))
-
-
-def drift_between(means: np.ndarray) -> float:
-    """Return by how much a sensor differs between open hands, as a standard deviation in counts.
-
-    The median sensor is taken. A shift that all sensors share is left out, since it is never taken
-    for contact. The drift of fewer than two open hands is 0.
-
-    Args:
-        means: (R, S) mean counts of each open hand.
-    """
-    if len(means) < 2:
-        return 0.0
-    unshared = means.astype(np.float64)
-    if means.shape[1] > 1:
-        unshared -= np.median(unshared, axis=1, keepdims=True)
-    return float(np.median(np.std(unshared, axis=0, ddof=1)))
 
 
 def session_moments(recordings: Recordings, trained: list[Moments] | None = None) -> list[Moments]:

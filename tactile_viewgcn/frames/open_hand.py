@@ -28,17 +28,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
+from tactile_viewgcn.frames.drift import OPEN_SENSORS, WEAK, is_contact
 from tactile_viewgcn.frames.moments import MIN_FRAMES, Moments
 from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.tables.counts import Counts
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
-# most sensors of an open hand that read contact, since one can be faulty. If a single sensor is
-# enough for contact, an open hand has none
-OPEN_SENSORS = 1
-# share of the threshold that counts as weak pressure: a hand that closes, or holds little, presses
-# several sensors a little
-WEAK = 0.6
 # most sensors of an open hand with weak pressure: two, and a hundredth of all sensors
 WEAK_SENSORS = 2
 WEAK_SHARE = 0.01
@@ -46,8 +41,6 @@ WEAK_SHARE = 0.01
 MARGIN = 2
 # share of the difference between an open-hand frame and the baseline that the baseline follows
 FOLLOWED = 0.1
-# a dense grasp leaves this share of the sensors or more unmoved
-UNMOVED = 0.25
 # enough sensors to estimate the signal that all share, in a fifth of the time that 548 take
 COMMON_SENSORS = 100
 
@@ -292,33 +285,3 @@ def quietest(counts: np.ndarray, *, common: bool = True) -> int:
         activity -= excess.shape[1] * np.median(excess[:, ::step], axis=1)
     window = np.ones(min(MIN_FRAMES, len(counts)))
     return int(np.convolve(activity, window, "valid").argmin())
-
-
-def is_contact(excess: np.ndarray, threshold: np.ndarray, sensors: int = 2) -> bool:
-    """Return whether an excess over the empty hand is contact and not drift.
-
-    Drift moves all sensors together, or some up and some down. Sparse contact raises less than half
-    of the sensors. Dense contact raises up to three quarters of them and lowers none. At least a
-    quarter of them stays well below the median, which shared drift does not do. If about half of
-    the sensors are pressed, hardly more than the threshold, that is taken for drift. A single
-    sensor cannot tell drift from contact, so any reading above the threshold is contact.
-
-    Args:
-        excess: (S,) in counts.
-        threshold: (S,) the least excess over the empty hand of a sensor in contact.
-        sensors: fewest sensors that are pressed in a frame of contact.
-    """
-    if len(excess) == 1:
-        return bool(excess[0] > threshold[0])
-    # with the signal that all sensors share, and without it
-    both = np.stack([excess, excess - np.median(excess)])
-    up = (both > threshold).sum(axis=1)
-    down = (both < -threshold).sum(axis=1)
-    most_pressed = min(OPEN_SENSORS, sensors - 1)
-    is_sparse = (up > most_pressed + 2 * down).all()
-    moves_up = up[0] > most_pressed and not down[0]
-    unmoved = UNMOVED * len(excess)
-    leaves_some = up[0] <= len(excess) - unmoved
-    below_median = np.count_nonzero(both[1] < -WEAK * threshold)
-    is_dense = moves_up and leaves_some and below_median >= unmoved
-    return bool(is_dense or is_sparse)

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from tactile_viewgcn.frames.baseline import Baseline
-from tactile_viewgcn.frames.moments import drift_between
+from tactile_viewgcn.frames.drift import drift_between
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.tables.counts import evenly, middles
 from tactile_viewgcn.tables.frames import TRAIN, Frames, frame_rates

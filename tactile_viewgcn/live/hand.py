@@ -30,13 +30,14 @@ from typing import Literal
 import numpy as np
 
 from tactile_viewgcn.frames.apply import keeps_every_frame, new_session_drift
+from tactile_viewgcn.frames.drift import WEAK, is_contact
 from tactile_viewgcn.frames.moments import (
     MIN_FRAMES,
     noise_of_changes,
     trimmed_moments,
     visible_noise,
 )
-from tactile_viewgcn.frames.open_hand import MARGIN, WEAK, Follower, is_contact, most_weak_sensors
+from tactile_viewgcn.frames.open_hand import MARGIN, Follower, most_weak_sensors
 from tactile_viewgcn.params import CONTACT_SIGMAS
 from tactile_viewgcn.tables.plan import Plan
 

@@ -367,9 +367,7 @@ def _check_length(empty_hand: Sequence[Recording]) -> None:
     """Raise a UserError if recordings of the empty hand have too few frames for a baseline."""
     frames = sum(len(recording.values["pressure"]) for recording in empty_hand)
     if frames < MIN_FRAMES:
-        raise UserError(
-            f"empty_hand has {several(frames, 'frame')}; expected {MIN_FRAMES} or more"
-        )
+        raise UserError(f"empty_hand has {several(frames, 'frame')}; expected {MIN_FRAMES} or more")
 
 
 def _numbers(name: str, values: Any, count: int) -> tuple[np.ndarray, list[str]]:

@@ -8,7 +8,6 @@ import pytest
 from tactile_viewgcn.frames.moments import (
     ROUNDING_SD,
     Moments,
-    drift_between,
     session_moments,
     trimmed_moments,
     visible_noise,
@@ -63,15 +62,6 @@ def test_moments_have_the_drift_that_is_known_at_least():
     less = moments.with_drift(0.5)
     assert less.drift == 1
     np.testing.assert_allclose(less.session_noise, [9.25**0.5, 9])
-
-
-def test_the_drift_between_open_hands_is_the_one_of_the_median_sensor():
-    # without the shift of 2 counts that all share, the standard deviations are sqrt(8), 0 and
-    # sqrt(18) counts
-    means = np.array([[500.0, 504.0, 512.0], [498.0, 506.0, 520.0]])
-    assert drift_between(means) == pytest.approx(8**0.5)
-    assert drift_between(means[:1]) == 0
-    assert drift_between(means[:, :1]) == pytest.approx(2**0.5)
 
 
 @pytest.mark.parametrize("recordings", [2, 4])

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames import baseline as fallbacks
-from tactile_viewgcn.frames import open_hand as module
 from tactile_viewgcn.frames.baseline import grasps, measure_baseline
 from tactile_viewgcn.frames.filter import pressed_frames
 from tactile_viewgcn.frames.moments import Moments, session_moments, trimmed_moments
@@ -141,31 +140,6 @@ def test_a_flag_makes_contact_where_nothing_is_pressed_but_not_of_the_empty_hand
     states = states_of(flagged, CONTACT)
     np.testing.assert_array_equal(states.open, away(glove.open))
     np.testing.assert_array_equal(states.contact, ~glove.open)
-
-
-NONE = 0.0
-UP = 12.0
-DOWN = -12.0
-EXCESS = {
-    "nothing": ([NONE] * 40, False),
-    "ten of forty up": ([UP] * 10 + [NONE] * 30, True),
-    "sixteen of forty up, and two down": ([UP] * 16 + [NONE] * 22 + [DOWN] * 2, True),
-    "one up, which may be faulty": ([UP] + [NONE] * 39, False),
-    "all up": ([UP] * 40, False),
-    "half up, half down": ([UP] * 20 + [DOWN] * 20, False),
-    "most up, the others down": ([UP] * 30 + [DOWN] * 10, False),
-    "all up, ten more so": ([UP] * 30 + [2 * UP] * 10, True),
-    "all up, unevenly": ([20.0] * 10 + [25.0] * 20 + [30.0] * 10, False),
-    "all up, twenty of them above the threshold": ([7.0] * 20 + [4.0] * 20, False),
-    "twenty-five of forty up, and none down": ([UP] * 25 + [NONE] * 15, True),
-    "below the threshold": ([4.0] * 25 + [-4.0] * 15, False),
-}
-
-
-@pytest.mark.parametrize("case", EXCESS)
-def test_contact_differs_from_drift(case):
-    excess, expected = EXCESS[case]
-    assert module.is_contact(np.array(excess), np.full(40, 5.0)) == expected
 
 
 def test_a_grasp_begins_when_the_hand_opens_after_contact_and_ends_with_the_frames_between():

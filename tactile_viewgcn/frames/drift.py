@@ -1,0 +1,59 @@
+"""Drift: by how much open hands differ, and how contact differs from it."""
+
+import numpy as np
+
+# most sensors of an open hand that read contact, since one can be faulty. If a single sensor is
+# enough for contact, an open hand has none
+OPEN_SENSORS = 1
+# share of the threshold that counts as weak pressure: a hand that closes, or holds little, presses
+# several sensors a little
+WEAK = 0.6
+# a dense grasp leaves this share of the sensors or more unmoved
+UNMOVED = 0.25
+
+
+def drift_between(means: np.ndarray) -> float:
+    """Return by how much a sensor differs between open hands, as a standard deviation in counts.
+
+    The median sensor is taken. A shift that all sensors share is left out, since it is never taken
+    for contact. The drift of fewer than two open hands is 0.
+
+    Args:
+        means: (R, S) mean counts of each open hand.
+    """
+    if len(means) < 2:
+        return 0.0
+    unshared = means.astype(np.float64)
+    if means.shape[1] > 1:
+        unshared -= np.median(unshared, axis=1, keepdims=True)
+    return float(np.median(np.std(unshared, axis=0, ddof=1)))
+
+
+def is_contact(excess: np.ndarray, threshold: np.ndarray, sensors: int = 2) -> bool:
+    """Return whether an excess over the empty hand is contact and not drift.
+
+    Drift moves all sensors together, or some up and some down. Sparse contact raises less than half
+    of the sensors. Dense contact raises up to three quarters of them and lowers none. At least a
+    quarter of them stays well below the median, which shared drift does not do. If about half of
+    the sensors are pressed, hardly more than the threshold, that is taken for drift. A single
+    sensor cannot tell drift from contact, so any reading above the threshold is contact.
+
+    Args:
+        excess: (S,) in counts.
+        threshold: (S,) the least excess over the empty hand of a sensor in contact.
+        sensors: fewest sensors that are pressed in a frame of contact.
+    """
+    if len(excess) == 1:
+        return bool(excess[0] > threshold[0])
+    # with the signal that all sensors share, and without it
+    both = np.stack([excess, excess - np.median(excess)])
+    up = (both > threshold).sum(axis=1)
+    down = (both < -threshold).sum(axis=1)
+    most_pressed = min(OPEN_SENSORS, sensors - 1)
+    is_sparse = (up > most_pressed + 2 * down).all()
+    moves_up = up[0] > most_pressed and not down[0]
+    unmoved = UNMOVED * len(excess)
+    leaves_some = up[0] <= len(excess) - unmoved
+    below_median = np.count_nonzero(both[1] < -WEAK * threshold)
+    is_dense = moves_up and leaves_some and below_median >= unmoved
+    return bool(is_dense or is_sparse)
