@@ -31,7 +31,7 @@ from tactile_viewgcn.frames.baseline import (
     sessions_with_empty_hand,
     without_empty_hand,
 )
-from tactile_viewgcn.frames.drift import drift_between
+from tactile_viewgcn.frames.drift import accepting_drift, drift_between
 from tactile_viewgcn.frames.filter import flags_of, pressed_frames
 from tactile_viewgcn.frames.moments import Moments, session_moments
 from tactile_viewgcn.frames.open_hand import HandStates, hand_states
@@ -137,6 +137,11 @@ def new_session_drift(plan: Plan) -> float:
     """Return how far the open hand of a new session is from the mean of the training's sessions.
 
     The standard deviation in counts is returned. It has the drift within a session and the drift
-    between sessions.
+    between sessions, of the median sensor. It is larger if an open hand of the training set would
+    count as contact otherwise, see `accepting_drift`.
     """
-    return float(np.hypot(plan.drift, drift_between(plan.baselines[:, plan.live])))
+    means = plan.baselines[:, plan.live]
+    of_median = float(np.hypot(plan.drift, drift_between(means)))
+    return accepting_drift(
+        means, of_median, plan.noise[plan.live], int(plan.params.contact_sensors)
+    )

@@ -52,11 +52,14 @@ class Baseline:
     of_frame: np.ndarray
     fallbacks: dict[tuple[str, str], list[int]] = field(default_factory=dict)
 
-    def notes(self, recordings: Recordings) -> list[Note]:
+    def notes(self, recordings: Recordings, *, own_open_hand: bool = False) -> list[Note]:
         """Return a note on each fallback in these recordings.
 
-        It is a warning if the fallback is the training set's baseline. New recordings alone have
-        this fallback, and their answers are often wrong if it is not their open hand.
+        Args:
+            recordings: the recordings.
+            own_open_hand: whether most training recordings show an open hand of their own. Then the
+                note on a new recording without one is a warning, since its answer is often wrong if
+                its open hand does not read as in the training.
         """
         total = several(len(np.unique(recordings.columns["recording"])), "recording")
         notes = list[Note]()
@@ -66,9 +69,10 @@ class Baseline:
             replaced = f"{fallback} replaces it: {names}"
             if fallback == TRAINED:
                 text = f"{found} that reads like the training set's; {replaced}. {EMPTY_HAND_TOO}"
-                notes.append(Note(text, "warning", "baseline"))
             else:
-                notes.append(Note(f"{found}; {replaced}", topic="baseline"))
+                text = f"{found}; {replaced}"
+            is_unusual = fallback == TRAINED and own_open_hand
+            notes.append(Note(text, "warning" if is_unusual else "info", "baseline"))
         return notes
 
 

@@ -107,7 +107,10 @@ def decide(
         dtype=cast(Any, str(training.counts.dtype)),
         channel_names=training.channel_names,
         shows_open_hand=shows_open_hand,
-        drift=max(drift_within_sessions(training, baseline), *(one.drift for one in moments)),
+        own_open_hand=_shows_open_hand(training, states),
+        drift=max(
+            drift_within_sessions(training, baseline, sensors), *(one.drift for one in moments)
+        ),
     )
     notes = _choice_notes(chosen)
     if params.baseline == "grasp" and states.all_contact:
@@ -194,13 +197,18 @@ def _contact_sensors(live: int) -> Reasoned:
 
 
 def _shows_open_hand(recordings: Recordings, states: HandStates) -> bool:
-    """Return whether most recordings have a frame in contact, and five frames of one open hand."""
+    """Return whether most recordings of objects show an open hand before or after contact.
+
+    They have five frames of one open hand, and a frame in contact.
+    """
     shows = list[bool]()
     for index in frames_by_recording(recordings):
+        if recordings.empty_hand[index].all():
+            continue
         contact = states.contact[index]
         _, with_baseline = grasps_after_open_hand(states.open[index], contact)
         shows.append(bool(contact.any() and len(with_baseline)))
-    return float(np.mean(shows)) > 0.5
+    return sum(shows) > len(shows) / 2
 
 
 def _baseline(

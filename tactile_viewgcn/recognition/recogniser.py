@@ -170,7 +170,8 @@ class Recogniser:
                 short.append(name)
             answers.append(Answer(probabilities, len(excess), len(index), name, label))
         _raise_first(faults, len(index_of))
-        notes = [*baseline.notes(recordings), *rate_notes(self.plan, recordings)]
+        notes = baseline.notes(recordings, own_open_hand=self.plan.own_open_hand)
+        notes += rate_notes(self.plan, recordings)
         if without_contact:
             notes.append(no_contact_note(without_contact, len(index_of)))
         if untouched:

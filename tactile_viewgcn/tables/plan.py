@@ -30,6 +30,8 @@ class Plan:
         channel_names: the names of the sensors, row after row, or none.
         shows_open_hand: whether the training recordings show an open hand. If not, no frame counts
             as an open hand for a baseline. The filter still decides which frames are in contact.
+        own_open_hand: whether most training recordings of objects show an open hand of their own,
+            so that a new recording without one is unusual.
         drift: the standard deviation in counts of a sensor between the open hands of a session. It
             is 0 if it was not measured.
         kept_share: the share of the training frames that pass the filter.
@@ -51,6 +53,7 @@ class Plan:
     dtype: Literal["int16", "int32", "float32", "float64"]
     channel_names: list[str]
     shows_open_hand: bool = True
+    own_open_hand: bool = True
     drift: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     kept_share: float = 1.0
     noise: np.ndarray = Field(default_factory=lambda: np.zeros((0, 0)))

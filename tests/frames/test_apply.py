@@ -156,6 +156,19 @@ def test_the_training_set_s_baseline_has_the_drift_in_its_noise(tmp_path, sessio
     np.testing.assert_allclose(baseline.noise[0], np.hypot(plan.noise, drift), rtol=0.05)
 
 
+def test_two_sensors_that_differ_from_session_to_session_are_drift_of_a_new_session(tmp_path):
+    """Four of twenty sessions differ by 50 counts. The median sensor reads the same in all."""
+    glove = drifting(recordings=4, between=0, grasps=1)
+    plan, _, _ = plan_and_new_recordings(tmp_path, glove, first="cloth")
+    baselines = np.repeat(plan.baselines, 20, axis=0)
+    for session in range(4):
+        baselines[session, session, :2] += 50
+    names = [f"day {session}" for session in range(20)]
+    plan = replace(plan, sessions=names, baselines=baselines)
+    # the threshold is five standard deviations
+    assert new_session_drift(plan) == pytest.approx(10, rel=0.01)
+
+
 def test_a_plan_of_the_empty_hand_has_the_drift_between_its_recordings(tmp_path):
     glove = drifting(recordings=4, between=4)
     params = load(FILE, (*SPLIT, "preprocess.baseline=empty_hand", "preprocess.filter=contact"))

@@ -117,7 +117,8 @@ def test_an_open_hand_is_shown_where_most_recordings_have_five_frames_of_it_and_
 ):
     recording = np.repeat(np.arange(9), 6)
     frame = np.tile(np.arange(6), 9)
-    recordings = written(tmp_path / "t", np.arange(324).reshape(54, 2, 3), recording=recording)
+    counts = np.arange(324).reshape(54, 2, 3)
+    recordings = written(tmp_path / "t", counts, recording=recording, object=1)
     states = states_by_hand(recordings, (frame == 5) & (recording < touched))
     open_frames = np.where(recording < opening, 5, 4)
     states = replace(states, open=(frame < open_frames) & ~states.contact)
@@ -131,7 +132,8 @@ def test_open_frames_of_several_grasps_do_not_count_as_the_open_hand_of_one(
     """A grip that pulses has a few weak frames before each squeeze, which are no open hand."""
     recording = np.repeat(np.arange(4), 20)
     frame = np.tile(np.arange(10), 8)  # two grasps in each recording
-    recordings = written(tmp_path / "t", np.arange(480).reshape(80, 2, 3), recording=recording)
+    counts = np.arange(480).reshape(80, 2, 3)
+    recordings = written(tmp_path / "t", counts, recording=recording, object=1)
     states = states_by_hand(recordings, frame >= 8)
     states = replace(states, open=frame < frames)
     assert module._shows_open_hand(recordings, states) == shown

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactile_viewgcn.frames.drift import drift_between, is_contact
+from tactile_viewgcn.frames.drift import accepting_drift, drift_between, is_contact
 
 
 def test_the_drift_between_open_hands_is_the_one_of_the_median_sensor():
@@ -38,3 +38,43 @@ EXCESS = {
 def test_contact_differs_from_drift(case):
     excess, expected = EXCESS[case]
     assert is_contact(np.array(excess), np.full(40, 5.0)) == expected
+
+
+def open_hands(shifted, *, sensors):
+    """Return 20 open hands (20, 40) that read 500 counts, except in shifted ones.
+
+    In each of these, other sensors read 540 counts.
+
+    Args:
+        shifted: number of the open hands with such sensors.
+        sensors: how many sensors of each of them.
+    """
+    means = np.full((20, 40), 500.0)
+    for hand in range(shifted):
+        means[hand, 2 * hand : 2 * hand + sensors] += 40
+    return means
+
+
+@pytest.mark.parametrize(
+    ("shifted", "sensors", "drift"), [(0, 2, 0.5), (1, 2, 0.5), (2, 2, 8), (6, 2, 8), (6, 1, 0.5)]
+)
+def test_the_drift_is_so_large_that_19_of_20_open_hands_are_no_contact(shifted, sensors, drift):
+    """The threshold is five standard deviations, so a drift of 8 counts explains 40 counts.
+
+    One of 20 open hands can be contact. A single sensor that reads higher may be faulty.
+    """
+    means = open_hands(shifted, sensors=sensors)
+    assert drift_between(means) == 0
+    noise = np.ones(40)
+    found = accepting_drift(means, 0.5, noise, 2)
+    assert found == pytest.approx(drift)
+    threshold = 5 * np.hypot(noise, found)
+    are_contact = [is_contact(mean - 500, threshold) for mean in means]
+    assert sum(are_contact) <= 1
+
+
+def test_a_larger_drift_of_the_median_sensor_stays():
+    means = np.random.default_rng(0).normal(500, 10, (20, 40))
+    of_median = drift_between(means)
+    assert accepting_drift(means, of_median, np.ones(40)) == of_median
+    assert accepting_drift(means[:1], 3.0, np.ones(40)) == 3

@@ -241,7 +241,7 @@ def test_a_recording_without_open_hand_is_named_and_has(tmp_path, case):
         expected = expected.reshape(5, 8).astype(np.float32)
         np.testing.assert_array_equal(baseline.mean[row], expected)
         assert index in baseline.fallbacks["open hand", case]
-    (note,) = baseline.notes(recordings)
+    (note,) = baseline.notes(recordings, own_open_hand=True)
     count = len(never_open)
     unlike = " that reads like the training set's" if case == fallbacks.TRAINED else ""
     beginning = f"in {count} of 8 recordings no open hand was found{unlike}; {case} replaces it: "
