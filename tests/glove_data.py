@@ -561,3 +561,37 @@ def _trained() -> Classifier:
 def trained() -> Classifier:
     """Return a new copy of a classifier of four views, trained on `table()`, in evaluation mode."""
     return deepcopy(_trained())
+
+
+def days(shift: float, *, sessions: int = 6, with_empty_hand: bool = False) -> Recordings:
+    """Return recordings (30, 8, 8) of ten objects on several days, two a day, open for ten frames.
+
+    After the first day another fifth of the sensors reads higher by about `shift` each day, as
+    after putting a glove on anew.
+    """
+    objects = 10
+    shape = (8, 8)
+    rng = np.random.default_rng(0)
+    base = rng.normal(500, 30, shape)
+    patterns = np.where(rng.random((objects, *shape)) < 0.25, 12, 0)
+    arrays = []
+    labels = []
+    session_of = []
+
+    def add(label: int, session: int, pressed: np.ndarray | float) -> None:
+        counts = base + higher + rng.normal(0, 2, (30, *shape))
+        counts[10:25] += pressed
+        arrays.append(np.rint(counts).astype(np.int16))
+        labels.append(label)
+        session_of.append(session)
+
+    for session in range(sessions):
+        of_day = shift * (session > 0)
+        higher = np.where(rng.random(shape) < 0.2, np.abs(rng.normal(0, of_day, shape)), 0)
+        for label in range(objects):
+            for _ in range(2):
+                add(label + 1, session, patterns[label] * rng.lognormal(0, 0.8, shape))
+        if with_empty_hand:
+            add(0, session, 0)
+    names = [EMPTY_HAND, *(f"object {number}" for number in range(objects))]
+    return of_arrays(arrays, names, np.array(labels), np.array(session_of))

@@ -109,21 +109,22 @@ class Recogniser:
         """
         if not recordings:
             return [], []
-        given = [*recordings, *empty_hand]
+        # a fault of the empty hand makes all recordings faulty, so it comes first
+        given = [*empty_hand, *recordings]
         check_layouts(given, self._layout)
-        labels = np.arange(len(given)) >= len(recordings)
-        sessions = np.arange(len(given))
+        is_empty_hand = np.arange(len(given)) < len(empty_hand)
+        session = np.arange(len(given))
         if empty_hand:
-            sessions = np.zeros_like(sessions)
+            session = np.zeros_like(session)
         table = in_memory(
             given,
             [UNLABELLED, EMPTY_HAND],
-            labels.astype(np.int64),
-            sessions,
+            is_empty_hand.astype(np.int64),
+            session,
             [NO_SESSION] * len(given),
         )
         answers, notes = self.answer_table(replace(table, path=Path()))
-        return answers[: len(recordings)], notes
+        return answers[len(empty_hand) :], notes
 
     def answer_table(self, recordings: Recordings) -> tuple[list[Answer], list[Note]]:
         """Return the answers to the recordings of a table, and notes.

@@ -14,44 +14,10 @@ from tactile_viewgcn.params import default_params
 from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.recogniser import Answer, Recogniser
-from tests.glove_data import CPU, of_arrays, views_of
+from tests.glove_data import CPU, days, views_of
 
-OBJECTS = 10
-SHAPE = (8, 8)
 CHANGES = ("model.system=sensors", "model.members=[kernel]", "evaluate.trials=1")
 BY_SESSION = ("split.by=session", "split.folds=2", "split.fold=1")  # trained on the first day
-
-
-def days(shift, *, sessions=6, with_empty_hand=False):
-    """Return recordings (30, 8, 8) of ten objects on several days, two a day, open for ten frames.
-
-    After the first day another fifth of the sensors reads higher by about `shift` each day, as
-    after putting a glove on anew.
-    """
-    rng = np.random.default_rng(0)
-    base = rng.normal(500, 30, SHAPE)
-    patterns = np.where(rng.random((OBJECTS, *SHAPE)) < 0.25, 12, 0)
-    arrays = []
-    labels = []
-    session_of = []
-
-    def add(label, session, pressed):
-        counts = base + higher + rng.normal(0, 2, (30, *SHAPE))
-        counts[10:25] += pressed
-        arrays.append(np.rint(counts).astype(np.int16))
-        labels.append(label)
-        session_of.append(session)
-
-    for session in range(sessions):
-        of_day = shift * (session > 0)
-        higher = np.where(rng.random(SHAPE) < 0.2, np.abs(rng.normal(0, of_day, SHAPE)), 0)
-        for label in range(OBJECTS):
-            for _ in range(2):
-                add(label + 1, session, patterns[label] * rng.lognormal(0, 0.8, SHAPE))
-        if with_empty_hand:
-            add(0, session, 0)
-    names = [EMPTY_HAND, *(f"object {number}" for number in range(OBJECTS))]
-    return of_arrays(arrays, names, np.array(labels), np.array(session_of))
 
 
 def evaluated(folder, recordings, *changes):

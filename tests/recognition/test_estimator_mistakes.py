@@ -62,6 +62,12 @@ IN_FIT = {
         np.array(["a", 1, "a", "b"], dtype=object),
         "groups holds values of different kinds",
     ),
+    "sessions of a different length": ("sessions", [0, 1], r"sessions.*\(2,\).*\(4,\)"),
+    "a missing session": (
+        "sessions",
+        ["a", None, "a", "b"],
+        r"sessions\[1\] is missing; expected a session",
+    ),
     "no such system": ("system", "mvccn", "model.system: .*'mvccn'.*did you mean mvcnn"),
     "a value YAML has not": (
         "params",
@@ -97,7 +103,7 @@ def test_two_presets_are_refused():
 
 @pytest.mark.parametrize("argument, value, message", IN_FIT.values(), ids=IN_FIT)
 def test_a_mistake_in_fit_ends_in_one_line(argument, value, message):
-    data = {"X": recordings(), "y": Y, "groups": None}
+    data = {"X": recordings(), "y": Y, "groups": None, "sessions": None}
     options = {"params": CHOSEN}
     if isinstance(value, dict):
         value = CHOSEN | value
@@ -106,7 +112,7 @@ def test_a_mistake_in_fit_ends_in_one_line(argument, value, message):
     else:
         options[argument] = value
     classifier = TactileClassifier(**options)
-    mistake_has_one_line(message, classifier.fit, data["X"], data["y"], groups=data["groups"])
+    mistake_has_one_line(message, classifier.fit, **data)
     assert not hasattr(classifier, "recogniser_")
 
 

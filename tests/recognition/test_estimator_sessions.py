@@ -1,0 +1,94 @@
+"""In Python too, recordings have sessions, and a new session can bring its empty hand."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from tactile_viewgcn import TactileClassifier
+from tactile_viewgcn.messages import EMPTY_HAND, UserError
+from tactile_viewgcn.tables.recordings import NO_SESSION, frames_by_recording
+from tests.glove_data import days
+
+SHIFTED = days(120, with_empty_hand=True)
+
+
+def of_days(*numbers):
+    """Return the recordings of some days, the names of their objects, and their days."""
+    arrays = []
+    names = []
+    sessions = []
+    for index in frames_by_recording(SHIFTED):
+        session = SHIFTED.columns["session"][index[0]]
+        if session in numbers:
+            arrays.append(SHIFTED.counts[index])
+            names.append(SHIFTED.objects[SHIFTED.columns["object"][index[0]]])
+            sessions.append(f"day {session}")
+    return arrays, np.array(names), sessions
+
+
+def without_empty_hand(arrays, names):
+    """Return recordings of objects, their names, and the recordings of the empty hand."""
+    objects = [array for array, name in zip(arrays, names, strict=True) if name != EMPTY_HAND]
+    empty = [array for array, name in zip(arrays, names, strict=True) if name == EMPTY_HAND]
+    return objects, names[names != EMPTY_HAND], empty
+
+
+def fitted(*numbers, with_sessions=True, **changes):
+    """Return a classifier that was trained on these days."""
+    arrays, names, sessions = of_days(*numbers)
+    params = {f"preprocess.{key}": value for key, value in changes.items()}
+    classifier = TactileClassifier("kernels", params=params)
+    return classifier.fit(arrays, names, sessions=sessions if with_sessions else None)
+
+
+def test_the_empty_hand_of_a_new_day_gives_its_recordings_their_baseline():
+    classifier = fitted(0)
+    X, truth, empty = without_empty_hand(*of_days(3)[:2])
+    with pytest.warns(UserWarning, match="in 20 of 20 recordings no open hand .* empty_hand"):
+        answers = classifier.predict(X)
+    assert np.mean(answers != truth) > 0.3
+    with warnings.catch_warnings(action="error"):
+        answers = classifier.predict(X, empty)
+        probabilities = classifier.predict_proba(X, empty_hand=empty)
+    assert (answers == truth).all()
+    assert probabilities.shape == (20, 11)
+    # other recordings make no difference
+    np.testing.assert_array_equal(classifier.predict_proba(X[3:4], empty), probabilities[3:4])
+
+
+@pytest.mark.filterwarnings("error")
+def test_recordings_of_several_days_show_how_much_an_open_hand_differs():
+    X, truth, _ = without_empty_hand(*of_days(5)[:2])
+    assert fitted(1, 2, 3).score(X, truth) == 1
+
+
+def test_without_sessions_all_recordings_share_the_empty_hand():
+    arrays, names, _ = of_days(1, 2, 3)
+    classifier = fitted(1, 2, 3, baseline="empty_hand", filter="contact")
+    plan = classifier.recogniser_.plan
+    assert plan.sessions == ["day 1", "day 2", "day 3"]
+    for number, baseline in enumerate(plan.baselines):
+        (empty,) = (
+            array
+            for array, name in zip(arrays[21 * number : 21 * (number + 1)], names, strict=False)
+            if name == EMPTY_HAND
+        )
+        np.testing.assert_allclose(baseline, empty.mean(axis=0), atol=0.5)
+    plan = fitted(1, 2, 3, with_sessions=False, baseline="empty_hand").recogniser_.plan
+    assert plan.sessions == [NO_SESSION]
+
+
+@pytest.mark.parametrize(
+    ("empty_hand", "message"),
+    [
+        ([], "empty_hand is of type list and holds no recordings"),
+        ([np.zeros((3, 8, 8), int)], "empty_hand has 3 frames; expected 5 or more"),
+        ([np.zeros((9, 8, 7), int)], r"empty_hand\[0\]: frames of 8 x 7; expected 8 x 8"),
+        ([np.full((9, 8, 8), 9)], r"empty_hand\[0\].*expected .* or more, as an open hand read"),
+    ],
+)
+def test_a_mistake_in_the_empty_hand_is_named(empty_hand, message):
+    X, _, _ = without_empty_hand(*of_days(1)[:2])
+    with pytest.raises(UserError, match=message):
+        fitted(0).predict(X, empty_hand)
