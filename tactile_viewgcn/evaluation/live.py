@@ -125,20 +125,30 @@ def answer_live(
         text = f"{len(taken)} of {several(len(numbers), 'recording')}, evenly chosen, "
         text += "were answered as a live stream"
         notes.append(Note(text, topic="live"))
-    tested = int(numbered["is_tested"].sum())
-    count = int(answered.grasps["contact"].notna().sum())
-    if "grasp" in recordings.columns and count != tested:
-        text = f"the recordings have {several(tested, 'tested grasp')}, the stream finds {count}"
-        silent = len(answered.grasps) - count
-        if silent:
-            text += f", and none in {several(silent, 'split group')}"
-        text += ": it joins grasps between which the hand hardly opens, and misses light grasps"
-        notes.append(Note(text, topic="live"))
+    if "grasp" in recordings.columns:
+        notes += _other_count(int(numbered["is_tested"].sum()), answered.grasps)
     return rows, [*notes, *_silence(answered.grasps)]
 
 
+def _other_count(tested: int, grasps: pd.DataFrame) -> list[Note]:
+    """Return a note if a stream finds more or fewer grasps than the source numbers.
+
+    Args:
+        tested: number of the tested grasps.
+        grasps: see `Grasps.grasps`.
+    """
+    found = int(grasps["contact"].notna().sum())
+    if found == tested:
+        return []
+    text = f"the recordings have {several(tested, 'tested grasp')}, the stream finds {found}"
+    if found < len(grasps):
+        text += f", and none in {several(len(grasps) - found, 'split group')}"
+    text += ": it joins grasps between which the hand hardly opens, and misses light grasps"
+    return [Note(text, topic="live")]
+
+
 def _silence(grasps: pd.DataFrame) -> list[Note]:
-    """Return a warning if the stream finds no contact in most of the grasps `Grasps.grasps`."""
+    """Return a warning if a stream finds no contact in most of the grasps `Grasps.grasps`."""
     is_silent = grasps["contact"].isna() & ~grasps["right_unanswered"].astype(bool)
     silent = int(is_silent.sum())
     if silent <= len(grasps) / 2:

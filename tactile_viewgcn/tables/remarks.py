@@ -152,8 +152,9 @@ def _are_of_several_sessions(recordings: Recordings, pieces: pd.DataFrame) -> bo
     """
     numbers = np.asarray(recordings.columns["recording"])
     session_of = pd.Series(np.asarray(recordings.columns["session"])).groupby(numbers).first()
-    own = session_of.loc[pieces.index].to_numpy()
-    return bool((own != session_of.loc[pieces["partner"]].to_numpy()).any())
+    of_pieces = session_of.loc[pieces.index].to_numpy()
+    of_partners = session_of.loc[pieces["partner"]].to_numpy()
+    return bool((of_pieces != of_partners).any())
 
 
 def _standing_still(recordings: Recordings, look: Look) -> Iterator[Note]:
