@@ -72,7 +72,7 @@ def test_what_is_written_is_read_back_in_every_field(tmp_path, dtype, frames):
     np.testing.assert_array_equal(read.counts, written.counts)
     assert read.counts.dtype == written.counts.dtype
     values = read.values()
-    assert len(values) == 9 + 4 + 13  # the columns, the baselines and names, and the plan
+    assert len(values) == 9 + 4 + 14  # the columns, the baselines and names, and the plan
     for name, before in written.values().items():
         after = values[name]
         if isinstance(before, np.ndarray):
