@@ -137,8 +137,8 @@ def new_session_drift(plan: Plan) -> float:
     """Return how far the open hand of a new session is from the mean of the training's sessions.
 
     The standard deviation in counts is returned. It has the drift within a session and the drift
-    between sessions, of the median sensor. It is larger if an open hand of the training set would
-    count as contact otherwise, see `accepting_drift`.
+    between sessions, of the median sensor. It is larger if the open hand of one of these sessions
+    would count as contact otherwise, see `accepting_drift`.
     """
     means = plan.baselines[:, plan.live]
     of_median = float(np.hypot(plan.drift, drift_between(means)))

@@ -28,9 +28,10 @@ OPEN = "the session's open hand"
 TRAINED = "the training set's baseline"
 QUIETEST = "the five quietest frames"
 EMPTY_HAND_TOO = (
-    "If the hand was open in them, give the empty hand of their session too: as recordings of the "
-    f"object {EMPTY_HAND}, or in Python as the argument empty_hand"
+    "If the hand was open in them, give the empty hand of their session too: in a folder "
+    f"{EMPTY_HAND} next to them, or in Python as the argument {EMPTY_HAND}"
 )
+OTHER_SESSION = f"If the hand was open in them, {EMPTY_HAND} is not of their session"
 
 
 @dataclass(frozen=True)
@@ -57,22 +58,32 @@ class Baseline:
 
         Args:
             recordings: the recordings.
-            own_open_hand: whether most training recordings show an open hand of their own. Then the
-                note on a new recording without one is a warning, since its answer is often wrong if
-                its open hand does not read as in the training.
+            own_open_hand: whether the recordings are new, and most training recordings show an open
+                hand of their own. Then the note on new recordings without one is a warning if the
+                training set's baseline replaces it, or if more than half of them have none: their
+                answers are often wrong if their open hand only reads otherwise.
         """
-        total = several(len(np.unique(recordings.columns["recording"])), "recording")
+        recorded = np.unique(recordings.columns["recording"])
+        total = several(len(recorded), "recording")
+        of_objects = len(np.unique(recordings.columns["recording"][~recordings.empty_hand]))
         notes = list[Note]()
         for (lacking, fallback), numbers in self.fallbacks.items():
             names = listed([recordings.recordings[number] for number in numbers])
-            found = f"in {len(numbers)} of {total} no {lacking} was found"
-            replaced = f"{fallback} replaces it: {names}"
+            text = f"in {len(numbers)} of {total} no {lacking} was found"
+            remedy = ""
             if fallback == TRAINED:
-                text = f"{found} that reads like the training set's; {replaced}. {EMPTY_HAND_TOO}"
+                text += " that reads like the training set's"
+                remedy = EMPTY_HAND_TOO
+            elif fallback == EMPTY and own_open_hand and len(numbers) > of_objects / 2:
+                remedy = OTHER_SESSION
+            text += f"; {fallback} replaces it: {names}"
+            if not remedy:
+                notes.append(Note(text, topic="baseline"))
+                continue
+            if own_open_hand:
+                notes.append(Note(f"{text}. {remedy}", "warning", "baseline"))
             else:
-                text = f"{found}; {replaced}"
-            is_unusual = fallback == TRAINED and own_open_hand
-            notes.append(Note(text, "warning" if is_unusual else "info", "baseline"))
+                notes.append(Note(f"{text}. {remedy}", topic="baseline"))
         return notes
 
 

@@ -88,7 +88,7 @@ def decide(
     )
     if settings.baseline == "auto":
         published = has_published_split(recordings)
-        kind, reason = _baseline(training, states, has_empty_hand=not lacking, published=published)
+        kind, reason = _baseline(training, states, lacking, published=published)
         chosen["baseline"] = (kind, reason)
         if kind == "none":
             chosen["zero"] = _zero(training)
@@ -108,9 +108,7 @@ def decide(
         channel_names=training.channel_names,
         shows_open_hand=shows_open_hand,
         own_open_hand=_shows_open_hand(training, states),
-        drift=max(
-            drift_within_sessions(training, baseline, sensors), *(one.drift for one in moments)
-        ),
+        drift=max(drift_within_sessions(training, baseline), *(one.drift for one in moments)),
     )
     notes = _choice_notes(chosen)
     if params.baseline == "grasp" and states.all_contact:
@@ -201,9 +199,10 @@ def _shows_open_hand(recordings: Recordings, states: HandStates) -> bool:
 
     They have five frames of one open hand, and a frame in contact.
     """
+    is_empty_hand = recordings.empty_hand
     shows = list[bool]()
     for index in frames_by_recording(recordings):
-        if recordings.empty_hand[index].all():
+        if is_empty_hand[index].all():
             continue
         contact = states.contact[index]
         _, with_baseline = grasps_after_open_hand(states.open[index], contact)
@@ -212,21 +211,30 @@ def _shows_open_hand(recordings: Recordings, states: HandStates) -> bool:
 
 
 def _baseline(
-    training: Recordings, states: HandStates, *, has_empty_hand: bool, published: bool
+    training: Recordings, states: HandStates, lacking: list[str], *, published: bool
 ) -> Reasoned:
     """Return the kind of baseline.
 
     Arrays and channels with an empty hand in every session get `empty_hand`, arrays only if the
     split is published. All other channels get `none`, as do arrays that show no open hand. All
     other arrays get `grasp`.
+
+    Args:
+        training: the training set and the empty hand of its sessions.
+        states: the states of the hand in them.
+        lacking: names of the sessions with too few frames of the empty hand.
+        published: whether every object has a published split.
     """
     array = is_array(training.live)
+    has_empty_hand = not lacking
     if has_empty_hand and published:
         return "empty_hand", "every session has an empty hand, and the split is published"
     if has_empty_hand and not array:
         return "empty_hand", "every session has an empty hand"
     if not array:
         reason = "channels can read anything without contact, so they are taken as they are"
+        if training.empty_hand.any():
+            reason += f"; the empty hand is not used, since {listed(lacking)} lacks it"
         return "none", reason
     if states.all_contact:
         reason = "most recordings do not show both an open hand and a grasp, so they are taken as "

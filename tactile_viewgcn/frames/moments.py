@@ -39,7 +39,8 @@ class Moments(NamedTuple):
         mean: (S,) of the open hand; None if it is not known.
         noise: (S,) standard deviation of an open hand about its own mean.
         session_noise: (S,) standard deviation of all open hands about `mean`.
-        drift: standard deviation of the means of open hands, see `drift_between`.
+        drift: standard deviation of the means of open hands, that of the median sensor or more; see
+            `frames/drift.py`.
     """
 
     mean: np.ndarray | None
@@ -51,8 +52,8 @@ class Moments(NamedTuple):
     def drifted_noise(self) -> np.ndarray:
         """Return the standard deviation (S,) of a further open hand about `mean`.
 
-        A few open hands can lie close together by chance in some sensors, so the drift of the
-        median sensor is the least that any sensor has.
+        A few open hands can lie close together by chance in some sensors, so each sensor has
+        `drift` at least.
         """
         least = np.hypot(self.noise, self.drift)
         drifted: np.ndarray = np.maximum(self.session_noise, least)
@@ -94,12 +95,14 @@ def _moments(recordings: Recordings, index: np.ndarray) -> Moments:
     if len(index) < 2:
         unknown = np.ones(counts.shape[1])
         return Moments(None, unknown, unknown)
-    visible = visible_noise(counts[evenly(index, NOISE_FRAMES)])
     empty = index[recordings.empty_hand[index]]
     if len(empty) >= MIN_FRAMES:
+        # no other recording of the session counts, so that none changes the answer to another
+        visible = visible_noise(counts[evenly(empty, NOISE_FRAMES)])
         sample = evenly(empty, MEAN_FRAMES)
         recording = recordings.columns["recording"][sample]
         return _empty_hand_moments(counts[sample], recording, visible)
+    visible = visible_noise(counts[evenly(index, NOISE_FRAMES)])
     sample = evenly(np.arange(len(index) - 1), NOISE_FRAMES)
     noise = noise_of_changes(counts[index[sample]], counts[index[sample + 1]], visible)
     return Moments(None, noise, noise)

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from tactile_viewgcn.frames.baseline import Baseline
-from tactile_viewgcn.frames.drift import accepting_drift, drift_between
+from tactile_viewgcn.frames.drift import drift_between
 from tactile_viewgcn.messages import EMPTY_HAND
 from tactile_viewgcn.tables.counts import evenly, middles
 from tactile_viewgcn.tables.frames import TRAIN, Frames, frame_rates
@@ -63,17 +63,15 @@ def training_rates(recordings: Recordings, training: np.ndarray) -> list[float]:
     return [min(rates), max(rates)]
 
 
-def drift_within_sessions(recordings: Recordings, baseline: Baseline, sensors: int) -> float:
+def drift_within_sessions(recordings: Recordings, baseline: Baseline) -> float:
     """Return the drift between the open hands of a session's recordings in counts.
 
-    It is the mean over the sessions. In each it is the drift of the median sensor, or more if the
-    open hands would count as contact otherwise, see `accepting_drift`. Recordings whose baseline is
-    a fallback are left out, since they show no open hand.
+    It is the mean over the sessions, see `drift_between`. Recordings whose baseline is a fallback
+    are left out, since they show no open hand.
 
     Args:
         recordings: T frames of the training set.
         baseline: the baseline of these frames.
-        sensors: fewest sensors that are pressed in a frame of contact.
     """
     columns = recordings.columns
     without_open_hand = list(chain(*baseline.fallbacks.values()))
@@ -87,9 +85,7 @@ def drift_within_sessions(recordings: Recordings, baseline: Baseline, sensors: i
             mean = baseline.mean[numbers.unique()].mean(axis=0)
             means.append(mean[recordings.live])
         if len(means) > 1:
-            noise = baseline.noise[of_session["baseline"].unique()].mean(axis=0)[recordings.live]
-            of_median = drift_between(np.stack(means))
-            drifts.append(accepting_drift(np.stack(means), of_median, noise, sensors))
+            drifts.append(drift_between(np.stack(means)))
     return float(np.mean(drifts)) if drifts else 0.0
 
 

@@ -44,6 +44,17 @@ from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
 
+#: Beginnings of the keys of params.yaml that have no effect in memory.
+NOT_READ = (
+    "data.source",
+    "data.layout",
+    "split.by",
+    "split.fold",
+    "split.deal",
+    "evaluate.",
+    "glove.",
+)
+
 
 class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # has no types
     """A classifier of objects in tactile recordings: any system or preset, trained in memory.
@@ -123,11 +134,11 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
         classes, labels = _distinct(y)
         group = np.arange(len(y))
         if groups is not None:
-            group, _ = _numbers("groups", groups, len(y))
+            group, _ = _numbers("group", groups, len(y))
         session = np.zeros(len(y), dtype=np.int64)
         session_names = [NO_SESSION]
         if sessions is not None:
-            session, session_names = _numbers("sessions", sessions, len(y))
+            session, session_names = _numbers("session", sessions, len(y))
         check_layouts(recorded)
         recordings = in_memory(recorded, list(map(str, classes)), labels, session, session_names)
         with TemporaryDirectory() as folder:
@@ -159,16 +170,10 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
         """
         check_is_fitted(self, "recogniser_")
         recogniser = self.recogniser_
-        recordings = self._recordings(X)
-        is_one_recording = isinstance(X, np.ndarray) and X.shape[1:] == recogniser.shape
-        # with one row of sensors, X is n recordings of one frame, as in `fit`
-        if is_one_recording and recogniser.shape[0] > 1:
-            raise UserError(
-                f"X {X.shape} is one recording; expected a list: [X], or [*X] of single frames"
-            )
+        recordings = self._new_recordings(X, "X")
         of_empty_hand = list[Recording]()
         if empty_hand is not None:
-            of_empty_hand = self._recordings(empty_hand, "empty_hand")
+            of_empty_hand = self._new_recordings(empty_hand, "empty_hand")
             _check_length(of_empty_hand)
         answers, notes = recogniser.answer_recordings(recordings, of_empty_hand)
         texts = [note.text for note in warnings_of(notes)]
@@ -249,6 +254,19 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
         classifier.classes_ = np.array(classifier.recogniser_.classes)
         return classifier
 
+    def _new_recordings(self, X: Any, name: str) -> list[Recording]:
+        """Return the recordings of an argument of `predict`, which must not be a single one."""
+        recordings = self._recordings(X, name)
+        shape = self.recogniser_.shape
+        is_one_recording = isinstance(X, np.ndarray) and X.shape[1:] == shape
+        # with one row of sensors, X is n recordings of one frame, as in `fit`
+        if is_one_recording and shape[0] > 1:
+            raise UserError(
+                f"{name} {X.shape} is one recording; "
+                f"expected a list: [{name}], or [*{name}] of single frames"
+            )
+        return recordings
+
     def _recordings(self, X: Any, name: str = "X") -> list[Recording]:
         """Return the recordings of the argument of this name, one or more; see `recording_of`."""
         is_array = isinstance(X, np.ndarray) and X.ndim > 0
@@ -278,6 +296,12 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
                 f"params is {self.params!r}; expected a mapping of keys of params.yaml to values, "
                 "or None"
             )
+        for key in self.params or {}:
+            if str(key).startswith(NOT_READ):
+                raise UserError(
+                    f"params has {key}, which only the pipeline reads; to hold out recordings, "
+                    "use `groups` with a splitter of scikit-learn"
+                )
         seed = self.random_state
         if seed is None or isinstance(seed, np.random.RandomState):
             seed = check_random_state(seed).randint(2**31 - 1)
@@ -370,16 +394,16 @@ def _check_length(empty_hand: Sequence[Recording]) -> None:
         raise UserError(f"empty_hand has {several(frames, 'frame')}; expected {MIN_FRAMES} or more")
 
 
-def _numbers(name: str, values: Any, count: int) -> tuple[np.ndarray, list[str]]:
+def _numbers(kind: str, values: Any, count: int) -> tuple[np.ndarray, list[str]]:
     """Return the number (n,) of each recording's group or session, and the names by number.
 
     Args:
-        name: name of the argument.
+        kind: `group` or `session`; the argument has this name with an s.
         values: (n,) the argument.
         count: n.
     """
+    name = f"{kind}s"
     values = np.asarray(values, dtype=object)  # a text would hide a missing value
-    kind = name.removesuffix("s")
     if values.shape != (count,):
         raise UserError(
             f"{name} has shape {values.shape}; "
@@ -388,8 +412,7 @@ def _numbers(name: str, values: Any, count: int) -> tuple[np.ndarray, list[str]]
     missing = np.flatnonzero(pd.isna(values))
     if len(missing):
         raise UserError(
-            f"{name}[{missing[0]}] is missing; expected a {kind} for each recording of X, "
-            "such as one of its own"
+            f"{name}[{missing[0]}] is missing; expected a {kind} for each recording of X"
         )
     try:
         distinct, numbers = np.unique(values, return_inverse=True)

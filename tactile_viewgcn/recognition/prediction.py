@@ -62,8 +62,6 @@ def predict(
         f"{'recording':<{NAME_WIDTH}} {'contact':>{FRAMES_WIDTH}}  answer",
     )
     echo(*map(_line, records), *_summary(records))
-    if all(record["right"] is None for record in records):
-        echo("`tactile-viewgcn report` says how often the model is wrong, also in a new session")
     if csv_path:
         head = csv_text([records[0]])
         content = head + csv_text(record.values() for record in records)
@@ -148,7 +146,11 @@ def _line(record: dict[str, Any]) -> str:
 
 
 def _summary(records: list[dict[str, Any]]) -> list[str]:
-    """Return lines with the numbers of answers with and without contact, and of right answers."""
+    """Return lines with the numbers of answers with and without contact, and of right answers.
+
+    Right answers for the empty hand do not count: they are easy, and say nothing about objects. If
+    no object has a known name, a line says where to read how often the model is wrong.
+    """
     counts = Counter[str]()
     for record in records:
         if record["class_1"] is None:
@@ -159,11 +161,20 @@ def _summary(records: list[dict[str, Any]]) -> list[str]:
             counts["with an object"] += 1
     kinds = [f"{count} {text}" for text, count in sorted(counts.items(), reverse=True)]
     lines = ["answers: " + ", ".join(kinds)]
-    known = [record for record in records if record["right"] is not None]
+    known = [
+        record["right"]
+        for record in records
+        if record["right"] is not None and record["object"] != EMPTY_HAND
+    ]
     if known:
-        right = sum(record["right"] for record in known)
-        lines.append(f"right: {right} of {len(known)} ({100 * right / len(known):.1f} %)")
+        right = sum(known)
+        lines.append(f"right: {right} of {len(known)} objects ({100 * right / len(known):.1f} %)")
     unknown = [record for record in records if record["object"] and record["right"] is None]
     if unknown:
         lines.append(f"with a name that is no object of the model: {len(unknown)}")
+    if not known:
+        lines.append(
+            "for a model of the pipeline, `tactile-viewgcn report` says how often it is wrong, "
+            "also in a new session"
+        )
     return lines

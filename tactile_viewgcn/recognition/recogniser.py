@@ -124,6 +124,10 @@ class Recogniser:
             [NO_SESSION] * len(given),
         )
         answers, notes = self.answer_table(replace(table, path=Path()))
+        if empty_hand and self.plan.params.baseline == "none":
+            text = "the empty hand is not used, since the training subtracted a constant "
+            text += "(preprocess.baseline: none)"
+            notes.append(Note(text, "warning", "baseline"))
         return answers[len(empty_hand) :], notes
 
     def answer_table(self, recordings: Recordings) -> tuple[list[Answer], list[Note]]:

@@ -31,9 +31,9 @@ class Plan:
         shows_open_hand: whether the training recordings show an open hand. If not, no frame counts
             as an open hand for a baseline. The filter still decides which frames are in contact.
         own_open_hand: whether most training recordings of objects show an open hand of their own,
-            so that a new recording without one is unusual.
-        drift: the standard deviation in counts of a sensor between the open hands of a session. It
-            is 0 if it was not measured.
+            so that a new recording without one is unusual. It is false if that is not known.
+        drift: the standard deviation in counts of the median sensor between the open hands of a
+            session. It is 0 if it was not measured.
         kept_share: the share of the training frames that pass the filter.
         noise: (H, W) the mean standard deviation of the training set's baselines in counts. It is
             NaN if it was not measured, and has the shape (0, 0) before `measured_on`.
@@ -53,7 +53,7 @@ class Plan:
     dtype: Literal["int16", "int32", "float32", "float64"]
     channel_names: list[str]
     shows_open_hand: bool = True
-    own_open_hand: bool = True
+    own_open_hand: bool = False
     drift: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     kept_share: float = 1.0
     noise: np.ndarray = Field(default_factory=lambda: np.zeros((0, 0)))

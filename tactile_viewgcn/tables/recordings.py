@@ -220,7 +220,7 @@ def in_memory(
     sessions: np.ndarray,
     session_names: Sequence[str],
 ) -> Recordings:
-    """Return the table of n recordings with the same sensors, with times if all have them.
+    """Return the table of n recordings with the same sensors, and the times of those that have any.
 
     Args:
         recordings: the recordings, from `recording_of`.
@@ -234,15 +234,15 @@ def in_memory(
     lengths = [len(array) for array in arrays]
     counts = np.concatenate(arrays)
     row = np.repeat(np.arange(len(arrays)), lengths)
-    time = np.full(len(row), np.nan)
-    if all("time" in recording.values for recording in recordings):
-        clocks = [recording.values["time"] for recording in recordings]
-        time = np.concatenate([clock - clock[:1] for clock in clocks])
+    clocks = [
+        recording.values.get("time", np.full(length, np.nan))
+        for recording, length in zip(recordings, lengths, strict=True)
+    ]
     columns = {
         "object": labels[row],
         "recording": row,
         "session": sessions[row],
-        "time": time,
+        "time": np.concatenate([clock - clock[:1] for clock in clocks]),
         "frame": np.concatenate([np.arange(length) for length in lengths]),
     }
     return Recordings(

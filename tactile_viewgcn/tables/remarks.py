@@ -9,10 +9,11 @@ from itertools import compress
 import numpy as np
 import pandas as pd
 
-from tactile_viewgcn.messages import Note, listed, several
+from tactile_viewgcn.messages import EMPTY_HAND, Note, listed, several
 from tactile_viewgcn.tables.look import Look, takes_of_source
 from tactile_viewgcn.tables.recordings import Recordings, frames_by_recording
 
+EMPTY_HANDS = ("empty", "emptyhand")  # other names of the empty hand, without blanks
 MOST_PLACES = 3  # recordings with a long text that one warning lists
 # a warning needs fewer recordings, or sensors, than this that look so by chance
 MOST_EXPECTED = 1e-3
@@ -387,15 +388,22 @@ def _relative(values: np.ndarray) -> np.ndarray:
 
 
 def _spellings(recordings: Recordings) -> Iterator[Note]:
-    """Warn of objects whose names differ only in capitals, blanks, hyphens or underscores."""
+    """Warn of objects whose names differ only in capitals, blanks, hyphens or underscores.
+
+    The name of the empty hand is always `empty_hand`, so another spelling of it is warned of too.
+    """
     first_frames = [index[0] for index in frames_by_recording(recordings)]
     labels = np.asarray(recordings.columns["object"])[first_frames]
     counts = np.bincount(labels, minlength=len(recordings.objects)).tolist()
     spellings = dict[str, list[str]]()
     for name, count in zip(recordings.objects, counts, strict=True):
+        spelling = f"{name!r} ({several(count, 'recording')})"
         letters = unicodedata.normalize("NFKC", name)
         key = re.sub(r"(?<=\w)[\s_-]+", "", letters).casefold()
-        spellings.setdefault(key, []).append(f"{name!r} ({several(count, 'recording')})")
+        spellings.setdefault(key, []).append(spelling)
+        if key in EMPTY_HANDS and name != EMPTY_HAND:
+            text = f"The object {spelling}: if it is the empty hand, name it {EMPTY_HAND!r}."
+            yield _warning("spelling", text)
     names = [" and ".join(alike) for alike in spellings.values() if len(alike) > 1]
     if names:
         text = f"Objects whose names differ only in spelling: {listed(names)}. "

@@ -166,7 +166,7 @@ def test_two_sensors_that_differ_from_session_to_session_are_drift_of_a_new_sess
     names = [f"day {session}" for session in range(20)]
     plan = replace(plan, sessions=names, baselines=baselines)
     # the threshold is five standard deviations
-    assert new_session_drift(plan) == pytest.approx(10, rel=0.01)
+    assert new_session_drift(plan) == pytest.approx(10, rel=0.05)
 
 
 def test_a_plan_of_the_empty_hand_has_the_drift_between_its_recordings(tmp_path):

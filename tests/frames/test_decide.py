@@ -125,6 +125,42 @@ def test_an_open_hand_is_shown_where_most_recordings_have_five_frames_of_it_and_
     assert module._shows_open_hand(recordings, states) == shown
 
 
+def test_recordings_of_the_empty_hand_do_not_count_for_whether_objects_show_an_open_hand(tmp_path):
+    """Six of nine recordings are of the empty hand; the others show an open hand, then contact."""
+    recording = np.repeat(np.arange(9), 6)
+    counts = np.arange(324).reshape(54, 2, 3)
+    label = (recording >= 6).astype(int)
+    recordings = written(tmp_path / "t", counts, recording=recording, object=label)
+    is_contact = (np.tile(np.arange(6), 9) == 5) & (recording >= 6)
+    assert module._shows_open_hand(recordings, states_by_hand(recordings, is_contact))
+
+
+@pytest.mark.parametrize("missing", [True, False])
+def test_a_session_without_empty_hand_is_named_if_the_others_have_one(tmp_path, missing):
+    """Six channels, of which no open hand is looked for."""
+    rng = np.random.default_rng(0)
+    recording = np.repeat(np.arange(12), 20)
+    label = recording % 3
+    session = recording // 6
+    label[(session == 1) & (label == 0) & missing] = 1
+    recordings = written(
+        tmp_path / "t",
+        rng.normal(0, 1, (240, 1, 6)),
+        recording=recording,
+        object=label,
+        session=session,
+        sessions=["Monday", "Tuesday"],
+    )
+    params = load(FILE, ("split.by=recording", "split.folds=2"))
+    choice = preprocess_recordings(recordings, params.preprocess, params.split).choice
+    (note,) = (note for note in choice.notes if note.key == "preprocess.baseline")
+    if missing:
+        assert note.value == "none"
+        assert note.text.endswith("the empty hand is not used, since Tuesday lacks it")
+    else:
+        assert note.value == "empty_hand"
+
+
 @pytest.mark.parametrize(("frames", "shown"), [(5, True), (3, False)])
 def test_open_frames_of_several_grasps_do_not_count_as_the_open_hand_of_one(
     tmp_path, frames, shown

@@ -79,6 +79,7 @@ IN_FIT = {
         {"data.shape": [2, 8]},
         r"data.shape is \[2, 8\]; here expected",
     ),
+    "a key of the pipeline": ("params", {"split.folds": 4}, "split.folds, which only the pipeline"),
     "params as a text": ("params", "views=4", "'views=4'"),
 }
 

@@ -141,6 +141,7 @@ def test_one_recording_has_one_probability_by_all_interfaces(
     np.testing.assert_allclose(np.exp(answers), by_class, atol=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore:in . of . recordings? no empty or open hand")
 def test_recordings_in_memory_have_one_answer_whatever_the_training_s_sessions_are_called(
     tmp_path,
 ):

@@ -55,7 +55,7 @@ def test_unlabelled_recordings_have_a_line_each(folder):
     ]
     assert columns.split() == ["recording", "contact", "answer"]
     assert last == "answers: 3 with an object"
-    assert "how often the model is wrong" in hint
+    assert "`tactile-viewgcn report` says how often it is wrong" in hint
     network = model_file(folder / "full.pt", "model.system=mvcnn")
     head = call(network, folder / "new")[0]
     assert head == "model: mvcnn, 3 classes; probabilities are not calibrated"
@@ -236,14 +236,14 @@ def test_a_table_with_a_column_without_a_name_is_answered_as_it_was_learnt(tmp_p
             recordings, default_params(changes), recordings.columns["recording"], tmp_path / "c.pt"
         )
     lines = call(tmp_path / "c.pt", tmp_path / "glove")
-    assert lines[-1] == "right: 8 of 8 (100.0 %)"
+    assert lines[-1] == "right: 8 of 8 objects (100.0 %)"
 
 
 def test_labelled_recordings_are_counted_and_the_file_holds_what_is_printed(folder):
     words = folder / "classifier.pt", folder / "labelled", "--csv", folder / "a.csv"
     *_, right, other = call(*words)
     assert call(*words)[-2:] == [right, other]  # the file of an earlier call is replaced
-    assert right == "right: 4 of 4 (100.0 %)"  # the empty hand is right without contact
+    assert right == "right: 3 of 3 objects (100.0 %)"  # the empty hand does not count
     assert other == "with a name that is no object of the model: 1"
     rows = {row["recording"]: row for row in answers_in(folder / "a.csv")}
     assert [name for name in rows["cup"] if "class" in name] == ["class_1", "class_2", "class_3"]

@@ -242,6 +242,14 @@ def test_times_count_from_a_recording_s_first_frame_wherever_its_clock_begins():
     np.testing.assert_allclose(table.columns["time"], [0, 0.5, 1.5] * 3, atol=1e-6)
 
 
+def test_a_recording_keeps_its_times_beside_one_without():
+    timed = pd.DataFrame({"time": [3, 4, 6], "a": [1.0, 2, 3]})
+    recordings = [recording_of(columns, "X") for columns in (timed, timed[["a"]])]
+    zeros = np.zeros(2, dtype=int)
+    table = in_memory(recordings, ["pen"], zeros, zeros, ["today"])
+    np.testing.assert_array_equal(table.columns["time"], [0, 1, 3, np.nan, np.nan, np.nan])
+
+
 def test_of_an_array_the_frames_may_be_last():
     counts = np.arange(24).reshape(2, 3, 4)
     frames = recording_of(counts, "X", frames_last=True).values["pressure"]

@@ -53,6 +53,11 @@ CASES = {  # counts, changes, and words of the warnings by topic
         {"objects": ["tea_box", "-1", "Tea  Box"]},
         {"spelling": "(2 recordings) and 'Tea  Box' (2"},
     ),
+    "another name of the empty hand": (
+        COUNTS,
+        {"objects": ["mug", "Empty Hand", "pen"]},
+        {"spelling": "The object 'Empty Hand' (|if it is the empty hand, name it 'empty_hand'"},
+    ),
     "signs": (COUNTS, {"objects": ["1", "-1", "mug"]}, {}),
 }
 
