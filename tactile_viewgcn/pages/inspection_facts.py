@@ -14,6 +14,7 @@ from tactile_viewgcn.pages import html
 from tactile_viewgcn.pages.checks import NEED_FRAMES, UNKNOWN, Check, outcomes
 from tactile_viewgcn.pages.source_inspection import Overview
 
+MOST_DEAD = 0.1  # with a larger share of a grid's places that never vary, they have no sensor
 TWICE = "Record each object at least twice, better five times in two sessions."
 FIRMLY = (
     "Record more of each object, held firmly. "
@@ -73,12 +74,16 @@ def _contact_rule(overview: Overview) -> str:
 
 
 def _varying_sensors(overview: Overview) -> str:
-    """Return in words how many sensors vary, and the names of the channels that are not used."""
+    """Return in words how many sensors vary, and the names of those that are not used.
+
+    Many places of a grid can be without a sensor. Then they are not named.
+    """
     recordings = overview.recordings
     text = f"of {several(recordings.live.size, 'sensor')} vary"
-    if not recordings.channel_names or recordings.live.all():
-        return text
     unused = recordings.sensor_names(~recordings.live)
+    has_gaps = not recordings.channel_names and len(unused) > MOST_DEAD * recordings.live.size
+    if not unused or has_gaps:
+        return text
     if len(unused) == 1:
         return f"{text}; {unused[0]} reads the same in all frames and is not used"
     return f"{text}; {listed(unused)} read the same in all frames and are not used"

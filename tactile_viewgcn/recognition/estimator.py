@@ -155,8 +155,10 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
     def predict_proba(self, X: Any, empty_hand: Any = None) -> np.ndarray:
         """Return class probabilities float32 (n, Y) of recordings, a column for each of `classes_`.
 
-        It refuses and warns of the same things as the command `predict`. A recording without
-        contact is answered with the empty hand. If the empty hand is no class, you are warned.
+        It refuses the same things as the command `predict`, and repeats its warnings. A recording
+        without contact is answered with the empty hand, also if an object is held so weakly, or
+        from the first frame to the last, that it is taken for an open hand. If the empty hand is no
+        class, you are warned.
 
         Args:
             X: n recordings.

@@ -55,7 +55,8 @@ def test_the_page_shows_the_facts_and_the_settings(overview):
     text = text_of(page)
     assert page.startswith("<!DOCTYPE html>")
     assert "12 recordings of 3 objects in 2 sessions" in text
-    assert "95 of 96 sensors vary" in text
+    assert "95 of 96 sensors vary; row " in text
+    assert " reads the same in all frames and is not used" in text
     assert all(name in text for name in NAMES) and "-S 'data.source=\"" in text
     assert all(note.text in text and note.key in text for note in overview.settings)
     # most healthy sensors are pressed by no object
