@@ -13,6 +13,9 @@ NOT_MEASURED = "not measured"
 UNTRAINED_MARK = " †"
 CLAIMED = "object"  # the protocol under which the paper has its claims
 STAG_SETS = {"real_blindfolded_lite": "`blindfolded_lite`", "real_weights_lite": "`weights_lite`"}
+#: Folders of variants that were trained later than the other variants of their study, with its
+#: reference beside them.
+LATER = {("real_weights_lite", "paper"): "real_weights_lite_paper"}
 KERNELS = "preset kernels"
 METHODS = {
     KERNELS: "preset `kernels`",
@@ -125,8 +128,14 @@ def error(study: str, variant: str, protocol: str) -> str:
     return text
 
 
+def folder_of(study: str, variant: str) -> str:
+    """Return the name of the folder in studies/ that has a variant's row; see `LATER`."""
+    return LATER.get((study, variant), study)
+
+
 def error_or_not(study: str, variant: str) -> str:
     """Return the error on whole recordings, or that it was not measured."""
+    study = folder_of(study, variant)
     if has(study, variant, WHOLE):
         return error(study, variant, WHOLE)
     return NOT_MEASURED

@@ -20,6 +20,7 @@ from studies.findings import (
     difference,
     error,
     error_or_not,
+    folder_of,
     has,
     row,
     runs,
@@ -96,6 +97,7 @@ def _comparison_row(
     """
     more = ""
     seconds = ""
+    study = folder_of(study, variant)
     if has(study, variant, WHOLE):
         seconds = _training_seconds(study, variant)
         if variant != reference:
