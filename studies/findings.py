@@ -90,14 +90,14 @@ def row(study: str, variant: str, protocol: str) -> "pd.Series[float]":
     """Return the row of a variant in the results file of a study.
 
     Args:
-        study: name of the folder in studies/.
+        study: name of the folder in studies/; `LATER` can name another one for the variant.
         variant: its name there.
         protocol: a key of `trials.TITLES`.
 
     Raises:
         UserError: there is no such file or row.
     """
-    path = FOLDER / study / "results.csv"
+    path = FOLDER / LATER.get((study, variant), study) / "results.csv"
     if not path.exists():
         raise UserError(f"{path}: no such file; expected the results of a study")
     rows = pd.read_csv(path, keep_default_na=True)
@@ -128,14 +128,8 @@ def error(study: str, variant: str, protocol: str) -> str:
     return text
 
 
-def folder_of(study: str, variant: str) -> str:
-    """Return the name of the folder in studies/ that has a variant's row; see `LATER`."""
-    return LATER.get((study, variant), study)
-
-
 def error_or_not(study: str, variant: str) -> str:
     """Return the error on whole recordings, or that it was not measured."""
-    study = folder_of(study, variant)
     if has(study, variant, WHOLE):
         return error(study, variant, WHOLE)
     return NOT_MEASURED

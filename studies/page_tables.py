@@ -20,7 +20,6 @@ from studies.findings import (
     difference,
     error,
     error_or_not,
-    folder_of,
     has,
     row,
     runs,
@@ -97,7 +96,6 @@ def _comparison_row(
     """
     more = ""
     seconds = ""
-    study = folder_of(study, variant)
     if has(study, variant, WHOLE):
         seconds = _training_seconds(study, variant)
         if variant != reference:

@@ -65,9 +65,9 @@ def test_the_drift_is_so_large_that_no_session_is_contact(shifted, sensors, drif
     """
     means = sessions(shifted, sensors=sensors)
     assert drift_between(means) == 0
-    found = accepting_drift(means, 1.0, np.full(40, 0.1), 2)
-    assert drift <= found <= 1.05 * drift
-    threshold = 5 * np.hypot(0.1, np.full(40, found))
+    accepting = accepting_drift(means, 1.0, np.full(40, 0.1), 2)
+    assert drift <= accepting <= 1.05 * drift
+    threshold = 5 * np.hypot(0.1, np.full(40, accepting))
     others = (means.sum(axis=0) - means) / 9
     assert not any(is_contact(excess, threshold) for excess in means - others)
 
