@@ -3,7 +3,7 @@
 Training, validation and test set and new recordings are all measured in the same way.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -77,13 +77,12 @@ class Baseline:
             elif fallback == EMPTY and own_open_hand and len(numbers) > of_objects / 2:
                 remedy = OTHER_SESSION
             text += f"; {fallback} replaces it: {names}"
-            if not remedy:
-                notes.append(Note(text, topic="baseline"))
-                continue
-            if own_open_hand:
-                notes.append(Note(f"{text}. {remedy}", "warning", "baseline"))
-            else:
-                notes.append(Note(f"{text}. {remedy}", topic="baseline"))
+            if remedy:
+                text += f". {remedy}"
+            note = Note(text, topic="baseline")
+            if remedy and own_open_hand:
+                note = replace(note, level="warning")
+            notes.append(note)
         return notes
 
 
@@ -328,6 +327,17 @@ def sessions_with_empty_hand(recordings: Recordings) -> np.ndarray:
     """Return bool (sessions,), the sessions with enough empty-hand frames for a baseline."""
     frames = recordings.columns["session"][recordings.empty_hand]
     return np.bincount(frames, minlength=len(recordings.sessions)) >= MIN_FRAMES
+
+
+def short_empty_hand_notes(recordings: Recordings) -> list[Note]:
+    """Return a warning if sessions have an empty hand, but too few frames of it for a baseline."""
+    is_enough = sessions_with_empty_hand(recordings)[recordings.columns["session"]]
+    numbers = np.unique(recordings.columns["recording"][recordings.empty_hand & ~is_enough])
+    if not len(numbers):
+        return []
+    names = listed([recordings.recordings[number] for number in numbers])
+    text = f"the empty hand of a session has fewer than {MIN_FRAMES} frames, so it is not used: "
+    return [Note(text + names, "warning", "baseline")]
 
 
 def without_empty_hand(recordings: Recordings) -> list[str]:

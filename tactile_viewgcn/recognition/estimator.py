@@ -1,7 +1,7 @@
 """The interface of scikit-learn: a classifier of recordings in memory, trained as the stages do."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,7 +16,6 @@ from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_consistent_length, check_is_fitted, column_or_1d
 
 from tactile_viewgcn.device import select_device
-from tactile_viewgcn.frames.moments import MIN_FRAMES
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
 from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.live.stream import LONGEST, LiveStream
@@ -25,7 +24,6 @@ from tactile_viewgcn.messages import (
     Note,
     UserError,
     listed,
-    several,
     shown,
     warnings_of,
 )
@@ -176,7 +174,6 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
         of_empty_hand = list[Recording]()
         if empty_hand is not None:
             of_empty_hand = self._new_recordings(empty_hand, "empty_hand")
-            _check_length(of_empty_hand)
         answers, notes = recogniser.answer_recordings(recordings, of_empty_hand)
         texts = [note.text for note in warnings_of(notes)]
         without = [answer.recording for answer in answers if not answer.contact]
@@ -387,13 +384,6 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path
         path, fitted.classifier, fitted.model, frames, compute.precision, fitted.temperature
     )
     return notes + fitted.notes
-
-
-def _check_length(empty_hand: Sequence[Recording]) -> None:
-    """Raise a UserError if recordings of the empty hand have too few frames for a baseline."""
-    frames = sum(len(recording.values["pressure"]) for recording in empty_hand)
-    if frames < MIN_FRAMES:
-        raise UserError(f"empty_hand has {several(frames, 'frame')}; expected {MIN_FRAMES} or more")
 
 
 def _numbers(kind: str, values: Any, count: int) -> tuple[np.ndarray, list[str]]:

@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tactile_viewgcn.frames.apply import apply, keeps_every_frame
+from tactile_viewgcn.frames.baseline import short_empty_hand_notes
 from tactile_viewgcn.live.stream import LiveStream
 from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
 from tactile_viewgcn.params import on_sensors
@@ -59,6 +60,22 @@ class Answer:
     frames: int = 0
     recording: str = ""
     object: str = UNLABELLED
+
+
+class _Answered(NamedTuple):
+    """An answer, and what there is to say about its recording.
+
+    Attributes:
+        answer: the answer.
+        fault: why the recording cannot be answered; "" if it can.
+        untouched: whether it reads like a hand that touches nothing.
+        without_contact: whether no frame is in contact, though the recording is of no empty hand.
+    """
+
+    answer: Answer
+    fault: str
+    untouched: bool
+    without_contact: bool
 
 
 class Recogniser:
@@ -145,46 +162,68 @@ class Recogniser:
             str(recordings.path), (recordings.shape, recordings.channel_names), self._layout
         )
         baseline, contact = apply(self.plan, recordings, new=True)
-        answers = list[Answer]()
-        faults = dict[str, str]()
-        untouched = list[str]()
-        without_contact = list[str]()
-        short = list[str]()
-        index_of = frames_by_recording(recordings)
-        for index in index_of:
-            name = recordings.recordings[recordings.columns["recording"][index[0]]]
-            counts = recordings.counts[index]
-            in_contact = contact[index]
-            pressed = index[in_contact]
-            excess = counts[in_contact] - baseline.mean[baseline.of_frame[pressed]]
-            if len(pressed) and is_untouched(self.plan, counts, in_contact, excess):
-                untouched.append(name)
-                in_contact = np.zeros_like(in_contact)
-                excess = excess[:0]
-            label = _label(recordings, index)
-            if not len(pressed) and label != EMPTY_HAND:
-                without_contact.append(name)
-            with_object = in_contact & (label != EMPTY_HAND)
-            fault = fault_of(self.plan, counts, with_object, excess)
-            probabilities = self._probabilities(excess)
-            if not fault and not np.isfinite(probabilities).all():
-                fault = NOT_FINITE
-            if fault:
-                faults[_place(recordings, name, len(index_of))] = fault
-            if 0 < len(excess) < self._calibrated_from:
-                short.append(name)
-            answers.append(Answer(probabilities, len(excess), len(index), name, label))
-        _raise_first(faults, len(index_of))
-        notes = baseline.notes(recordings, own_open_hand=self.plan.own_open_hand)
+        answered = list[_Answered]()
+        for index in frames_by_recording(recordings):
+            pressed = index[contact[index]]
+            excess = recordings.counts[pressed] - baseline.mean[baseline.of_frame[pressed]]
+            answered.append(self._answer_one(recordings, index, contact[index], excess))
+        _raise_first(recordings, answered)
+        notes = list[Note]()
+        if self.plan.params.baseline != "none":
+            notes += short_empty_hand_notes(recordings)
+        notes += baseline.notes(recordings, own_open_hand=self.plan.own_open_hand)
         notes += rate_notes(self.plan, recordings)
+        notes += self._answer_notes(answered)
+        return [one.answer for one in answered], notes
+
+    def _answer_one(
+        self, recordings: Recordings, index: np.ndarray, contact: np.ndarray, excess: np.ndarray
+    ) -> _Answered:
+        """Return the answer to one recording, and what there is to say about the recording.
+
+        Args:
+            recordings: the table.
+            index: (n,) the frames of the recording.
+            contact: bool (n,) the frames in contact.
+            excess: (k, H, W) counts above baseline of the frames in contact.
+        """
+        name = recordings.recordings[recordings.columns["recording"][index[0]]]
+        label = _label(recordings, index)
+        counts = recordings.counts[index]
+        untouched = False
+        if len(excess):
+            untouched = is_untouched(self.plan, counts, contact, excess)
+        without_contact = not len(excess) and label != EMPTY_HAND
+        if untouched:
+            contact = np.zeros_like(contact)
+            excess = excess[:0]
+        with_object = contact & (label != EMPTY_HAND)
+        fault = fault_of(self.plan, counts, with_object, excess)
+        probabilities = self._probabilities(excess)
+        if not fault and not np.isfinite(probabilities).all():
+            fault = NOT_FINITE
+        answer = Answer(probabilities, len(excess), len(index), name, label)
+        return _Answered(answer, fault, untouched, without_contact)
+
+    def _answer_notes(self, answered: list[_Answered]) -> list[Note]:
+        """Return notes on recordings without contact, untouched ones, and short ones."""
+        total = len(answered)
+        without_contact = [one.answer.recording for one in answered if one.without_contact]
+        untouched = [one.answer.recording for one in answered if one.untouched]
+        short = [
+            one.answer.recording
+            for one in answered
+            if 0 < one.answer.contact < self._calibrated_from
+        ]
+        notes = list[Note]()
         if without_contact:
-            notes.append(no_contact_note(without_contact, len(index_of)))
+            notes.append(no_contact_note(without_contact, total))
         if untouched:
             is_class = EMPTY_HAND in self.classes
-            notes.append(untouched_note(self.plan, untouched, len(index_of), is_class=is_class))
+            notes.append(untouched_note(self.plan, untouched, total, is_class=is_class))
         if short:
-            notes.append(short_note(short, len(index_of), self._calibrated_from))
-        return answers, notes
+            notes.append(short_note(short, total, self._calibrated_from))
+        return notes
 
     @property
     def separates_grasps(self) -> bool:
@@ -240,20 +279,16 @@ def _place(recordings: Recordings, name: str, total: int) -> str:
     return str(recordings.path / name)
 
 
-def _raise_first(faults: dict[str, str], total: int) -> None:
-    """Raise a UserError with the first fault; do nothing if there is none.
-
-    Args:
-        faults: what is wrong with a recording, by its place.
-        total: number of all recordings.
-    """
-    if not faults:
+def _raise_first(recordings: Recordings, answered: list[_Answered]) -> None:
+    """Raise a UserError with the first recording's fault; do nothing if none has a fault."""
+    faulty = [one for one in answered if one.fault]
+    if not faulty:
         return
-    place, fault = next(iter(faults.items()))
+    place = _place(recordings, faulty[0].answer.recording, len(answered))
     more = ""
-    if len(faults) > 1:
-        more = f" and {len(faults) - 1} more of {several(total, 'recording')}"
-    raise UserError(f"{place}{more}: {fault}")
+    if len(faulty) > 1:
+        more = f" and {len(faulty) - 1} more of {several(len(answered), 'recording')}"
+    raise UserError(f"{place}{more}: {faulty[0].fault}")
 
 
 def recording_of(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn import TactileClassifier
+from tactile_viewgcn.frames.moments import MIN_FRAMES
 from tactile_viewgcn.messages import EMPTY_HAND, UserError
 from tactile_viewgcn.tables.recordings import NO_SESSION, frames_by_recording
 from tests.glove_data import days
@@ -127,11 +128,25 @@ def test_an_empty_hand_that_is_not_used_is_named():
         classifier.predict(X, empty)
 
 
+@pytest.mark.parametrize("frames", [MIN_FRAMES - 1, MIN_FRAMES])
+def test_an_empty_hand_of_too_few_frames_is_named(frames):
+    """The warning names it, and the answers are those without it."""
+    classifier = fitted(0)
+    X, _, empty = without_empty_hand(*of_days(3)[:2])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        answers = classifier.predict_proba(X, [empty[0][:frames]])
+        without = classifier.predict_proba(X)
+    named = "fewer than 5 frames, so it is not used: empty_hand[0]"
+    is_named = any(named in str(warning.message) for warning in caught)
+    is_unused = np.array_equal(answers, without)
+    assert is_named == is_unused == (frames < MIN_FRAMES)
+
+
 @pytest.mark.parametrize(
     ("empty_hand", "message"),
     [
         ([], "empty_hand is of type list and holds no recordings"),
-        ([np.zeros((3, 8, 8), int)], "empty_hand has 3 frames; expected 5 or more"),
         ([np.zeros((9, 8, 7), int)], r"empty_hand\[0\]: frames of 8 x 7; expected 8 x 8"),
         (np.zeros((9, 8, 8), int), r"empty_hand \(9, 8, 8\) is one recording; .*\[empty_hand\]"),
         ([np.full((9, 8, 8), 9)], r"empty_hand\[0\].*expected .* or more, as an open hand read"),
