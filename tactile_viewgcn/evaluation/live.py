@@ -137,12 +137,12 @@ def _other_count(tested: int, grasps: pd.DataFrame) -> list[Note]:
         tested: number of the tested grasps.
         grasps: see `Grasps.grasps`.
     """
-    found = int(grasps["contact"].notna().sum())
-    if found == tested:
+    found_grasps = int(grasps["contact"].notna().sum())
+    if found_grasps == tested:
         return []
-    text = f"the recordings have {several(tested, 'tested grasp')}, the stream finds {found}"
-    if found < len(grasps):
-        text += f", and none in {several(len(grasps) - found, 'split group')}"
+    text = f"the recordings have {several(tested, 'tested grasp')}, the stream finds {found_grasps}"
+    if found_grasps < len(grasps):
+        text += f", and none in {several(len(grasps) - found_grasps, 'split group')}"
     text += ": it joins grasps between which the hand hardly opens, and misses light grasps"
     return [Note(text, topic="live")]
 

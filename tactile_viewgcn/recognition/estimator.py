@@ -8,16 +8,13 @@ from tempfile import TemporaryDirectory
 from typing import Any, get_args
 
 import numpy as np
-import pandas as pd
 import torch
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils import check_random_state
-from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_consistent_length, check_is_fitted, column_or_1d
 
 from tactile_viewgcn.device import select_device
 from tactile_viewgcn.frames.preprocessing import preprocess_recordings
-from tactile_viewgcn.frames.split import one_class
 from tactile_viewgcn.live.stream import LONGEST, LiveStream
 from tactile_viewgcn.messages import (
     EMPTY_HAND,
@@ -29,7 +26,8 @@ from tactile_viewgcn.messages import (
 )
 from tactile_viewgcn.params import Params, SensorMember, default_params, on_sensors, preset_changes
 from tactile_viewgcn.randomness import stream
-from tactile_viewgcn.readers.source import FRAMES_LAST, Recording, tidy
+from tactile_viewgcn.readers.source import FRAMES_LAST, Recording
+from tactile_viewgcn.recognition.arguments import check_params, distinct_labels, numbers_by_name
 from tactile_viewgcn.recognition.fitting import fit_classifier
 from tactile_viewgcn.recognition.model_file import save_classifier
 from tactile_viewgcn.recognition.raw_counts import check_layouts
@@ -41,17 +39,6 @@ from tactile_viewgcn.tables.remarks import remarks
 from tactile_viewgcn.training.pretraining import pretrain_backbone
 from tactile_viewgcn.views.clustering import cluster_frames
 from tactile_viewgcn.views.viewpoints import viewpoints
-
-#: Beginnings of the keys of params.yaml that have no effect in memory.
-NOT_READ = (
-    "data.source",
-    "data.layout",
-    "split.by",
-    "split.fold",
-    "split.deal",
-    "evaluate.",
-    "glove.",
-)
 
 
 class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # has no types
@@ -129,14 +116,14 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
         recorded = self._recordings(X)
         y = column_or_1d(y, warn=True)
         check_consistent_length(recorded, y)
-        classes, labels = _distinct(y)
+        classes, labels = distinct_labels(y)
         group = np.arange(len(y))
         if groups is not None:
-            group, _ = _numbers("group", groups, len(y))
+            group, _ = numbers_by_name("group", groups, len(y))
         session = np.zeros(len(y), dtype=np.int64)
         session_names = [NO_SESSION]
         if sessions is not None:
-            session, session_names = _numbers("session", sessions, len(y))
+            session, session_names = numbers_by_name("session", sessions, len(y))
         check_layouts(recorded)
         recordings = in_memory(recorded, list(map(str, classes)), labels, session, session_names)
         with TemporaryDirectory() as folder:
@@ -290,17 +277,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
 
     def _parameters(self) -> Params:
         """Return all parameters of the training."""
-        if not isinstance(self.params, Mapping | None):
-            raise UserError(
-                f"params is {self.params!r}; expected a mapping of keys of params.yaml to values, "
-                "or None"
-            )
-        for key in self.params or {}:
-            if str(key).startswith(NOT_READ):
-                raise UserError(
-                    f"params has {key}, which only the pipeline reads; to hold out recordings, "
-                    "use `groups` with a splitter of scikit-learn"
-                )
+        check_params(self.params)
         seed = self.random_state
         if seed is None or isinstance(seed, np.random.RandomState):
             seed = check_random_state(seed).randint(2**31 - 1)
@@ -384,51 +361,3 @@ def train(recordings: Recordings, params: Params, groups: np.ndarray, path: Path
         path, fitted.classifier, fitted.model, frames, compute.precision, fitted.temperature
     )
     return notes + fitted.notes
-
-
-def _numbers(kind: str, values: Any, count: int) -> tuple[np.ndarray, list[str]]:
-    """Return the number (n,) of each recording's group or session, and the names by number.
-
-    Args:
-        kind: `group` or `session`; the argument has this name with an s.
-        values: (n,) the argument.
-        count: n.
-    """
-    name = f"{kind}s"
-    values = np.asarray(values, dtype=object)  # a text would hide a missing value
-    if values.shape != (count,):
-        raise UserError(
-            f"{name} has shape {values.shape}; "
-            f"expected ({count},), a {kind} for each recording of X"
-        )
-    missing = np.flatnonzero(pd.isna(values))
-    if len(missing):
-        raise UserError(
-            f"{name}[{missing[0]}] is missing; expected a {kind} for each recording of X"
-        )
-    try:
-        distinct, numbers = np.unique(values, return_inverse=True)
-    except TypeError:  # the values have no order
-        raise UserError(
-            f"{name} holds values of different kinds; expected texts, or numbers"
-        ) from None
-    return numbers, list(map(str, distinct))
-
-
-def _distinct(y: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return the distinct labels (Y,), sorted, and the index (n,) of each recording's label."""
-    try:
-        # scikit-learn warns of many objects with two recordings each
-        with warnings.catch_warnings(action="ignore", category=UserWarning):
-            check_classification_targets(y)
-        if y.dtype.kind in "UO":
-            tidied = [tidy(label) if isinstance(label, str) else label for label in y]
-            y = np.array(tidied, y.dtype.kind)
-        classes, labels = np.unique(y, return_inverse=True)
-    except TypeError:  # the labels have no order
-        raise UserError(
-            "y holds labels of different kinds; expected texts, or whole numbers"
-        ) from None
-    if len(classes) < 2:
-        raise UserError(one_class(classes[0], "y has"))
-    return classes, labels
