@@ -302,7 +302,9 @@ def power(rows: pd.DataFrame, protocol: str, groups: int) -> str:
     most = max(widths.values())
     if not most:
         return "All compared variants answered alike, so no detectable difference can be stated."
-    if most < ENOUGH:
+    if "over seeds" not in widths:
+        meaning = "for these training runs: others can differ by more"
+    elif most < ENOUGH:
         meaning = (
             f"below {ENOUGH:g} points: where the study shows no difference, there is no larger one"
         )

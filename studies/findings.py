@@ -81,6 +81,7 @@ DESIGNS = (
     Design("48 frames, 1 world", "claims_48_one_world"),
     Design("624 frames, 1/4 of the epochs, 1 world", "claims_one_world", ", 1/4"),
     Design("624 frames, 1 world", "claims_one_world"),
+    Design("two long recordings, 1/4 of the epochs, 1 world", "long_recordings_one_world", ", 1/4"),
     Design("two long recordings, 1 world", "long_recordings_one_world"),
     Design("real: blindfolded_lite", "real_blindfolded_lite"),
 )

@@ -25,7 +25,7 @@ def rows_of_claims() -> Iterator[tuple[Claim, Design, "pd.Series[float]"]]:
 
 
 def forest_plot() -> Figure:
-    """Return the plot: x is the error under `object` minus the error of the paper's recipe.
+    """Return the plot: x is the error under `object` minus that of the same design's recipe.
 
     A thick bar is the 95 % interval over recordings, and a thin bar the interval over seeds. A
     diamond is the published value. A mark is hollow if the difference has no verdict: with fewer
@@ -54,7 +54,7 @@ def forest_plot() -> Figure:
     axes.set_ylim(height - 1.2, -0.8)
     axes.set_yticks([])
     axes.set_xlabel(
-        "percentage points of error above the paper's recipe, object protocol\n"
+        "percentage points of error above the recipe of the same design, object protocol\n"
         "(right of 0 the paper's recipe is better)",
         fontsize=9,
         loc="right",

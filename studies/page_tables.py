@@ -16,6 +16,7 @@ from studies.findings import (
     METHODS,
     NOT_MEASURED,
     STAG_SETS,
+    Claim,
     Design,
     difference,
     error,
@@ -29,6 +30,7 @@ from tactile_viewgcn.evaluation.trials import TITLES, WHOLE
 RowKey = TypeVar("RowKey", int, str)
 
 SIZES = "data_size_one_world"
+RECIPE = "the recipe's own error, %"
 PUBLISHED_ERROR = "18.18"  # %, of the paper's network on STAG's `classification`
 #: ways to join the frames in the study `graph`: labels by name of the variant
 JOINED = {
@@ -37,34 +39,13 @@ JOINED = {
     "mean": "a mean of the features",
     "maximum": "a maximum of the features",
 }
+MORE_WITH_8 = "points more with 8"
 RANDOM = ", random sets"  # end of the names of variants with random view sets
 
 
 def show(text: str) -> None:
     """Print a text for a block of Cog, between blank lines, which Markdown needs around a table."""
     print(f"\n{text}\n")
-
-
-def differences_table(variants: Mapping[str, str], designs: Sequence[Design], protocol: str) -> str:
-    """Return a table of paired differences to the paper's recipe, with their intervals.
-
-    A dagger marks a difference in which a network is not trained to its end.
-
-    Args:
-        variants: labels of the rows, by name of the variant without a suffix.
-        designs: a column for each.
-        protocol: a key of `trials.TITLES`.
-    """
-    columns = {design.label: partial(_claim_in, design, protocol) for design in designs}
-    return table("", variants, columns)
-
-
-def _claim_in(design: Design, protocol: str, variant: str) -> str:
-    """Return a variant's difference to the paper's recipe in a design, or that there is none."""
-    name = f"{variant}{design.suffix}"
-    if not has(design.study, name, protocol):
-        return NOT_MEASURED
-    return difference(design.study, name, design.reference, protocol)
 
 
 def real_table() -> str:
@@ -122,10 +103,9 @@ def short_table() -> str:
     columns = dict[str, Callable[[str], str]]()
     for study, title in _measured_sets().items():
         columns[f"real: {title}"] = partial(error_or_not, study)
-    columns["simulated: 96 training frames, 5 worlds"] = partial(error_or_not, "claims")
-    for frames in (48, 624):
-        title = f"simulated: {frames} training frames, 1 world"
-        columns[title] = partial(_error_at_size, frames=frames)
+    columns["simulated: 96 training frames of each object, 5 worlds"] = partial(
+        error_or_not, "claims"
+    )
     return table("method", METHODS, columns)
 
 
@@ -155,26 +135,32 @@ def _network_minus_kernels(frames: int) -> str:
 
 
 def claims_table() -> str:
-    """Return the table of the paper's claims, a column for each design that tests any of them."""
-    designs = [design for design in DESIGNS if _is_tested(design)]
-    variants = {claim.variant: claim.label for claim in CLAIMS}
-    differences = differences_table(variants, designs, CLAIMED)
-    errors = ["the recipe's own error, %"]
-    for design in designs:
-        errors.append(error(design.study, design.reference, CLAIMED))
-    published = ["published"]
+    """Return the table of the paper's claims, a row for each design that tests any of them.
+
+    The differences are to the recipe of the same row. A dagger marks a difference in which a
+    network is not trained to its end.
+    """
+    rows = []
+    for design in DESIGNS:
+        differences = {claim.label: _claim_in(design, claim) for claim in CLAIMS}
+        if set(differences.values()) == {NOT_MEASURED}:
+            continue
+        recipe = row(design.study, design.reference, CLAIMED)
+        cells = {"design": design.label, "seeds": f"{recipe['runs']:.0f}"} | differences
+        rows.append(cells | {RECIPE: error(design.study, design.reference, CLAIMED)})
+    published = {"design": "published, STAG's data", "seeds": ""}
     for claim in CLAIMS:
-        published.append("higher" if claim.published is None else f"{claim.published:.2f}")
-    published.append(PUBLISHED_ERROR)
-    lines = [*differences.splitlines(), f"| {' | '.join(errors)} |"]
-    heads = [published[0], "---", *published[1:]]
-    return "\n".join(f"{line} {head} |" for line, head in zip(lines, heads, strict=True))
+        published[claim.label] = "higher" if claim.published is None else f"{claim.published:.2f}"
+    rows.append(published | {RECIPE: PUBLISHED_ERROR})
+    return markdown(rows)
 
 
-def _is_tested(design: Design) -> bool:
-    """Return whether any claim of the paper has been measured in a design."""
-    variants = [f"{claim.variant}{design.suffix}" for claim in CLAIMS]
-    return any(has(design.study, variant, CLAIMED) for variant in variants)
+def _claim_in(design: Design, claim: Claim) -> str:
+    """Return a claim's difference to the paper's recipe in a design, or that there is none."""
+    variant = f"{claim.variant}{design.suffix}"
+    if not has(design.study, variant, CLAIMED):
+        return NOT_MEASURED
+    return difference(design.study, variant, design.reference, CLAIMED)
 
 
 def reuse_table() -> str:
@@ -186,12 +172,12 @@ def reuse_table() -> str:
         for variant, label in labels.items():
             std = row("claims", variant, protocol)["std"]
             cells[label] = f"{error('claims', variant, protocol)}, std {std:.1f}"
-        cells["8 less 1"] = difference("claims", "paper, reuse 8", "paper", protocol)
+        cells[MORE_WITH_8] = difference("claims", "paper, reuse 8", "paper", protocol)
         rows.append(cells)
     seconds = {"": "fine-tuning, s"}
     for variant, label in labels.items():
         seconds[label] = f"{row('claims', variant, CLAIMED)['finetune s']:,.0f}"
-    rows.append(seconds | {"8 less 1": ""})
+    rows.append(seconds | {MORE_WITH_8: ""})
     return markdown(rows)
 
 
@@ -213,6 +199,12 @@ def graph_table() -> str:
     return _comparison_table("graph", measured, reference="vote", reference_label="`network`")
 
 
+def joined_table() -> str:
+    """Return the table of differences to the view-graph, on the backbone of `network`."""
+    others = {name: label for name, label in JOINED.items() if name != "view-graph"}
+    return _differences_by_protocol(others, "", lambda variant: "view-graph")
+
+
 def random_graph_table() -> str:
     """Return the same table for networks that are trained and tested on random view sets."""
     labels = {
@@ -227,13 +219,27 @@ def random_graph_table() -> str:
 
 def clusters_table() -> str:
     """Return the table of random view sets less clusters, on the backbone of `network`."""
+    return _differences_by_protocol(JOINED, RANDOM, lambda variant: variant)
+
+
+def _differences_by_protocol(
+    labels: Mapping[str, str], suffix: str, reference_of: Callable[[str], str]
+) -> str:
+    """Return a table of differences in the study `graph`, a column for each protocol.
+
+    Args:
+        labels: what the table calls the variants, by their names without the suffix.
+        suffix: end of the variants' names.
+        reference_of: returns the reference of a variant, by its name without the suffix.
+    """
     rows = []
-    for variant, label in JOINED.items():
-        if not has("graph", f"{variant}{RANDOM}", WHOLE):
+    for variant, label in labels.items():
+        name = f"{variant}{suffix}"
+        if not has("graph", name, WHOLE):
             continue
         cells = {"joined by": label}
         for protocol in (CLAIMED, "recording", WHOLE):
-            cells[TITLES[protocol]] = difference("graph", f"{variant}{RANDOM}", variant, protocol)
+            cells[TITLES[protocol]] = difference("graph", name, reference_of(variant), protocol)
         rows.append(cells)
     return markdown(rows)
 
@@ -313,18 +319,18 @@ def systems_table() -> str:
 
 
 def views_table() -> str:
-    """Return the table of errors by the number of views."""
+    """Return the table of errors by the number of views, on whole recordings and under `object`."""
     labels = {views: views for views in ("1 view", "2 views", "4 views", "8 views")}
-    columns = {
-        "clusters": partial(_error_of_views, "clusters"),
-        "random view sets": partial(_error_of_views, "random sets"),
-    }
+    columns = dict[str, Callable[[str], str]]()
+    for protocol, title in ((WHOLE, "whole recordings"), (CLAIMED, "`object`")):
+        for variant, label in (("clusters", "clusters"), ("random sets", "random view sets")):
+            columns[f"{title}, {label}"] = partial(_error_of_views, variant, protocol)
     return table("", labels, columns)
 
 
-def _error_of_views(variant: str, views: str) -> str:
+def _error_of_views(variant: str, protocol: str, views: str) -> str:
     """Return a variant's error with a number of views."""
-    return error("views", f"{variant} / {views}", CLAIMED)
+    return error("views", f"{variant} / {views}", protocol)
 
 
 def table(

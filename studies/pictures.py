@@ -116,7 +116,8 @@ def with_numbers(rows: pd.DataFrame) -> pd.DataFrame:
 def learning_curve(rows: pd.DataFrame, labels: Mapping[str, str]) -> Figure:
     """Return one panel with the error on whole recordings by the number of training frames.
 
-    Each line has its label at its right end. The bars are the intervals of the results file.
+    Each line has its label at its right end. The bars are the intervals of the results file. A mark
+    is hollow if a network is not trained to its end.
 
     Args:
         rows: rows of a results file, see `comparison.rows_of`.
@@ -132,6 +133,16 @@ def learning_curve(rows: pd.DataFrame, labels: Mapping[str, str]) -> Figure:
             continue
         (line, *_) = axes.errorbar(
             curve["number"], curve["error"], _bars(curve), fmt="o-", ms=4, elinewidth=0.8
+        )
+        untrained = curve[~curve["trained"]]
+        axes.plot(
+            untrained["number"],
+            untrained["error"],
+            "o",
+            color=line.get_color(),
+            markerfacecolor="white",
+            ms=6,
+            zorder=3,
         )
         end = curve.iloc[-1]
         axes.annotate(
