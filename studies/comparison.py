@@ -302,9 +302,7 @@ def power(rows: pd.DataFrame, protocol: str, groups: int) -> str:
     most = max(widths.values())
     if not most:
         return "All compared variants answered alike, so no detectable difference can be stated."
-    if "over seeds" not in widths:
-        meaning = "for these training runs: others can differ by more"
-    elif most < ENOUGH:
+    if most < ENOUGH:
         meaning = (
             f"below {ENOUGH:g} points: where the study shows no difference, there is no larger one"
         )
@@ -314,10 +312,13 @@ def power(rows: pd.DataFrame, protocol: str, groups: int) -> str:
             "and it takes more data to see it"
         )
     points = ", ".join(f"{width:.1f} points {kind}" for kind, width in widths.items())
-    return (
+    text = (
         f"The smallest difference that this study detects is {points} ({protocol}, half of the "
         f"widest paired interval), {meaning}."
     )
+    if "over seeds" not in widths:
+        text += " This holds for these training runs: with other ones it can be larger."
+    return text
 
 
 def _half_widths(rows: pd.DataFrame, groups: int) -> dict[str, float]:

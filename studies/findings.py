@@ -30,7 +30,7 @@ class Design:
     """A study in which the claims are compared: its recordings and the length of its training.
 
     Attributes:
-        label: text at the left of its row in the figure, and above its column in a table.
+        label: text at the left of its row in the figure and in the table.
         study: name of the folder in studies/.
         suffix: end of the variants' names in that study.
     """

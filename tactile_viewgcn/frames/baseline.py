@@ -54,7 +54,7 @@ class Baseline:
     fallbacks: dict[tuple[str, str], list[int]] = field(default_factory=dict)
 
     def notes(self, recordings: Recordings, *, own_open_hand: bool = False) -> list[Note]:
-        """Return a note on each fallback in these recordings.
+        """Return a note on each fallback in these recordings; it names recordings of objects only.
 
         Args:
             recordings: the recordings.
@@ -63,18 +63,21 @@ class Baseline:
                 training set's baseline replaces it, or if more than half of them have none: their
                 answers are often wrong if their open hand only reads otherwise.
         """
-        recorded = np.unique(recordings.columns["recording"])
-        total = several(len(recorded), "recording")
-        of_objects = len(np.unique(recordings.columns["recording"][~recordings.empty_hand]))
+        recorded = recordings.columns["recording"]
+        total = several(len(np.unique(recorded)), "recording")
+        of_objects = np.unique(recorded[~recordings.empty_hand])
         notes = list[Note]()
-        for (lacking, fallback), numbers in self.fallbacks.items():
+        for (lacking, fallback), replaced in self.fallbacks.items():
+            numbers = [number for number in replaced if number in of_objects]
+            if not numbers:
+                continue
             names = listed([recordings.recordings[number] for number in numbers])
             text = f"in {len(numbers)} of {total} no {lacking} was found"
             remedy = ""
             if fallback == TRAINED:
                 text += " that reads like the training set's"
                 remedy = EMPTY_HAND_TOO
-            elif fallback == EMPTY and own_open_hand and len(numbers) > of_objects / 2:
+            elif fallback == EMPTY and own_open_hand and len(numbers) > len(of_objects) / 2:
                 remedy = OTHER_SESSION
             text += f"; {fallback} replaces it: {names}"
             if remedy:
@@ -329,15 +332,11 @@ def sessions_with_empty_hand(recordings: Recordings) -> np.ndarray:
     return np.bincount(frames, minlength=len(recordings.sessions)) >= MIN_FRAMES
 
 
-def short_empty_hand_notes(recordings: Recordings) -> list[Note]:
-    """Return a warning if sessions have an empty hand, but too few frames of it for a baseline."""
+def short_empty_hands(recordings: Recordings) -> list[str]:
+    """Return the names of recordings of an empty hand that has too few frames for a baseline."""
     is_enough = sessions_with_empty_hand(recordings)[recordings.columns["session"]]
     numbers = np.unique(recordings.columns["recording"][recordings.empty_hand & ~is_enough])
-    if not len(numbers):
-        return []
-    names = listed([recordings.recordings[number] for number in numbers])
-    text = f"the empty hand of a session has fewer than {MIN_FRAMES} frames, so it is not used: "
-    return [Note(text + names, "warning", "baseline")]
+    return [recordings.recordings[number] for number in numbers]
 
 
 def without_empty_hand(recordings: Recordings) -> list[str]:

@@ -149,6 +149,7 @@ class TactileClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
             X: n recordings.
             empty_hand: recordings of the empty hand in the session of X, with five frames or more.
                 They are needed if the open hand does not read as in the training, as on a new day.
+                Fewer frames are not used, and you are warned.
                 With None each recording is answered from its own frames.
 
         Raises:

@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tactile_viewgcn.frames.apply import apply, keeps_every_frame
-from tactile_viewgcn.frames.baseline import short_empty_hand_notes
+from tactile_viewgcn.frames.baseline import Baseline, short_empty_hands
+from tactile_viewgcn.frames.moments import MIN_FRAMES
 from tactile_viewgcn.live.stream import LiveStream
-from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, several
+from tactile_viewgcn.messages import EMPTY_HAND, Note, UserError, listed, several
 from tactile_viewgcn.params import on_sensors
 from tactile_viewgcn.readers.source import (
     MAX_PRESSURE,
@@ -141,18 +142,14 @@ class Recogniser:
             [NO_SESSION] * len(given),
         )
         answers, notes = self.answer_table(replace(table, path=Path()))
-        if empty_hand and self.plan.params.baseline == "none":
-            text = "the empty hand is not used, since the training subtracted a constant "
-            text += "(preprocess.baseline: none)"
-            notes.append(Note(text, "warning", "baseline"))
         return answers[len(empty_hand) :], notes
 
     def answer_table(self, recordings: Recordings) -> tuple[list[Answer], list[Note]]:
         """Return the answers to the recordings of a table, and notes.
 
-        The notes are on baselines that could not be measured, on frame rates, and on recordings
-        that have no contact, read as if the hand touched nothing, or are too short for calibrated
-        probabilities.
+        The notes are on an empty hand that is not used, on baselines that could not be measured, on
+        frame rates, and on recordings that have no contact, read as if the hand touched nothing, or
+        are too short for calibrated probabilities.
 
         Raises:
             UserError: recordings differ from the training set in layout, sensors or scale; the
@@ -162,34 +159,53 @@ class Recogniser:
             str(recordings.path), (recordings.shape, recordings.channel_names), self._layout
         )
         baseline, contact = apply(self.plan, recordings, new=True)
-        answered = list[_Answered]()
-        for index in frames_by_recording(recordings):
-            pressed = index[contact[index]]
-            excess = recordings.counts[pressed] - baseline.mean[baseline.of_frame[pressed]]
-            answered.append(self._answer_one(recordings, index, contact[index], excess))
-        _raise_first(recordings, answered)
-        notes = list[Note]()
-        if self.plan.params.baseline != "none":
-            notes += short_empty_hand_notes(recordings)
+        answered = [
+            self._answer_one(recordings, index, contact[index], baseline)
+            for index in frames_by_recording(recordings)
+        ]
+        notes = self._unused_empty_hand(recordings)
+        _raise_first(recordings, answered, notes)
         notes += baseline.notes(recordings, own_open_hand=self.plan.own_open_hand)
         notes += rate_notes(self.plan, recordings)
         notes += self._answer_notes(answered)
         return [one.answer for one in answered], notes
 
+    def _unused_empty_hand(self, recordings: Recordings) -> list[Note]:
+        """Return a warning if new recordings bring an empty hand that is not used.
+
+        If the plan subtracts no baseline, an empty hand next to recordings that all have labels is
+        one of the objects, and no warning is due.
+        """
+        if self.plan.params.baseline == "none":
+            labels = np.unique(recordings.columns["object"])
+            names = {recordings.objects[label] for label in labels}
+            if not names >= {EMPTY_HAND, UNLABELLED}:
+                return []
+            text = "the empty hand is not used, since the training subtracted a constant "
+            text += "(preprocess.baseline: none)"
+        else:
+            short = short_empty_hands(recordings)
+            if not short:
+                return []
+            text = f"the empty hand of a session has fewer than {MIN_FRAMES} frames, so it is not "
+            text += f"used: {listed(short)}. Record {MIN_FRAMES} frames or more"
+        return [Note(text, "warning", "baseline")]
+
     def _answer_one(
-        self, recordings: Recordings, index: np.ndarray, contact: np.ndarray, excess: np.ndarray
+        self, recordings: Recordings, index: np.ndarray, contact: np.ndarray, baseline: Baseline
     ) -> _Answered:
         """Return the answer to one recording, and what there is to say about the recording.
 
         Args:
             recordings: the table.
             index: (n,) the frames of the recording.
-            contact: bool (n,) the frames in contact.
-            excess: (k, H, W) counts above baseline of the frames in contact.
+            contact: bool (n,) which of these are in contact.
+            baseline: the baseline of each frame of the table.
         """
         name = recordings.recordings[recordings.columns["recording"][index[0]]]
         label = _label(recordings, index)
         counts = recordings.counts[index]
+        excess = counts[contact] - baseline.mean[baseline.of_frame[index[contact]]]
         untouched = False
         if len(excess):
             untouched = is_untouched(self.plan, counts, contact, excess)
@@ -279,8 +295,14 @@ def _place(recordings: Recordings, name: str, total: int) -> str:
     return str(recordings.path / name)
 
 
-def _raise_first(recordings: Recordings, answered: list[_Answered]) -> None:
-    """Raise a UserError with the first recording's fault; do nothing if none has a fault."""
+def _raise_first(recordings: Recordings, answered: list[_Answered], notes: list[Note]) -> None:
+    """Raise a UserError with the first recording's fault; do nothing if none has a fault.
+
+    Args:
+        recordings: the table.
+        answered: the answers to all its recordings.
+        notes: what can be the reason of a fault; the message ends with it.
+    """
     faulty = [one for one in answered if one.fault]
     if not faulty:
         return
@@ -288,7 +310,8 @@ def _raise_first(recordings: Recordings, answered: list[_Answered]) -> None:
     more = ""
     if len(faulty) > 1:
         more = f" and {len(faulty) - 1} more of {several(len(answered), 'recording')}"
-    raise UserError(f"{place}{more}: {faulty[0].fault}")
+    texts = [faulty[0].fault, *(note.text for note in notes)]
+    raise UserError(f"{place}{more}: {'; '.join(texts)}")
 
 
 def recording_of(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactile_viewgcn.frames.apply import apply
-from tactile_viewgcn.frames.baseline import short_empty_hand_notes
+from tactile_viewgcn.frames.baseline import short_empty_hands
 from tactile_viewgcn.frames.moments import MIN_FRAMES
 from tests.glove_data import (
     BEFORE,
@@ -95,7 +95,8 @@ def test_five_frames_of_the_empty_hand_are_enough_for_a_baseline(frames):
     held = recording("pen", 91, before=0, after=0)
     new = one_session(empty_hand(92)[:frames] + np.int16(20), held + np.int16(20))
     estimate, _ = apply(plan, new, new=True)
-    assert len(estimate.notes(new)) == len(short_empty_hand_notes(new)) == (frames < MIN_FRAMES)
+    is_too_short = frames < MIN_FRAMES
+    assert len(estimate.notes(new)) == len(short_empty_hands(new)) == is_too_short
     shift = np.median(estimate.mean - plan.mean_baseline())
     expected = 20 if frames == MIN_FRAMES else 0
     assert shift == pytest.approx(expected, abs=1)

@@ -121,6 +121,21 @@ def test_the_empty_hand_of_a_different_day_is_doubted():
         fitted(0).predict(X, other)
 
 
+def test_too_short_an_empty_hand_is_named_as_a_reason_of_a_refusal():
+    classifier = fitted(0)
+    X, _, empty = without_empty_hand(*of_days(3)[:2])
+    shifted = [array + 200 for array in X]
+    with pytest.raises(UserError, match=r"as in the training: .*; the empty hand .* empty_hand\[0"):
+        classifier.predict(shifted, [empty[0][: MIN_FRAMES - 1] + 200])
+
+
+def test_too_short_an_empty_hand_is_the_only_warning_if_the_recordings_show_an_open_hand():
+    X, _, empty = without_empty_hand(*of_days(0)[:2])
+    with pytest.warns(UserWarning, match="the empty hand of a session has fewer") as caught:
+        fitted(0).predict(X, [empty[0][: MIN_FRAMES - 1]])
+    assert len(caught) == 1
+
+
 def test_an_empty_hand_that_is_not_used_is_named():
     classifier = fitted(0, baseline="none")
     X, _, empty = without_empty_hand(*of_days(0)[:2])

@@ -85,6 +85,30 @@ def test_a_recording_that_is_too_short_for_calibrated_probabilities_is_named(fol
     assert not any("fewer than" in line for line in lines)
 
 
+def test_an_empty_hand_that_is_not_used_is_named(folder):
+    """One session has too few frames of it, and the other one has enough."""
+    for session, frames in (("monday", 4), ("tuesday", 5)):
+        held = recording(OBJECTS[0], 87)
+        write(folder / "days" / f"held {session}.h5", held, session=session)
+        empty = empty_hand(88)[:frames]
+        write(folder / "days" / f"empty {session}.h5", empty, object="empty_hand", session=session)
+    _, warning, columns, *_ = call(folder / "classifier.pt", folder / "days")
+    assert warning == (
+        "warning: baseline: the empty hand of a session has fewer than 5 frames, so it is not "
+        "used: empty monday. Record 5 frames or more"
+    )
+    assert columns.split() == ["recording", "contact", "answer"]
+
+
+def test_an_empty_hand_is_not_used_without_a_baseline_unless_it_is_one_of_the_objects(folder):
+    without_baseline = ("preprocess.baseline=none", "preprocess.filter=none")
+    model = model_file(folder / "constant.pt", *without_baseline)
+    named = "warning: baseline: the empty hand is not used"
+    assert not any(named in line for line in call(model, folder / "labelled"))
+    write(folder / "new" / "empty.h5", empty_hand(88), object="empty_hand")
+    assert sum(named in line for line in call(model, folder / "new")) == 1
+
+
 def test_an_answer_empty_hand_is_no_object(tmp_path):
     rng = np.random.default_rng(0)
     names = ["empty_hand", "fist"] * 6

@@ -9,7 +9,7 @@ import pytest
 from tactile_viewgcn import TactileClassifier
 from tactile_viewgcn.messages import UserError
 from tactile_viewgcn.recognition.mlflow_model import RecogniserModel
-from tactile_viewgcn.recognition.recogniser import Recogniser
+from tactile_viewgcn.recognition.recogniser import Recogniser, recording_of
 
 OBJECTS = ["ball", "cup", "pen"]
 EMPTY = 3  # label of the empty hand
@@ -110,6 +110,19 @@ def test_without_that_class_an_open_hand_is_any_object_and_those_beside_it_are_a
     request = {"recordings": [opened[0].tolist(), held.tolist()]}
     served = RecogniserModel(Recogniser(tmp_path / "classifier.pt")).predict(request)
     np.testing.assert_allclose(served, together[:2], atol=1e-6)
+
+
+def test_an_untouched_recording_has_one_note():
+    """Its frames count as contact, so there is no note on missing contact too."""
+    classifier, _, _ = fitted(array, EVERY_FRAME, with_empty_hand=True)
+    new = recording_of(array(EMPTY, np.random.default_rng(1)), "new")
+    answers, notes = classifier.recogniser_.answer_recordings([new])
+    assert answers[0].contact == 0
+    assert [note.text.split(":")[0] for note in notes] == [
+        "1 of 1 recording read less than a quarter of the training's weakest "
+        f"({classifier.recogniser_.plan.strong_readings[0][0]:.3g} off the baseline), "
+        "as a hand that touches nothing"
+    ]
 
 
 @pytest.mark.parametrize("name", ["an array, all contact", "channels"])

@@ -267,13 +267,16 @@ def test_the_detectable_difference_is_the_half_width_of_the_widest_paired_interv
     protocol = "recording"
     text = power(pd.DataFrame(rows), protocol, 8)
     assert "3.0 points over 8 split groups" in text
-    assert "others can differ by more" in text  # there is no interval over seeds
-    text = power(pd.DataFrame([*rows, row(1.0, 3.0, seeds=2.0)]), protocol, 8)
     assert "below 5" in text
+    assert "for these training runs" in text  # there is no interval over seeds
+    text = power(pd.DataFrame([*rows, row(-2.0, 12.0)]), protocol, 8)
+    assert "above 5" in text
+    assert "for these training runs" in text
     text = power(pd.DataFrame([*rows, row(-2.0, 12.0, seeds=10.0)]), protocol, 8)
     assert "7.0 points over 8" in text
     assert "10.0 points over seeds" in text
     assert "above 5" in text
+    assert "for these training runs" not in text
     assert "no detectable difference" in power(pd.DataFrame(rows[:2]), protocol, 8)
 
 
