@@ -247,10 +247,10 @@ def each_table(answers: list[Answers]) -> str:
     if tested["group"].nunique() > MOST_ROWS:
         keys = ["fold"]
     rows = tested.groupby(keys).agg(
-        recordings=("recording", "size"), wrong=("wrong", "sum"), first=("recording", "first")
+        first=("recording", "first"), recordings=("recording", "size"), wrong=("wrong", "sum")
     )
     rows["error, %"] = (100 * rows["wrong"] / rows["recordings"]).map("{:.1f}".format)
-    rows = rows.rename(columns={"first": "such as"}).reset_index()
+    rows = rows.rename(columns={"first": "one recording of it"}).reset_index()
     text: str = rows.to_markdown(index=False, disable_numparse=True)
     return text
 

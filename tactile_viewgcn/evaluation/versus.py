@@ -208,6 +208,7 @@ def require_same_recordings(first: FinishedRun, second: FinishedRun) -> None:
     if read[0] != read[1]:
         of_source = [key for key in differing if key.partition(".")[0] in ("data", "glove")]
         what = _listed(differing, of_source) or "the files of data.source have changed"
+        what += "; name two runs on the same recordings, as in compare FIRST SECOND"
         raise UserError(f"{names} have different recordings and cannot be compared: {what}")
     of_split = [key for key in differing if key in SPLIT]
     if of_split:

@@ -201,7 +201,12 @@ class LiveCommand:
         self._is_open_hand_missed = True
         frames = several(self._frames, "frame")
         text = f"no open hand in {frames}, so no answer: open your hand and hold it still; "
-        self._say(line, text + "if it is open, it does not read as in the training: try --tare")
+        if self._stream.tare:
+            text += "if it is still, its readings change more than in the training: "
+            text += "is the glove or the unit a different one?"
+        else:
+            text += "if it is open, it does not read as in the training: try --tare"
+        self._say(line, text)
 
     def _end(self, source: LineSource) -> None:
         """Show the last answer, and say how many frames there were and what was left out."""

@@ -78,6 +78,7 @@ class LiveStream:
     Attributes:
         classes: see Args.
         skipped: number of answers that were due, but that `push` was told to skip.
+        tare: see Args.
 
     Raises:
         UserError: an option is out of its range.
@@ -110,7 +111,7 @@ class LiveStream:
         self._sure = sure
         self._longest = longest
         self._every = every
-        self._tare = tare
+        self.tare = tare
         self._hand: Hand | None = None  # before the first frame
         self._state = ""  # of the hand, as the last update told it
         self._frame = -1  # number of the last frame
@@ -237,7 +238,7 @@ class LiveStream:
         self._frame += 1
         self._time = time
         if self._hand is None:
-            self._hand = hand_of(self._plan, counts, tare=self._tare)
+            self._hand = hand_of(self._plan, counts, tare=self.tare)
         hand = self._hand
         in_contact = hand.follow(counts)
         updates = list[Update]()

@@ -259,6 +259,9 @@ def framed(values: Any, form: Form, where: str) -> Any:
         return values[()].reshape(*axes[:2], rows, columns)
     expected = f"(frames, {rows}, {columns}) or (frames, {rows * columns})"
     remedy = "take recordings of one glove; if you set data.shape, set it back to auto"
+    if len(axes) == 2 and axes[1] == rows * columns + 1:
+        remedy = "if one column is the time, leave it out with data.columns, or name the columns "
+        remedy += "in a first line"
     raise UserError(
         f"{where}: an array {axes}; expected {expected}, by data.shape or the model; {remedy}"
     )

@@ -113,12 +113,16 @@ def test_answers_do_not_depend_on_other_recordings_whatever_is_cut_off():
     np.testing.assert_array_equal(answers[:4], expected)
 
 
-def test_the_empty_hand_of_a_different_day_is_doubted():
-    X, _, _ = without_empty_hand(*of_days(3)[:2])
+@pytest.mark.parametrize("baseline", ["grasp", "empty_hand"])
+def test_the_empty_hand_of_a_different_day_is_doubted(baseline):
+    classifier = fitted(0, baseline=baseline)
+    X, _, empty = without_empty_hand(*of_days(3)[:2])
     _, _, other = without_empty_hand(*of_days(0)[:2])
     match = "in 20 of 21 recordings no open hand was found.*empty_hand is not of their session"
     with pytest.warns(UserWarning, match=match):
-        fitted(0).predict(X, other)
+        classifier.predict(X, other)
+    with warnings.catch_warnings(action="error"):
+        classifier.predict(X, empty)
 
 
 def test_too_short_an_empty_hand_is_named_as_a_reason_of_a_refusal():
