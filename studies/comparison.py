@@ -304,7 +304,8 @@ def power(rows: pd.DataFrame, protocol: str, groups: int) -> str:
         return "All compared variants answered alike, so no detectable difference can be stated."
     if most < ENOUGH:
         meaning = (
-            f"below {ENOUGH:g} points: where the study shows no difference, there is no larger one"
+            f"below {ENOUGH:g} points: where the study shows no difference, the intervals say how "
+            "large one can still be"
         )
     else:
         meaning = (
@@ -317,7 +318,7 @@ def power(rows: pd.DataFrame, protocol: str, groups: int) -> str:
         f"widest paired interval), {meaning}."
     )
     if "over seeds" not in widths:
-        text += " This holds for these training runs: with other ones it can be larger."
+        text += " This holds for these training runs. Others can differ by more."
     return text
 
 

@@ -75,17 +75,14 @@ def apply(
         moments = session_moments(recordings, trained)
         if new:
             moments = [of_session.with_drift(plan.drift) for of_session in moments]
-    doubts_empty_hand = new and plan.own_open_hand and params.baseline == "empty_hand"
     needs_states = params.baseline == "grasp" or (
-        params.baseline == "empty_hand" and (doubts_empty_hand or without_empty_hand(recordings))
+        params.baseline == "empty_hand" and bool(without_empty_hand(recordings))
     )
     if needs_states and states is None:
         states = hand_states(recordings, int(params.contact_sensors), moments)
         if not plan.shows_open_hand:
             states = states.as_all_contact()
     baseline = measure_baseline(recordings, params, moments, states)
-    if doubts_empty_hand and states:
-        baseline = baseline.with_unlike_empty_hand(recordings, states)
     return baseline, _in_contact(plan, recordings, baseline)
 
 

@@ -53,22 +53,6 @@ class Baseline:
     of_frame: np.ndarray
     fallbacks: dict[tuple[str, str], list[int]] = field(default_factory=dict)
 
-    def with_unlike_empty_hand(self, recordings: Recordings, states: HandStates) -> "Baseline":
-        """Return a copy whose notes name recordings without an open hand like their empty hand.
-
-        Each grasp shows that for the baseline `grasp`, see `_of_grasps`. For `empty_hand` it has to
-        be looked at separately, since no other open hand is used.
-        """
-        has_empty_hand = sessions_with_empty_hand(recordings)
-        unlike = list[int]()
-        for index in frames_by_recording(recordings):
-            is_given = has_empty_hand[recordings.columns["session"][index[0]]]
-            if is_given and states.open[index].sum() < MIN_FRAMES:
-                unlike.append(int(recordings.columns["recording"][index[0]]))
-        if not unlike:
-            return self
-        return replace(self, fallbacks=self.fallbacks | {("open hand", EMPTY): unlike})
-
     def notes(self, recordings: Recordings, *, own_open_hand: bool = False) -> list[Note]:
         """Return a note on each fallback in these recordings; it names recordings of objects only.
 
@@ -79,9 +63,8 @@ class Baseline:
                 training set's baseline replaces it, or if more than half of them have none: their
                 answers are often wrong if their open hand only reads otherwise.
         """
-        recorded = recordings.columns["recording"]
-        total = several(len(np.unique(recorded)), "recording")
-        of_objects = np.unique(recorded[~recordings.empty_hand])
+        of_objects = set(recordings.columns["recording"][~recordings.empty_hand].tolist())
+        total = several(len(of_objects), "recording")
         notes = list[Note]()
         for (lacking, fallback), replaced in self.fallbacks.items():
             numbers = [number for number in replaced if number in of_objects]

@@ -230,8 +230,8 @@ def _baseline(
     if has_empty_hand and published:
         return "empty_hand", "every session has an empty hand, and the split is published"
     if has_empty_hand and not array:
-        reason = "every session has an empty hand; if each recording begins with an open hand, set "
-        reason += "grasp, which follows drift within a session"
+        reason = "every session has an empty hand; if each recording begins with an open hand, "
+        reason += "set preprocess.baseline=grasp, which follows drift within a session"
         return "empty_hand", reason
     if not array:
         reason = "channels can read anything without contact, so they are taken as they are"

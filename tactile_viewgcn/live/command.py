@@ -202,7 +202,7 @@ class LiveCommand:
         frames = several(self._frames, "frame")
         text = f"no open hand in {frames}, so no answer: open your hand and hold it still; "
         if self._stream.tare:
-            text += "if it is still, its readings change more than in the training: "
+            text += "the first frames must read alike; if they do not in a still hand, "
             text += "is the glove or the unit a different one?"
         else:
             text += "if it is open, it does not read as in the training: try --tare"

@@ -78,7 +78,8 @@ class LiveStream:
     Attributes:
         classes: see Args.
         skipped: number of answers that were due, but that `push` was told to skip.
-        tare: see Args.
+        tare: whether any steady frames count as the open hand: see Args, or the plan subtracts a
+            constant.
 
     Raises:
         UserError: an option is out of its range.
@@ -111,7 +112,7 @@ class LiveStream:
         self._sure = sure
         self._longest = longest
         self._every = every
-        self.tare = tare
+        self.tare = tare or plan.params.baseline == "none"
         self._hand: Hand | None = None  # before the first frame
         self._state = ""  # of the hand, as the last update told it
         self._frame = -1  # number of the last frame

@@ -9,7 +9,7 @@ CHECKS = {
     "frames that two recordings have in common": ("copies", "shared frames"),
     "recordings or sensors that stand still": ("standing still",),
     "equal frames at the ends of recordings": ("equal ends",),
-    "recordings in a unit four times larger or smaller": ("unit",),
+    "units that differ four times or more": ("unit",),
     "columns that are no sensor": ("columns",),
     "times and frame rates": ("time", "frame rate"),
     "names that differ only in spelling": ("spelling",),

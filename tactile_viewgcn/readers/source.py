@@ -260,8 +260,11 @@ def framed(values: Any, form: Form, where: str) -> Any:
     expected = f"(frames, {rows}, {columns}) or (frames, {rows * columns})"
     remedy = "take recordings of one glove; if you set data.shape, set it back to auto"
     if len(axes) == 2 and axes[1] == rows * columns + 1:
-        remedy = "if one column is the time, leave it out with data.columns, or name the columns "
-        remedy += "in a first line"
+        leave_out = setting("data.columns=[leave_out:COLUMN]")
+        remedy = (
+            f"if a column is no sensor, such as the time, leave it out: in a table {leave_out}, "
+        )
+        remedy += "by its name or its number from 1; in an array, cut it off before you save it"
     raise UserError(
         f"{where}: an array {axes}; expected {expected}, by data.shape or the model; {remedy}"
     )

@@ -163,9 +163,10 @@ class Recogniser:
             self._answer_one(recordings, index, contact[index], baseline)
             for index in frames_by_recording(recordings)
         ]
-        notes = self._unused_empty_hand(recordings)
-        _raise_first(recordings, answered, notes)
-        notes += baseline.notes(recordings, own_open_hand=self.plan.own_open_hand)
+        unused = self._unused_empty_hand(recordings)
+        has_baseline = self.plan.params.baseline != "none"
+        _raise_first(recordings, answered, unused if has_baseline else [])
+        notes = unused + baseline.notes(recordings, own_open_hand=self.plan.own_open_hand)
         notes += rate_notes(self.plan, recordings)
         notes += self._answer_notes(answered)
         return [one.answer for one in answered], notes
@@ -301,7 +302,8 @@ def _raise_first(recordings: Recordings, answered: list[_Answered], notes: list[
     Args:
         recordings: the table.
         answered: the answers to all its recordings.
-        notes: what can be the reason of a fault; the message ends with it.
+        notes: what else there is to say of the recordings, which may be the reason; the message
+            ends with it.
     """
     faulty = [one for one in answered if one.fault]
     if not faulty:

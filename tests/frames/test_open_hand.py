@@ -244,7 +244,9 @@ def test_a_recording_without_open_hand_is_named_and_has(tmp_path, case):
     (note,) = baseline.notes(recordings, own_open_hand=True)
     count = len(never_open)
     unlike = " that reads like the training set's" if case == fallbacks.TRAINED else ""
-    beginning = f"in {count} of 8 recordings no open hand was found{unlike}; {case} replaces it: "
+    of_objects = 6 if has_empty else 8
+    beginning = f"in {count} of {of_objects} recordings no open hand was found{unlike}; "
+    beginning += f"{case} replaces it: "
     assert note.text.startswith(beginning)
     is_warning = note.level == "warning"
     assert is_warning == (fallbacks.EMPTY_HAND_TOO in note.text) == bool(unlike)

@@ -195,6 +195,10 @@ def test_a_glove_that_never_shows_an_open_hand_has_no_answer_and_a_line_that_say
     unsteady = lines_of(held * (1 + np.arange(40) % 2)[:, None, None])
     _, _, errors = run(unsteady, tare=True)
     assert errors[0].endswith("is the glove or the unit a different one?")
+    # without a baseline any steady frames are the open hand, so --tare would change nothing
+    constant = recogniser("preprocess.baseline=none", "preprocess.filter=auto")
+    _, _, errors = run(unsteady[:20], model=constant)
+    assert errors[0].endswith("is the glove or the unit a different one?")
 
 
 def test_frames_that_stop_are_said_once_and_the_stream_goes_on(monkeypatch):

@@ -74,7 +74,7 @@ def test_a_page_never_gives_an_all_clear_and_lists_what_was_checked_and_what_can
         assert "Yes" not in text
         assert "nothing was found that would" not in text
         assert "What was checked" in text
-        assert "recordings in a unit four times larger or smaller" in text
+        assert "units that differ four times or more" in text
         assert "What the files cannot tell" in text
         assert "augmented" in text
         assert "windows" in text
@@ -82,7 +82,7 @@ def test_a_page_never_gives_an_all_clear_and_lists_what_was_checked_and_what_can
     topics = ("unit", "unit", "names")
     rows = checks(overview, [Note("", "warning", topic) for topic in topics])
     outcomes = {row.what: (row.outcome, row.warned) for row in rows}
-    assert outcomes["recordings in a unit four times larger or smaller"] == ("2 warnings", True)
+    assert outcomes["units that differ four times or more"] == ("2 warnings", True)
     assert outcomes["all else"] == ("1 warning", True)
     assert outcomes["columns that are no sensor"] == ("nothing found", False)
     assert outcomes["times and frame rates"] == ("not checked: no times", False)
@@ -94,7 +94,7 @@ def test_how_readings_move_is_not_checked_where_every_recording_is_one_frame(ove
     assert [row.what for row in rows if "every recording is one frame" in row.outcome] == [
         "recordings or sensors that stand still",
         "equal frames at the ends of recordings",
-        "recordings in a unit four times larger or smaller",
+        "units that differ four times or more",
         "columns that are no sensor",
     ]
     assert not [row.what for row in checks(overview, []) if "one frame" in row.outcome]

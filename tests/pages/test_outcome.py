@@ -213,7 +213,7 @@ def test_a_report_says_which_checks_were_made():
     run = finished(RIGHT, notes=[Note("a", "warning", "unit", stage="ingest")])
     run.records["ingest"] = replace(RECORD, counts={})
     outcomes = {check.what: check.outcome for check in run_checks(run)}
-    assert outcomes.pop("recordings in a unit four times larger or smaller") == "1 warning"
+    assert outcomes.pop("units that differ four times or more") == "1 warning"
     assert all(outcome.startswith("not checked") for outcome in outcomes.values())
     counts = {"recordings.with_shared_frames": 0, "recordings.with_times": 0}
     run.records["ingest"] = replace(RECORD, counts=counts)

@@ -482,3 +482,16 @@ def test_float16_that_overflowed_is_refused_at_its_frame(tmp_path):
     counts = np.array([[[1, 2], [np.inf, 3]]] * 3, dtype=np.float16)
     save(tmp_path / "lab" / "ball" / "1.npy", counts)
     assert "pressure of frame 0 of recording ball/1 is inf" in refusal(tmp_path / "lab", tmp_path)
+
+
+def test_a_column_too_many_is_refused_with_the_setting_that_leaves_it_out(tmp_path):
+    """The first column of a table without names is the time."""
+    readings = np.random.default_rng(0).integers(0, 99, (6, 4))
+    for name in ("ball", "cup"):
+        table = np.column_stack([np.arange(6), readings])
+        (tmp_path / "data" / name).mkdir(parents=True)
+        np.savetxt(tmp_path / "data" / name / "1.csv", table, "%d", ",")
+    line = refusal(tmp_path / "data", tmp_path, form=Form(shape=(2, 2)))
+    assert "data.columns=[leave_out:COLUMN]" in line
+    counts, _ = ingested(tmp_path / "data", form=Form(shape=(2, 2), columns=("leave_out:1",)))
+    np.testing.assert_array_equal(counts[:6].reshape(6, 4), readings)

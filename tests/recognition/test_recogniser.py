@@ -178,7 +178,7 @@ def test_sensors_in_a_different_order_are_refused_and_a_different_rate_is_warned
     ("changes", "others", "instead", "high"),
     [
         ([], {}, "the training set's", 0),
-        ([], {"empty": empty_hand(63)}, "the session's empty hand", 60),
+        ([], {"empty": empty_hand(63)}, "", 60),
         ([], {"open": recording("cup", 63)}, "the training set's", 0),
         (
             ["preprocess.baseline=grasp"],
@@ -211,8 +211,8 @@ def test_a_recording_without_an_open_hand_has_the_baseline_of_its_empty_hand_or_
     answers, notes = answered(model, tmp_path)
     assert best(answers["held"]) == "pen"
     assert answers["held"].contact == HELD
-    (note,) = notes
-    assert instead in note.text
+    assert len(notes) == bool(instead)
+    assert all(instead in note.text for note in notes)
     if "empty" not in answers:
         for name, counts in arrays.items():
             expected = answer_of(model, counts + offset).probabilities

@@ -268,6 +268,7 @@ def test_the_detectable_difference_is_the_half_width_of_the_widest_paired_interv
     text = power(pd.DataFrame(rows), protocol, 8)
     assert "3.0 points over 8 split groups" in text
     assert "below 5" in text
+    assert "how large one can still be" in text
     assert "for these training runs" in text  # there is no interval over seeds
     text = power(pd.DataFrame([*rows, row(-2.0, 12.0)]), protocol, 8)
     assert "above 5" in text
@@ -350,10 +351,10 @@ def test_each_part_that_was_held_out_has_a_row_and_of_many_parts_each_fold():
     second = answers("a", 10, fold=1, groups=np.repeat(np.arange(8, 16), 10))
     lines = each_table([first, second]).splitlines()
     assert len(lines) == 2 + 16
-    assert lines[2].replace(" ", "") == "|0|0|10|3|0|30.0|"
-    assert lines[-1].replace(" ", "") == "|1|15|10|10|15|100.0|"
+    assert lines[2].replace(" ", "") == "|0|0|0|10|3|30.0|"
+    assert lines[-1].replace(" ", "") == "|1|15|15|10|10|100.0|"
     folds = each_table([answers("a", 3, groups=np.arange(80)), answers("a", 5, fold=1)])
     assert [line.replace(" ", "") for line in folds.splitlines()[2:]] == [
-        "|0|80|24|0|30.0|",
-        "|1|80|40|0|50.0|",
+        "|0|0|80|24|30.0|",
+        "|1|0|80|40|50.0|",
     ]
