@@ -261,10 +261,8 @@ def framed(values: Any, form: Form, where: str) -> Any:
     remedy = "take recordings of one glove; if you set data.shape, set it back to auto"
     if len(axes) == 2 and axes[1] == rows * columns + 1:
         leave_out = setting("data.columns=[leave_out:COLUMN]")
-        remedy = (
-            f"if a column is no sensor, such as the time, leave it out: in a table {leave_out}, "
-        )
-        remedy += "by its name or its number from 1; in an array, cut it off before you save it"
+        remedy += f"; if a column is no sensor, such as the time: in a table {leave_out}, by its "
+        remedy += "name or its number from 1; in an array, cut it off before you save it"
     raise UserError(
         f"{where}: an array {axes}; expected {expected}, by data.shape or the model; {remedy}"
     )
