@@ -25,7 +25,7 @@ def rows_of_claims() -> Iterator[tuple[Claim, Design, "pd.Series[float]"]]:
 
 
 def forest_plot() -> Figure:
-    """Return the plot: x is the error under `object` minus that of the same design's recipe.
+    """Return the plot: x is the error under `object` minus the recipe's error in the same design.
 
     A thick bar is the 95 % interval over recordings, and a thin bar the interval over seeds. A
     diamond is the published value. A mark is hollow if the difference has no verdict: with fewer

@@ -185,14 +185,14 @@ def test_the_wait_for_an_open_hand_begins_with_the_first_frame(monkeypatch):
 
 
 def test_a_glove_that_never_shows_an_open_hand_has_no_answer_and_a_line_that_says_so():
-    held = recording("cup", 131, before=0, held=40, after=0)
-    code, records, errors = run(lines_of(held))
+    cup = recording("cup", 131, before=0, held=40, after=0)
+    code, records, errors = run(lines_of(cup))
     assert code == 0 and [record["state"] for record in records] == ["waiting"]
     assert errors[0].startswith("line 40: no open hand in 40 frames, so no answer: open your hand")
     assert errors[0].endswith("try --tare")
     assert errors[1:] == ["40 frames"]
     # readings that are never steady
-    unsteady = lines_of(held * (1 + np.arange(40) % 2)[:, None, None])
+    unsteady = lines_of(cup * (1 + np.arange(40) % 2)[:, None, None])
     _, _, errors = run(unsteady, tare=True)
     assert errors[0].endswith("is the glove or the unit a different one?")
     # without a baseline any steady frames are the open hand, so --tare would change nothing

@@ -88,8 +88,7 @@ def test_a_recording_that_is_too_short_for_calibrated_probabilities_is_named(fol
 def test_an_empty_hand_that_is_not_used_is_named(folder):
     """One session has too few frames of it, and the other one has enough."""
     for session, frames in (("monday", 4), ("tuesday", 40)):
-        held = recording(OBJECTS[0], 87)
-        write(folder / "days" / f"held {session}.h5", held, session=session)
+        write(folder / "days" / f"ball {session}.h5", recording(OBJECTS[0], 87), session=session)
         empty = empty_hand(88)[:frames]
         write(folder / "days" / f"empty {session}.h5", empty, object="empty_hand", session=session)
     _, warning, columns, *_ = call(folder / "classifier.pt", folder / "days")
